@@ -1,0 +1,1 @@
+"""The geometric problems, one a file."""

@@ -1,0 +1,116 @@
+"""What every geometric problem offers to the road: its sizes, its polynomial and its tables."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+
+
+class Problem(ABC):
+    """A minimal problem whose univariate polynomials bind correspondences together.
+
+    A minimal set of ``minimal`` correspondences gives one polynomial of degree ``degree``; a hyper-edge of
+    ``order = minimal + 1`` correspondences joins two minimal sets whose polynomials share a root when all are right.
+    """
+
+    name: ClassVar[str]
+    """Short name, also on the command line."""
+    order: ClassVar[int]
+    """Correspondences of a hyper-edge."""
+    minimal: ClassVar[int]
+    """Correspondences of a minimal set."""
+    degree: ClassVar[int]
+    """Degree of the univariate polynomial."""
+    constraints: ClassVar[int]
+    """Independent constraints of a hyper-edge: the degrees of freedom of the ``joint`` residual."""
+    pair_count: ClassVar[int]
+    """Pairs of minimal sets of one hyper-edge that can be compared."""
+    source_dimension: ClassVar[int]
+    """3 where the source is points in space, 2 where it is an image."""
+    target_dimension: ClassVar[int] = 2
+
+    @abstractmethod
+    def prepare(self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0) -> Any:
+        """Tables for the kernels: a NamedTuple of arrays.
+
+        Parameters
+        ----------
+        source : (n, 3) or (n, 2) array
+            Points in space (any unit, any frame) or pixels of the first image.
+        target : (n', 2) array
+            Pixels.
+        noise : float or (n',) array
+            Standard deviation of a pixel coordinate of the target.
+
+        Raises
+        ------
+        InputError
+            If the points cannot be used; the text says why.
+        """
+
+    @abstractmethod
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
+
+
+def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:
+    """Points as a contiguous float array, or the one clear error that says what is wrong with them.
+
+    Parameters
+    ----------
+    points : (m, dimension) array
+    dimension : int
+        2 or 3.
+    name : str
+        ``"source"`` or ``"target"``, for the message.
+    least : int
+        How many points the problem needs.
+    """
+    try:
+        array = np.ascontiguousarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: it is not an array of numbers; give shape (m, {dimension})") from None
+    if array.ndim != 2 or array.shape[1] != dimension:
+        raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points ({len(bad)} of {len(array)})")
+    if len(array) < least:
+        raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
+    order = np.lexsort(array.T[::-1])
+    same = np.flatnonzero((array[order[1:]] == array[order[:-1]]).all(axis=1))
+    if len(same):
+        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        raise InputError(f"{name}: points {first} and {second} are the same; remove repeated points")
+    return array
+
+
+def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
+    """Refuse points that all lie on one line: every turn about it looks the same."""
+    centred = points - points.mean(axis=0)
+    values = np.linalg.svd(centred, compute_uv=False)
+    if values[1] <= 1e-9 * values[0]:
+        raise InputError(f"{name}: all {len(points)} points lie on one line, which determines no pose; add points off it")
+
+
+def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np.float64]:
+    """Standard deviations (count,) in pixels of a scalar or an array.
+
+    Zero is taken as 1e-6 px: exact data then still yields finite normalised residuals.
+    """
+    try:
+        sigma = np.asarray(noise, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {noise!r} given; give a number of pixels, or one for each target point") from None
+    if sigma.shape not in ((), (count,)):
+        raise InputError(f"{name}: shape {sigma.shape} given; give one number, or one for each of {count} target points")
+    if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
+        raise InputError(f"{name}: {np.min(sigma):g} px given; a standard deviation is finite and not negative")
+    if np.any(sigma > 1e4):
+        raise InputError(f"{name}: {np.max(sigma):g} px given, more than an image is wide; give the noise of a pixel coordinate")
+    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, 1e-6), (count,)))
