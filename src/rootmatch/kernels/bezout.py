@@ -1,0 +1,263 @@
+"""Closed forms for "do two polynomials share a root?", by the Bézout matrix.
+
+Let p and q have degree k. Their Bézout matrix B (k×k, symmetric) holds the coefficients of
+(p(x) q(y) − p(y) q(x)) / (x − y) = Σ B_ij xⁱ yʲ. Three facts carry this file:
+
+* Σ_j c_j Σ_i B_ij xⁱ = s(x) p(x) + t(x) q(x) for any c, with s_m = −Σ_j c_j q_{j+m+1} and t_m = Σ_j c_j p_{j+m+1};
+* with c the first column of the adjugate of B the left side is the constant det B = ±Res(p, q): the Bézout identity;
+* at a common root x, B (1, x, …)ᵀ = 0, so every column of the adjugate is a multiple of (1, x, …, x^{k−1})ᵀ.
+
+The row (s, t) / Res is the last row of the inverse of the Sylvester matrix M = QR, and the last row of
+M⁻¹ = R⁻¹ Qᵀ is a unit vector divided by R_{2k,2k}. Hence **|R_{2k,2k}| = |Res| / ‖(s, t)‖₂** with no factorisation.
+
+Every function takes and returns plain floats, has no branch (selects only) and allocates nothing, so that a loop around
+it vectorises and the same source runs on a GPU. Coefficients come highest degree first.
+
+Where this parts from the QR factorisation in float64: the cofactors carry an absolute error of about 1e-16 of the largest
+product in them. See the functions and ``tests/test_resultants.py`` for the figures measured.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.kernels.dispatch import kernel, scalar
+
+NO_INFORMATION = 2.0
+"""|R_{2k,2k}| reported for a pair with a zero polynomial, which can say nothing: above √2, the most that a unit pair reaches."""
+
+
+@scalar
+def bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """Upper triangle (b00, b01, b02, b03, b11, b12, b13, b22, b23, b33) of the 4×4 Bézout matrix; b_ij goes with xⁱ yʲ."""
+    w30 = p3 * q0 - p0 * q3
+    w40 = p4 * q0 - p0 * q4
+    w41 = p4 * q1 - p1 * q4
+    return (
+        p1 * q0 - p0 * q1,
+        p2 * q0 - p0 * q2,
+        w30,
+        w40,
+        w30 + (p2 * q1 - p1 * q2),
+        w40 + (p3 * q1 - p1 * q3),
+        w41,
+        w41 + (p3 * q2 - p2 * q3),
+        p4 * q2 - p2 * q4,
+        p4 * q3 - p3 * q4,
+    )
+
+
+@scalar
+def first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33):  # type: ignore[no-untyped-def]
+    """First column (c0, c1, c2, c3) of the adjugate of a symmetric 4×4 matrix, and its determinant."""
+    m01 = b02 * b13 - b12 * b03
+    m02 = b02 * b23 - b22 * b03
+    m03 = b02 * b33 - b23 * b03
+    m12 = b12 * b23 - b22 * b13
+    m13 = b12 * b33 - b23 * b13
+    m23 = b22 * b33 - b23 * b23
+    c0 = b11 * m23 - b12 * m13 + b13 * m12
+    c1 = -(b01 * m23 - b12 * m03 + b13 * m02)
+    c2 = b01 * m13 - b11 * m03 + b13 * m01
+    c3 = -(b01 * m12 - b11 * m02 + b12 * m01)
+    return c0, c1, c2, c3, b00 * c0 + b01 * c1 + b02 * c2 + b03 * c3
+
+
+@scalar
+def cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1):  # type: ignore[no-untyped-def]
+    """Squared 2-norm of the polynomial Σ_m x^m Σ_j c_j p_{j+m+1}, the cofactor of the *other* polynomial (m = 0…3)."""
+    t0 = c0 * p1 + c1 * p2 + c2 * p3 + c3 * p4
+    t1 = c0 * p2 + c1 * p3 + c2 * p4
+    t2 = c0 * p3 + c1 * p4
+    t3 = c0 * p4
+    return t0 * t0 + t1 * t1 + t2 * t2 + t3 * t3
+
+
+@scalar
+def last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """|R₈₈| of the QR factorisation of the 8×8 Sylvester matrix of two quartics as given (the paper normalises them first).
+
+    Both being zero in numerator and denominator means two or more common roots (or a zero polynomial): R₈₈ is 0 then too.
+    """
+    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
+    square = cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1) + cofactor_norm_quartic(
+        c0, c1, c2, c3, q4, q3, q2, q1
+    )
+    return abs(det) / math.sqrt(square if square > 0.0 else 1.0)
+
+
+@scalar
+def unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """:func:`last_entry_quartic` of the two quartics scaled to unit 2-norm, at the price of two squared norms.
+
+    Scaling p by 1/‖p‖ scales its cofactor s by ‖p‖ relative to Res, so no coefficient is divided. :data:`NO_INFORMATION` if
+    one of the polynomials is zero.
+    """
+    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
+    norm_p = p4 * p4 + p3 * p3 + p2 * p2 + p1 * p1 + p0 * p0
+    norm_q = q4 * q4 + q3 * q3 + q2 * q2 + q1 * q1 + q0 * q0
+    square = norm_q * cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1) + norm_p * cofactor_norm_quartic(
+        c0, c1, c2, c3, q4, q3, q2, q1
+    )
+    value = abs(det) / math.sqrt(square if square > 0.0 else 1.0)
+    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
+
+
+@scalar
+def lesser_unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """The lesser |R₈₈| over both orders of the coefficients, i.e. over x and 1/x, of quartics scaled to unit 2-norm ("qr-both").
+
+    |R₈₈| = σ_min ‖y‖ / |y_last| with y the null vector (x⁷, …, 1), so the one-sided value blows up when the common root has
+    |x| > 1; the lesser of the two stays within a factor √8 of σ_min at a common root.
+    """
+    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
+    # Reversing the coefficients turns the Bézout matrix about its other diagonal (and changes its sign).
+    e0, e1, e2, e3, _ = first_adjugate_column(b33, b23, b13, b03, b22, b12, b02, b11, b01, b00)
+    norm_p = p4 * p4 + p3 * p3 + p2 * p2 + p1 * p1 + p0 * p0
+    norm_q = q4 * q4 + q3 * q3 + q2 * q2 + q1 * q1 + q0 * q0
+    forward = norm_q * cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1) + norm_p * cofactor_norm_quartic(
+        c0, c1, c2, c3, q4, q3, q2, q1
+    )
+    backward = norm_q * cofactor_norm_quartic(e0, e1, e2, e3, p0, p1, p2, p3) + norm_p * cofactor_norm_quartic(
+        e0, e1, e2, e3, q0, q1, q2, q3
+    )
+    square = max(forward, backward)
+    value = abs(det) / math.sqrt(square if square > 0.0 else 1.0)
+    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
+
+
+@scalar
+def common_root_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """Estimate of the common root of two quartics from the first column of the adjugate of their Bézout matrix, c₁/c₀.
+
+    Exact at a simple common root, first order in the disagreement near one. 0 where the adjugate vanishes (two common roots,
+    proportional or zero polynomials): finite, and of no meaning there.
+    """
+    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    c0, c1, _, _, _ = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
+    return c1 / (c0 if c0 != 0.0 else 1.0) if c0 != 0.0 else 0.0
+
+
+@scalar
+def last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """|R₄₄| of the QR factorisation of the 4×4 Sylvester matrix of two quadratics as given."""
+    b00 = p1 * q0 - p0 * q1
+    b01 = p2 * q0 - p0 * q2
+    b11 = p2 * q1 - p1 * q2
+    s0 = b11 * q1 - b01 * q2
+    s1 = b11 * q2
+    t0 = b11 * p1 - b01 * p2
+    t1 = b11 * p2
+    square = s0 * s0 + s1 * s1 + t0 * t0 + t1 * t1
+    return abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
+
+
+@scalar
+def unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """:func:`last_entry_quadratic` of the two quadratics scaled to unit 2-norm; :data:`NO_INFORMATION` if one is zero."""
+    b00 = p1 * q0 - p0 * q1
+    b01 = p2 * q0 - p0 * q2
+    b11 = p2 * q1 - p1 * q2
+    norm_p = p2 * p2 + p1 * p1 + p0 * p0
+    norm_q = q2 * q2 + q1 * q1 + q0 * q0
+    s0 = b11 * q1 - b01 * q2
+    s1 = b11 * q2
+    t0 = b11 * p1 - b01 * p2
+    t1 = b11 * p2
+    square = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
+    value = abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
+    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
+
+
+@scalar
+def lesser_unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """The lesser |R₄₄| over x and 1/x of two quadratics scaled to unit 2-norm; see :func:`lesser_unit_last_entry_quartic`."""
+    b00 = p1 * q0 - p0 * q1
+    b01 = p2 * q0 - p0 * q2
+    b11 = p2 * q1 - p1 * q2
+    norm_p = p2 * p2 + p1 * p1 + p0 * p0
+    norm_q = q2 * q2 + q1 * q1 + q0 * q0
+    s0 = b11 * q1 - b01 * q2
+    s1 = b11 * q2
+    t0 = b11 * p1 - b01 * p2
+    t1 = b11 * p2
+    forward = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
+    s0 = b00 * q1 - b01 * q0
+    s1 = b00 * q0
+    t0 = b00 * p1 - b01 * p0
+    t1 = b00 * p0
+    backward = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
+    square = max(forward, backward)
+    value = abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
+    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
+
+
+@scalar
+def common_root_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """Common root estimate of two quadratics, −B₀₁/B₁₁ (0 where that is 0/0); see :func:`common_root_quartic`."""
+    b01 = p2 * q0 - p0 * q2
+    b11 = p2 * q1 - p1 * q2
+    return -b01 / (b11 if b11 != 0.0 else 1.0) if b11 != 0.0 else 0.0
+
+
+@kernel
+def jacobi_smallest_singular_value(a):  # type: ignore[no-untyped-def]
+    """Least singular value of the square array ``a``, which is overwritten: one-sided Jacobi rotations of its rows."""
+    n = a.shape[0]
+    for _ in range(30):
+        rotated = False
+        for i in range(n - 1):
+            for j in range(i + 1, n):
+                ii = 0.0
+                jj = 0.0
+                ij = 0.0
+                for k in range(n):
+                    ii += a[i, k] * a[i, k]
+                    jj += a[j, k] * a[j, k]
+                    ij += a[i, k] * a[j, k]
+                if abs(ij) > 1e-15 * math.sqrt(ii * jj) and ij != 0.0:
+                    rotated = True
+                    tau = (jj - ii) / (2.0 * ij)
+                    t = 1.0 / (abs(tau) + math.sqrt(1.0 + tau * tau))
+                    t = t if tau >= 0.0 else -t
+                    c = 1.0 / math.sqrt(1.0 + t * t)
+                    s = c * t
+                    for k in range(n):
+                        x = a[i, k]
+                        y = a[j, k]
+                        a[i, k] = c * x - s * y
+                        a[j, k] = s * x + c * y
+        if not rotated:
+            break
+    least = math.inf
+    for i in range(n):
+        square = 0.0
+        for k in range(n):
+            square += a[i, k] * a[i, k]
+        least = min(least, square)
+    return math.sqrt(least)
+
+
+@kernel
+def smallest_singular_value_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """Least singular value of the 8×8 Sylvester matrix of two quartics as given."""
+    a = np.zeros((8, 8))
+    for i in range(4):
+        a[i, i], a[i, i + 1], a[i, i + 2], a[i, i + 3], a[i, i + 4] = p4, p3, p2, p1, p0
+        a[i + 4, i], a[i + 4, i + 1], a[i + 4, i + 2], a[i + 4, i + 3], a[i + 4, i + 4] = q4, q3, q2, q1, q0
+    return jacobi_smallest_singular_value(a)
+
+
+@kernel
+def smallest_singular_value_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
+    """Least singular value of the 4×4 Sylvester matrix of two quadratics as given."""
+    a = np.zeros((4, 4))
+    for i in range(2):
+        a[i, i], a[i, i + 1], a[i, i + 2] = p2, p1, p0
+        a[i + 2, i], a[i + 2, i + 1], a[i + 2, i + 2] = q2, q1, q0
+    return jacobi_smallest_singular_value(a)
