@@ -1,0 +1,65 @@
+# `make demo` and `make test` need python3 (3.11 or newer) and nothing else: each makes .venv once and
+# installs there what it needs. `make PYTHON=python3.12 test` chooses another interpreter.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+OUTPUT := examples/board/output
+SOURCES := $(shell find src -name '*.py')
+
+.PHONY: help demo test lint format clean
+
+help:
+	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
+	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
+	@echo "make lint    ruff, mypy and the import layers"
+	@echo "make format  let ruff put the code in order"
+	@echo "make clean   remove .venv, caches and what the demonstration wrote"
+
+demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
+	NUMBA_CACHE_DIR=$(VENV)/numba-cache $(BIN)/python examples/board/demo.py --output $(OUTPUT)
+
+test: $(VENV)/dev.stamp
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) $(OUTPUT) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Some systems split venv's pip (ensurepip) off their python3; where pip itself is there it can fill the new .venv.
+$(VENV)/made.stamp:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "rootmatch needs Python 3.11 or newer, but '$(PYTHON)' is missing or older: $$($(PYTHON) --version 2>&1)." >&2; \
+	  echo "Install one and name it, for example: make PYTHON=python3.12 demo" >&2; exit 1; }
+	rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV) >$(VENV).log 2>&1 \
+	|| { rm -rf $(VENV); $(PYTHON) -m venv --without-pip $(VENV) && $(PYTHON) -m pip --python $(BIN)/python install -q pip; } >>$(VENV).log 2>&1 \
+	|| { cat $(VENV).log >&2; rm -rf $(VENV) $(VENV).log; \
+	  echo "'$(PYTHON) -m venv' failed; on Debian and Ubuntu install the package python3-venv, then try again." >&2; exit 1; }
+	@rm -f $(VENV).log
+	@touch $@
+
+$(VENV)/runtime.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.py
+	@echo "Installing rootmatch and what it needs into $(VENV) (once; a minute or two)"
+	$(PIP) install -q -e .
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.py
+	@echo "Installing rootmatch with what its tests and checks need into $(VENV) (once; a few minutes)"
+	$(PIP) install -q -e '.[dev]'
+	@touch $(VENV)/runtime.stamp $@
+
+# Numba finds a compiled driver by the driver's own file, so a kernel edited elsewhere would go unnoticed.
+$(VENV)/kernels.stamp: $(VENV)/made.stamp $(SOURCES)
+	@rm -rf $(VENV)/numba-cache
+	@touch $@

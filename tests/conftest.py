@@ -1,0 +1,66 @@
+"""What all tests share: a place for compiled kernels, and the measured data sets."""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def _use_kernel_cache_of_these_sources() -> None:
+    """Give Numba a cache folder named after the sources' content.
+
+    Numba finds a compiled driver by the file of the driver alone; a kernel edited in another file would leave it
+    stale and the tests would judge code that is no longer there. The folder belongs to this user only, because what
+    lies in it is executed.
+    """
+    sources = ROOT / "src" / "rootmatch"
+    digest = hashlib.sha256()
+    for path in sorted(sources.rglob("*.py")):
+        digest.update(str(path.relative_to(sources)).encode() + b"\0" + path.read_bytes() + b"\0")
+    name = f"sources-{digest.hexdigest()[:16]}"
+
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    default = Path(tempfile.gettempdir()) / f"rootmatch-numba-{user}"
+    base = Path(os.environ.get("NUMBA_CACHE_DIR") or default)
+    if base.name == name:  # a test run inside a test run
+        return
+    base.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if base == default and hasattr(os, "getuid") and base.stat().st_uid != os.getuid():
+        base = Path(tempfile.mkdtemp(prefix="rootmatch-numba-"))
+    os.environ["NUMBA_CACHE_DIR"] = str(base / name)
+
+
+# Before anything imports Numba, which reads the variable once.
+_use_kernel_cache_of_these_sources()
+
+import numpy as np  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of measured correspondences with ground truth; tests are skipped where it is absent."""
+    given = os.environ.get("ROOTMATCH_DATA")
+    folder = Path(given) if given else ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"measured data absent: no folder {folder}; set ROOTMATCH_DATA to it")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def load_shared(shared_data: Path) -> Callable[[str], dict[str, NDArray]]:
+    """A function ``load(name)`` which gives the arrays of ``name.npz`` of the measured data."""
+
+    def load(name: str) -> dict[str, NDArray]:
+        path = shared_data / f"{name}.npz"
+        if not path.is_file():
+            pytest.skip(f"measured data absent: no file {path}")
+        with np.load(path, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+
+    return load
