@@ -1,6 +1,6 @@
 """Which kernel serves which problem and residual, decided by types while compiling.
 
-A driver calls `edge_residual` and `row_residual`; the type of the problem's tables and the type of the kind (both
+A driver calls `edge_residual` and `slab_residual`; the type of the problem's tables and the type of the kind (both
 NamedTuples) choose the kernel. One driver thus serves every problem, and the on-disk cache of Numba finds it again:
 a driver that took the kernel as an argument, or closed over it, would be compiled anew in each process.
 """
@@ -18,22 +18,33 @@ from numpy.typing import NDArray
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
 
-scalar = njit(fastmath=FASTMATH, error_model="numpy")
-"""Decorator of scalar kernels: straight-line arithmetic that LLVM can vectorise when a loop calls it."""
+scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+"""Decorator of scalar kernels: straight-line arithmetic that LLVM inlines and vectorises when a loop calls it."""
+
+kernel = njit(fastmath=FASTMATH, error_model="numpy")
+"""Decorator of what loops: row kernels and scalars too large to be inlined."""
 
 _EDGE: dict[tuple[type, type], Callable[..., Any]] = {}
-_ROW: dict[tuple[type, type], Callable[..., Any]] = {}
+_SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
 
 
-def register(tables: type, kind: type, edge: Callable[..., Any], row: Callable[..., Any]) -> None:
-    """Make ``edge(tables, kind, i, j)`` and ``row(tables, kind, i, j, out)`` the kernels of a pair of types."""
+def register(tables: type, kind: type, edge: Callable[..., Any], slab: Callable[..., Any]) -> None:
+    """Make ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)`` the kernels of two types."""
     _EDGE[tables, kind] = edge
-    _ROW[tables, kind] = row
+    _SLAB[tables, kind] = slab
 
 
-def kinds_of(tables: type) -> tuple[type, ...]:
-    """The kinds of residual that are registered for a type of tables."""
-    return tuple(kind for table, kind in _EDGE if table is tables)
+def slab_of_rows(row: Callable[..., Any]) -> Any:
+    """Slab kernel of a row kernel ``row(tables, kind, i, j, out)``, which does one last source point at a time."""
+
+    @kernel
+    def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+        last = i.shape[0] - 1
+        for r in range(out.shape[0]):
+            i[last] = first + r
+            row(tables, kind, i, j, out[r])
+
+    return slab
 
 
 def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
@@ -41,29 +52,48 @@ def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     return float(_EDGE[type(tables), type(kind)](tables, kind, i, j))
 
 
-def row_residual(tables: Any, kind: Any, i: Any, j: Any, out: NDArray[np.float64]) -> None:
-    """Residuals ``out`` (n',) of the hyper-edges whose last target index runs over all targets.
+def slab_residual(
+    tables: Any,
+    kind: Any,
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    first: int,
+    scratch: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Residuals ``out`` (m, n') of a minimal set with every last correspondence (first + r, k), r < m, k < n'.
 
-    ``j[d - 1]`` is ignored; the entries at ``j[0] … j[d - 2]`` belong to no hyper-edge and mean nothing.
+    ``i`` and ``j`` (d,) hold the minimal set; their last entries are free for the kernel. Entries of ``out`` whose k is
+    among ``j[:d - 1]`` belong to no hyper-edge and mean nothing. ``scratch`` has at least (SCRATCH_ROWS, m) entries.
+    What depends on the minimal set alone is computed once: that is most of the work.
     """
-    _ROW[type(tables), type(kind)](tables, kind, i, j, out)
+    _SLAB[type(tables), type(kind)](tables, kind, i, j, first, scratch, out)
+
+
+SCRATCH_ROWS = 32
+"""Rows of the scratch array that every caller of a slab kernel provides."""
 
 
 @overload(edge_residual)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
-    kernel = _EDGE[tables.instance_class, kind.instance_class]
+    function = _EDGE[tables.instance_class, kind.instance_class]
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any) -> Any:
-        return kernel(tables, kind, i, j)
+        return function(tables, kind, i, j)
 
     return implementation
 
 
-@overload(row_residual)
-def _row_overload(tables: Any, kind: Any, i: Any, j: Any, out: Any) -> Callable[..., Any]:
-    kernel = _ROW[tables.instance_class, kind.instance_class]
+@overload(slab_residual)
+def _slab_overload(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Callable[..., Any]:
+    function = _SLAB[tables.instance_class, kind.instance_class]
 
-    def implementation(tables: Any, kind: Any, i: Any, j: Any, out: Any) -> Any:
-        kernel(tables, kind, i, j, out)
+    def implementation(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Any:
+        function(tables, kind, i, j, first, scratch, out)
 
     return implementation
+
+
+def kinds_of(tables: type) -> tuple[type, ...]:
+    """The kinds of residual that are registered for a type of tables."""
+    return tuple(kind for table, kind in _EDGE if table is tables)

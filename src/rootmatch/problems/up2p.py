@@ -1,0 +1,81 @@
+"""The upright two-point problem: points in space and their image in a camera whose vertical is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
+from rootmatch.errors import InputError
+from rootmatch.kernels.up2p import UP2PTables, quadratic
+from rootmatch.problems.problem import Problem, check_noise, check_points
+
+
+@dataclass(frozen=True)
+class UP2P(Problem):
+    """Pose of a calibrated upright camera from two points (Kukelova et al. 2011; paper, section "up2p").
+
+    The unknown is x = tan(θ/2) of the turn θ about the vertical; it belongs to the camera, so all pairs share it.
+
+    Parameters
+    ----------
+    camera : Camera
+    vertical_camera, vertical_world : three floats
+        The same direction (say down) in the camera frame and in the frame of the points; measured by an inertial sensor
+        or known by construction. Any length but 0.
+    vertical_noise : float
+        Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
+
+    Notes
+    -----
+    Degenerate: both points on one vertical line (all coefficients vanish: such a pair says nothing and gets a large
+    residual); both at the same height seen at the same height (θ and θ + π fit alike); θ = π puts x at infinity, which
+    harms only ``"qr"``.
+    """
+
+    camera: Camera
+    vertical_camera: Vector = (0.0, 1.0, 0.0)
+    vertical_world: Vector = (0.0, 1.0, 0.0)
+    vertical_noise: float = 0.0
+    name: ClassVar[str] = "up2p"
+    order: ClassVar[int] = 3
+    minimal: ClassVar[int] = 2
+    degree: ClassVar[int] = 2
+    constraints: ClassVar[int] = 2
+    pair_count: ClassVar[int] = 3
+    source_dimension: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        unit_direction(self.vertical_camera, "vertical_camera")
+        unit_direction(self.vertical_world, "vertical_world")
+        if not (0.0 <= self.vertical_noise < 1.0):
+            raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
+
+    def turned(self, source: NDArray[np.float64], rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points and bearings in frames whose y axis is the vertical."""
+        world = turn_to_y(self.vertical_world, "vertical_world")
+        camera = turn_to_y(self.vertical_camera, "vertical_camera")
+        return source @ world.T, rays @ camera.T
+
+    def prepare(self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0) -> UP2PTables:
+        points = check_points(source, 3, "source", self.order)
+        pixels = check_points(target, 2, "target", self.order)
+        sigma = check_noise(noise, len(pixels))
+        points, rays = self.turned(points, self.camera.bearings(pixels))
+        centred = points - points.mean(axis=0)
+        if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
+            raise InputError("source: all points lie on one vertical line, which leaves the turn about it open; add points off it")
+        return UP2PTables(
+            points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
+            rays=np.ascontiguousarray(rays.T),
+            variance=self.camera.angular_noise(pixels, sigma) ** 2,
+            tilt_variance=np.array([float(self.vertical_noise) ** 2]),
+        )
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        points, rays = self.turned(np.asarray(source, dtype=float), self.camera.bearings(target))
+        difference = points[:, 1] - points[:, 0]
+        return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
