@@ -1,0 +1,326 @@
+"""Slow, obvious re-statements of the package's mathematics in plain numpy and scipy. Nothing here imports the package.
+
+Polynomials are coefficient arrays, highest degree first. A *minimal set* is a callable ``rays -> coefficients``, so that
+every derivative can be taken by differences. Where the package eliminates in closed form, these oracles sample and
+interpolate, factorise, or minimise.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+Intrinsics = tuple[float, float, float, float]
+Polynomial = Callable[[np.ndarray], np.ndarray]
+
+CHART = 0.3
+"""P3P works in z with x = 1 + CHART z, because its roots crowd about x = 1."""
+
+
+def bearings(pixels: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+    fx, fy, cx, cy = intrinsics
+    rays = np.array([((u - cx) / fx, (v - cy) / fy, 1.0) for u, v in np.asarray(pixels, dtype=float)])
+    return np.array([ray / math.sqrt(ray @ ray) for ray in rays])
+
+
+def solid_angle_sigma(pixels: np.ndarray, intrinsics: Intrinsics, sigma: float) -> np.ndarray:
+    """Isotropic angular noise that covers the solid angle of the pixel noise; the area by differences of rays."""
+    step = 1e-3
+    made = []
+    for u, v in np.asarray(pixels, dtype=float):
+        right = bearings(np.array([[u + step, v], [u - step, v]]), intrinsics)
+        below = bearings(np.array([[u, v + step], [u, v - step]]), intrinsics)
+        area = np.linalg.norm(np.cross(right[0] - right[1], below[0] - below[1])) / (4.0 * step**2)
+        made.append(sigma * math.sqrt(area))
+    return np.array(made)
+
+
+# ------------------------------------------------------------------ minimal problems
+
+
+def p3p_polynomial(source: np.ndarray, rays: np.ndarray, chart: float | None = None) -> np.ndarray:
+    """Quartic of the triple (a, b, c) in x = |X_b| / |X_a|, or in z with x = 1 + chart z.
+
+    The three cosine laws with a = |X_a| divided out leave two quadratics in y = |X_c| / |X_a|; their Sylvester
+    determinant at five values of x is interpolated.
+    """
+    a, b, c = np.asarray(source, dtype=float)
+    ab, bc, ca = (b - a) @ (b - a), (c - b) @ (c - b), (a - c) @ (a - c)
+    u, v, w = rays
+    # |u - v|^2 / 2 instead of 1 - u.v keeps small angles
+    hp, hq, hr = (0.5 * ((s - t) @ (s - t)) for s, t in ((u, v), (v, w), (w, u)))
+    nodes = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    values = []
+    for node in nodes:
+        shift = node if chart is None else chart * node  # x - 1
+        x = 1.0 + shift
+        base = shift**2 + 2.0 * hp * x  # 1 + x^2 - 2 p x
+        # in t = y - 1: ca-law and bc-law, both divided by the ab-law
+        first = np.array([ab, 2.0 * ab * hr, 2.0 * ab * hr - ca * base])
+        second = np.array([ab, 2.0 * ab * (hq * x - shift), ab * (shift**2 + 2.0 * hq * x) - bc * base])
+        values.append(np.linalg.det(sylvester(first / ab, second / ab)))
+    shifted = np.linalg.solve(np.vander(nodes, 5), np.array(values))
+    if chart is not None:
+        return shifted
+    return np.array(np.poly1d(shifted)(np.poly1d([1.0, -1.0])).coeffs) if shifted[0] else shifted
+
+
+def up2p_polynomial(
+    source: np.ndarray, rays: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray
+) -> np.ndarray:
+    """Quadratic in x = tan(theta / 2), where both verticals are first turned to y by the shortest arc.
+
+    The step between both points, turned into the camera, lies in the plane of both rays: sampled at three angles.
+    """
+    y = np.array([0.0, 1.0, 0.0])
+    to_camera = _shortest_arc(np.asarray(vertical_camera, dtype=float), y)
+    to_world = _shortest_arc(np.asarray(vertical_world, dtype=float), y)
+    normal = np.cross(rays[0], rays[1])
+    step = np.asarray(source[1], dtype=float) - np.asarray(source[0], dtype=float)
+    nodes = np.array([-1.0, 0.0, 1.0])
+    values = []
+    for x in nodes:
+        turn = Rotation.from_rotvec(2.0 * math.atan(x) * y).as_matrix()
+        rotation = to_camera.T @ turn @ to_world
+        values.append((1.0 + x * x) * (normal @ (rotation @ step)))
+    return np.linalg.solve(np.vander(nodes, 3), np.array(values))
+
+
+def up2p_angle(rotation: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray) -> float:
+    """The angle theta of a rotation that takes one vertical to the other."""
+    y = np.array([0.0, 1.0, 0.0])
+    turn = _shortest_arc(vertical_camera, y) @ rotation @ _shortest_arc(vertical_world, y).T
+    return math.atan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2])
+
+
+def _shortest_arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    axis = np.cross(start, end)
+    sine = float(np.linalg.norm(axis))
+    if sine == 0.0:
+        return np.eye(3)
+    return Rotation.from_rotvec(axis / sine * math.atan2(sine, float(start @ end))).as_matrix()
+
+
+def p3p_polynomials(
+    source: np.ndarray, shared: Sequence[int], chart: float | None = None
+) -> tuple[Polynomial, Polynomial]:
+    """Both quartics of a 4-tuple for the shared pair ``shared`` = (a, b), as functions of the four rays."""
+    a, b = shared
+    c, d = (k for k in range(4) if k not in shared)
+    triples = [(a, b, c), (a, b, d)]
+
+    def maker(triple: tuple[int, int, int]) -> Polynomial:
+        return lambda rays: p3p_polynomial(source[list(triple)], rays[list(triple)], chart)
+
+    return maker(triples[0]), maker(triples[1])
+
+
+def up2p_polynomials(
+    source: np.ndarray, sets: Sequence[Sequence[int]], vertical_camera: np.ndarray, vertical_world: np.ndarray
+) -> tuple[Polynomial, Polynomial]:
+    """Both quadratics of two pairs of a 3-tuple, as functions of its three rays."""
+
+    def maker(pair: Sequence[int]) -> Polynomial:
+        chosen = list(pair)
+        return lambda rays: up2p_polynomial(source[chosen], rays[chosen], vertical_camera, vertical_world)
+
+    return maker(sets[0]), maker(sets[1])
+
+
+# ------------------------------------------------------------------ resultants
+
+
+def sylvester(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Sylvester matrix of two polynomials of degree k, as the paper's equation 3."""
+    k = len(p) - 1
+    m = np.zeros((2 * k, 2 * k))
+    for row in range(k):
+        m[row, row : row + k + 1] = p
+        m[k + row, row : row + k + 1] = q
+    return m
+
+
+def _unit(p: np.ndarray) -> np.ndarray:
+    return np.asarray(p, dtype=float) / np.linalg.norm(p)
+
+
+def qr(p: np.ndarray, q: np.ndarray) -> float:
+    """|R_2k,2k| of the Sylvester matrix of the polynomials scaled to unit 2-norm."""
+    return float(abs(np.linalg.qr(sylvester(_unit(p), _unit(q)), mode="r")[-1, -1]))
+
+
+def qr_both(p: np.ndarray, q: np.ndarray) -> float:
+    return min(qr(p, q), qr(p[::-1], q[::-1]))
+
+
+def svd(p: np.ndarray, q: np.ndarray) -> float:
+    return float(np.linalg.svd(sylvester(_unit(p), _unit(q)), compute_uv=False)[-1])
+
+
+def relative_value(p: np.ndarray, x: float) -> float:
+    """|p(x)| / sum |c_k x^k|, in 1/x beyond the unit circle so that x may be huge."""
+    p = np.asarray(p, dtype=float)
+    if abs(x) > 1.0:
+        p, x = p[::-1], 1.0 / x
+    powers = x ** np.arange(len(p) - 1, -1, -1)
+    scale = np.abs(p * powers).sum()
+    return float(abs((p * powers).sum()) / scale) if scale > 0.0 else 0.0
+
+
+def bezout(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The matrix B with (p(x) q(y) - p(y) q(x)) / (x - y) = sum B_ij x^i y^j, by sampling and two interpolations."""
+    k = len(p) - 1
+    nodes, others = np.cos(np.arange(k) + 0.3), np.cos(np.arange(k) + 0.7)
+    table = np.array(
+        [
+            [(np.polyval(p, x) * np.polyval(q, y) - np.polyval(p, y) * np.polyval(q, x)) / (x - y) for y in others]
+            for x in nodes
+        ]
+    )
+    left, right = np.vander(nodes, k, increasing=True), np.vander(others, k, increasing=True)
+    return np.linalg.solve(right, np.linalg.solve(left, table).T).T
+
+
+def common_root(p: np.ndarray, q: np.ndarray) -> float:
+    """x whose powers (1, x, ...) the last k - 1 rows of the Bezout matrix annihilate: the common root if there is one."""
+    null = np.linalg.svd(bezout(_unit(p), _unit(q))[1:])[2][-1]
+    return float(null[1] / null[0])
+
+
+# ------------------------------------------------------------------ noise
+
+
+def tangents(ray: np.ndarray) -> np.ndarray:
+    """Two unit vectors (2, 3) across a ray."""
+    return np.linalg.svd(ray[None])[2][1:]
+
+
+def ray_gradient(function: Callable[[np.ndarray], np.ndarray], rays: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    """Central differences of a vector function of rays, (outputs, 2 m), by small turns of each ray."""
+    columns = []
+    for k, ray in enumerate(rays):
+        for direction in tangents(ray):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = rays.copy()
+                moved[k] = ray * math.cos(step) + sign * math.sin(step) * direction
+                ends.append(np.atleast_1d(function(moved)))
+            columns.append((ends[0] - ends[1]) / (2.0 * step))
+    return np.array(columns).T
+
+
+def normalised(p: Polynomial, q: Polynomial, rays: np.ndarray, sigma: np.ndarray) -> float:
+    """f / sigma_f with f = q'(x) p(x) - p'(x) q(x) at the common root; ``sigma`` (m,) angular noise of each ray."""
+    first, second = p(rays), q(rays)
+    x = common_root(first, second)
+    slopes = np.polyval(np.polyder(second), x), np.polyval(np.polyder(first), x)
+
+    def f(moved: np.ndarray) -> np.ndarray:
+        return np.atleast_1d(slopes[0] * np.polyval(p(moved), x) - slopes[1] * np.polyval(q(moved), x))
+
+    gradient = ray_gradient(f, rays)[0]
+    return float(abs(f(rays)[0]) / math.sqrt(((gradient * np.repeat(sigma, 2)) ** 2).sum()))
+
+
+def normalised_by_pixels(
+    p: Polynomial, q: Polynomial, pixels: np.ndarray, intrinsics: Intrinsics, sigma: float, step: float = 1e-2
+) -> float:
+    """|Res| / sigma_Res: the Sylvester determinant and its central differences in every pixel coordinate."""
+
+    def resultant(coordinates: np.ndarray) -> float:
+        rays = bearings(coordinates.reshape(-1, 2), intrinsics)
+        return float(np.linalg.det(sylvester(p(rays), q(rays))))
+
+    flat = np.asarray(pixels, dtype=float).ravel()
+    gradient = []
+    for k in range(flat.size):
+        shift = np.zeros(flat.size)
+        shift[k] = step
+        gradient.append((resultant(flat + shift) - resultant(flat - shift)) / (2.0 * step))
+    return abs(resultant(flat)) / (sigma * float(np.linalg.norm(gradient)))
+
+
+def eliminated_chi2(values: np.ndarray, by_unknowns: np.ndarray, by_noise: np.ndarray) -> float:
+    """chi2 of equations ``values`` (e,) once their unknowns (e, u) are eliminated; ``by_noise`` (e, w) has unit-variance columns."""
+    u, s, _ = np.linalg.svd(by_unknowns)
+    assert s[-1] > 1e-12 * s[0]
+    rest = u[:, by_unknowns.shape[1] :].T
+    residual, spread = rest @ values, rest @ by_noise
+    return float(residual @ np.linalg.solve(spread @ spread.T, residual))
+
+
+def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
+    """sqrt(chi2) of the six cosine laws of a 4-tuple, linearised where the quartics of abc and abd (chart) meet.
+
+    Unknowns: the three depth ratios to a. inf where one of them is not positive.
+    """
+    p, q = p3p_polynomials(source, (0, 1), CHART)
+    x = 1.0 + CHART * common_root(p(rays), q(rays))
+    ratios = np.array([1.0, x, *(_p3p_third(source[[0, 1, k]], rays[[0, 1, k]], x) for k in (2, 3))])
+    if ratios.min() <= 0.0:
+        return math.inf
+    pairs = list(itertools.combinations(range(4), 2))
+
+    def laws(unknowns: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        points = np.concatenate(([1.0], unknowns))[:, None] * moved
+        size = np.array([((points[i] - points[j]) ** 2).sum() for i, j in pairs])
+        truth = np.array([((source[i] - source[j]) ** 2).sum() for i, j in pairs])
+        return size[1:] - truth[1:] / truth[0] * size[0]
+
+    unknowns, step = ratios[1:], 1e-6
+    jacobian = np.array(
+        [(laws(unknowns + e, rays) - laws(unknowns - e, rays)) / (2.0 * step) for e in step * np.eye(3)]
+    ).T
+    noise = ray_gradient(lambda moved: laws(unknowns, moved), rays) * np.repeat(sigma, 2)
+    return math.sqrt(eliminated_chi2(laws(unknowns, rays), jacobian, noise))
+
+
+def _p3p_third(source: np.ndarray, rays: np.ndarray, x: float) -> float:
+    """y = |X_c| / |X_a| for a given x: the difference of both quadratics in y is linear in it."""
+    ab, bc, ca = ((source[i] - source[j]) @ (source[i] - source[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
+    p, q, r = rays[0] @ rays[1], rays[1] @ rays[2], rays[2] @ rays[0]
+    base = 1.0 + x * x - 2.0 * p * x
+    # ca-law: y^2 - 2 r y + 1 = (ca/ab) base;  bc-law: y^2 - 2 q x y + x^2 = (bc/ab) base
+    return float(((bc - ca) / ab * base + 1.0 - x * x) / (2.0 * (r - q * x)))
+
+
+def reprojection_chi2(
+    source: np.ndarray,
+    pixels: np.ndarray,
+    intrinsics: Intrinsics,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    sigma: float,
+    axis: np.ndarray | None = None,
+) -> float:
+    """Least sum of squared reprojection errors over sigma^2, over all poses near the given one.
+
+    ``axis``: the world's vertical; then only turns about it are free (up2p, 4 parameters instead of 6).
+    """
+    fx, fy, cx, cy = intrinsics
+    centre = source.mean(axis=0)  # turning about the middle of the points decouples turn and shift
+    start = rotation @ centre + translation
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        turn = parameters[:3] if axis is None else parameters[0] * axis
+        points = (source - centre) @ Rotation.from_rotvec(turn).as_matrix().T @ rotation.T + start + parameters[-3:]
+        seen = np.stack((fx * points[:, 0] / points[:, 2] + cx, fy * points[:, 1] / points[:, 2] + cy), axis=1)
+        return ((seen - pixels) / sigma).ravel()
+
+    free = 6 if axis is None else 4
+    return 2.0 * float(least_squares(residual, np.zeros(free), x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15).cost)
+
+
+# ------------------------------------------------------------------ enumeration
+
+
+def all_hyperedges(n: int, n_target: int, order: int) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Every hyper-edge once: unordered in the source, ordered in the target."""
+    return [
+        (i, j) for i in itertools.combinations(range(n), order) for j in itertools.permutations(range(n_target), order)
+    ]

@@ -1,0 +1,143 @@
+"""The camera's rays, pixels and noise, and the turn of a measured direction to y."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import instances
+import oracles
+from rootmatch.camera import Camera, turn_to_y
+from rootmatch.errors import InputError, RootmatchError
+
+INTRINSICS = (900.0, 1100.0, 310.0, 250.0)
+
+
+@pytest.fixture
+def pixels() -> np.ndarray:
+    return np.random.default_rng(0).uniform((-800.0, -900.0), (1500.0, 1400.0), (50, 2))
+
+
+def test_bearings_are_the_oracles_unit_rays(pixels: np.ndarray) -> None:
+    rays = Camera(*INTRINSICS).bearings(pixels)
+    assert rays.shape == (50, 3)
+    np.testing.assert_allclose(rays, oracles.bearings(pixels, INTRINSICS), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-15)
+
+
+def test_project_undoes_bearings_at_any_depth(pixels: np.ndarray) -> None:
+    camera = Camera(*INTRINSICS)
+    depth = np.random.default_rng(1).uniform(0.1, 1e6, (50, 1))
+    np.testing.assert_allclose(camera.project(depth * camera.bearings(pixels)), pixels, rtol=1e-13)
+
+
+def test_image_axes_point_right_and_down() -> None:
+    camera = Camera(*INTRINSICS)
+    np.testing.assert_allclose(camera.bearings([[310.0, 250.0]]), [[0.0, 0.0, 1.0]], atol=1e-16)
+    assert camera.bearings([[311.0, 250.0]])[0, 0] > 0.0
+    assert camera.bearings([[310.0, 251.0]])[0, 1] > 0.0
+
+
+def test_angular_noise_covers_the_solid_angle_of_the_pixel_noise(pixels: np.ndarray) -> None:
+    expected = oracles.solid_angle_sigma(pixels, INTRINSICS, 0.7)
+    np.testing.assert_allclose(Camera(*INTRINSICS).angular_noise(pixels, 0.7), expected, rtol=1e-6)
+
+
+def test_angular_noise_takes_one_sigma_a_pixel(pixels: np.ndarray) -> None:
+    camera = Camera(*INTRINSICS)
+    sigma = np.linspace(0.1, 3.0, 50)
+    np.testing.assert_allclose(
+        camera.angular_noise(pixels, sigma), sigma * camera.angular_noise(pixels, 1.0), rtol=1e-14
+    )
+
+
+def test_angular_noise_is_the_spread_of_noisy_rays() -> None:
+    camera = Camera(*INTRINSICS)
+    rng = np.random.default_rng(2)
+    for pixel in ((310.0, 250.0), (900.0, -200.0)):
+        ray = camera.bearings([pixel])[0]
+        spread = camera.bearings(np.array(pixel) + 0.5 * rng.normal(size=(20000, 2))) @ oracles.tangents(ray).T
+        area = np.sqrt(np.linalg.det(np.cov(spread.T)))
+        # 20,000 samples: the area is known to about 1 %
+        assert area == pytest.approx(camera.angular_noise([pixel], 0.5)[0] ** 2, rel=0.04)
+
+
+def test_from_matrix() -> None:
+    matrix = [[900.0, 0.0, 310.0], [0.0, 1100.0, 250.0], [0.0, 0.0, 1.0]]
+    assert Camera.from_matrix(matrix) == Camera(*INTRINSICS)
+    assert Camera.from_matrix(2.0 * np.array(matrix)) == Camera(*INTRINSICS)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.eye(2),
+        [[900.0, 5.0, 310.0], [0.0, 1100.0, 250.0], [0.0, 0.0, 1.0]],
+        [[900.0, 0.0, 310.0], [0.0, 1100.0, 250.0], [0.1, 0.0, 1.0]],
+        [[900.0, 0.0, 310.0], [0.0, -1100.0, 250.0], [0.0, 0.0, 1.0]],
+        [[900.0, 0.0, 310.0], [0.0, 1100.0, 250.0], [0.0, 0.0, 0.0]],
+        [[np.nan, 0.0, 310.0], [0.0, 1100.0, 250.0], [0.0, 0.0, 1.0]],
+    ],
+)
+def test_from_matrix_refuses_what_is_no_calibration(matrix: object) -> None:
+    with pytest.raises(InputError):
+        Camera.from_matrix(matrix)
+
+
+@pytest.mark.parametrize("position", range(4))
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "wide", None])
+def test_camera_refuses_what_is_no_number(position: int, value: object) -> None:
+    numbers: list[object] = list(INTRINSICS)
+    numbers[position] = value
+    with pytest.raises(InputError, match=("fx", "fy", "cx", "cy")[position]):
+        Camera(*numbers)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("position", [0, 1])
+@pytest.mark.parametrize("value", [0.0, -1000.0])
+def test_camera_refuses_a_focal_length_that_is_not_positive(position: int, value: float) -> None:
+    numbers = list(INTRINSICS)
+    numbers[position] = value
+    with pytest.raises(InputError, match="positive") as caught:
+        Camera(*numbers)
+    assert isinstance(caught.value, ValueError) and isinstance(caught.value, RootmatchError)
+
+
+def _directions() -> list[np.ndarray]:
+    rng = np.random.default_rng(3)
+    y = np.array([0.0, 1.0, 0.0])
+    made = [instances.random_unit(rng) for _ in range(50)] + [
+        y,
+        -y,
+        np.array([1.0, 0.0, 0.0]),
+        np.array([0.0, 0.0, -1.0]),
+    ]
+    # close to y and, where the turn is ill-defined, close to -y
+    for tilt in (1e-2, 1e-4, 1e-6, 1e-8, 1e-12):
+        across = instances.random_unit(rng) * (1.0, 0.0, 1.0)
+        made += [y + tilt * across, -y + tilt * across]
+    return made
+
+
+@pytest.mark.parametrize("direction", _directions())
+@pytest.mark.parametrize("length", [1.0, 1e-6, 3e7])
+def test_turn_to_y_is_a_rotation_onto_y(direction: np.ndarray, length: float) -> None:
+    turn = turn_to_y(length * direction)
+    np.testing.assert_allclose(turn @ (direction / np.linalg.norm(direction)), [0.0, 1.0, 0.0], atol=1e-14)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_turn_to_y_is_the_smallest_turn() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        direction = instances.random_unit(rng)
+        angle = np.arccos(np.clip(direction[1], -1.0, 1.0))
+        turned = np.arccos((np.trace(turn_to_y(direction)) - 1.0) / 2.0)
+        assert turned == pytest.approx(angle, abs=1e-7)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 0.0), (0.0, 1.0), (0.0, np.nan, 1.0), (np.inf, 0.0, 0.0)])
+def test_turn_to_y_refuses_what_is_no_direction(direction: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="gravity"):
+        turn_to_y(direction, "gravity")
