@@ -1,0 +1,120 @@
+"""Cameras and measured directions as text on the command line and as JSON files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.camera import Camera, unit_direction
+from rootmatch.errors import InputError
+from rootmatch.io.outputs import written_whole
+from rootmatch.io.tables import read_text
+
+NUMBERS = ("fx", "fy", "cx", "cy")
+DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
+EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a camera file holds: one or two cameras and, where they were measured, the common directions.
+
+    Each direction is three numbers; None stands for a direction that the file does not give.
+    """
+
+    camera: Camera
+    camera2: Camera | None = None
+    vertical_camera: NDArray[np.float64] | None = None
+    vertical_world: NDArray[np.float64] | None = None
+    axis: NDArray[np.float64] | None = None
+    axis2: NDArray[np.float64] | None = None
+
+
+def read_camera(path: Path) -> Calibration:
+    """Read a JSON object with ``fx, fy, cx, cy`` or ``K``, and optionally ``camera2`` and the measured directions.
+
+    ``width`` and ``height`` are allowed and ignored. Any other key is an error: ignoring a distortion, for one, would
+    spoil every residual.
+    """
+    try:
+        content = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); give {EXAMPLE}") from None
+    camera = _camera(path, content, ("camera2", *DIRECTIONS))
+    camera2 = _camera(path, content["camera2"], ()) if content.get("camera2") is not None else None
+    directions: dict[str, NDArray[np.float64]] = {}
+    for name in DIRECTIONS:
+        if content.get(name) is not None:
+            value = content[name]
+            if not isinstance(value, list) or not all(isinstance(number, int | float) for number in value):
+                raise InputError(f"{path}: {name} is {value!r}; give three numbers such as [0, 1, 0]")
+            directions[name] = unit_direction(value, f"{path}: {name}")
+    return Calibration(camera, camera2, **directions)
+
+
+def write_camera(path: Path, calibration: Calibration) -> None:
+    """Write a calibration so that :func:`read_camera` gives it back."""
+    content: dict[str, Any] = {name: getattr(calibration.camera, name) for name in NUMBERS}
+    if calibration.camera2 is not None:
+        content["camera2"] = {name: getattr(calibration.camera2, name) for name in NUMBERS}
+    for name in DIRECTIONS:
+        if getattr(calibration, name) is not None:
+            content[name] = np.asarray(getattr(calibration, name), dtype=float).tolist()
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]:
+    """The ``count`` finite numbers of a text such as ``"0,1,0"``; ``name`` and ``example`` are for the error."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        raise InputError(f"{name}: {text!r} given; give {count} finite numbers separated by commas, such as {example}")
+    return values
+
+
+def parse_direction(text: str, name: str) -> NDArray[np.float64]:
+    """The unit vector (3,) of a text ``"x,y,z"``."""
+    return unit_direction(parse_numbers(text, 3, name, "0,1,0"), name)
+
+
+def parse_camera(text: str, name: str) -> Calibration:
+    """The calibration of a text: ``"FX,FY,CX,CY"`` in pixels, or the path of a camera file (JSON)."""
+    if text.lower().endswith(".json") or os.path.exists(text):  # unlike Path.exists, no error for over-long texts
+        return read_camera(Path(text))
+    try:
+        return Calibration(Camera(*parse_numbers(text, 4, name, "1000,1000,320,240")))
+    except InputError as error:
+        hint = "" if "," in text else ", or the path of a camera file (JSON)"
+        raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ').removeprefix('camera: ')}{hint}") from None
+
+
+def _camera(path: Path, content: Any, more: Sequence[str]) -> Camera:
+    """The camera of a JSON object whose other keys may only be ``more``."""
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
+    known = (*NUMBERS, "K", "width", "height", *more)
+    unknown = [key for key in content if key not in known]
+    if unknown:
+        raise InputError(f"{path}: {unknown[0]!r} is unknown; known are {', '.join(known)}")
+    try:
+        if "K" in content:
+            return Camera.from_matrix(np.array(content["K"], dtype=float))
+        missing = [name for name in NUMBERS if name not in content]
+        if missing:
+            raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
+        return Camera(*(content[name] for name in NUMBERS))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: K is not a matrix of numbers; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]") from None

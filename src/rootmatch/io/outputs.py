@@ -1,0 +1,71 @@
+"""Outputs that are written whole or not at all: under a temporary name beside their place, then moved there."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rootmatch.errors import InputError
+
+
+def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
+    """Refuse, before any work, an output whose folder is missing, which is a folder, or which is one of ``others``."""
+    if path.is_dir():
+        raise InputError(f"{name}: {path} is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{name}: the folder {path.parent} does not exist; make it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{name}: the folder {path.parent} cannot be written to; choose another")
+    for other in others:
+        if other.resolve() == path.resolve():
+            raise InputError(f"{name}: {path} is also an input or another output; choose another name")
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; what was written there is moved to ``path``, or removed on any error."""
+    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_output_folder(path: Path, force: bool = False) -> None:
+    """Refuse, before any work, a folder that cannot be made, or that is not empty unless ``force``."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: it is a file; give the name of a folder")
+    if path.is_dir() and any(path.iterdir()) and not force:
+        raise InputError(f"{path}: the folder is not empty; choose another, or replace its files with --force")
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+
+
+@contextmanager
+def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
+    """Give a temporary folder beside ``path``, moved there at the end, or removed on any error.
+
+    A folder that exists is kept: its files of the same names are replaced, one after another, and no other is touched.
+    """
+    check_output_folder(path, force)
+    place = path.resolve()
+    temporary = place.with_name(f".{place.name}-{secrets.token_hex(4)}")
+    try:
+        temporary.mkdir()
+        yield temporary
+        if place.is_dir():
+            for file in sorted(temporary.iterdir()):
+                os.replace(file, place / file.name)
+        else:
+            os.replace(temporary, place)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -1,0 +1,148 @@
+"""Points, matches and truths as CSV files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.io.tables import number, read_table, refuse_repeats, write_table
+
+COORDINATES = ("x", "y", "z")
+NORMALS = ("nx", "ny", "nz")
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """Points of one file.
+
+    Parameters
+    ----------
+    points : (m, 3) or (m, 2) array
+        Coordinates: any unit in space, pixels (x right, y down) in an image.
+    ids : tuple of str, optional
+        The names of the points where the file has a column ``id``.
+    normals : (m, 3) array, optional
+        Outward normals where the file has columns ``nx,ny,nz``.
+    """
+
+    points: NDArray[np.float64]
+    ids: tuple[str, ...] | None = None
+    normals: NDArray[np.float64] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The ids, or the zero-based row numbers where there are none."""
+        return self.ids if self.ids is not None else tuple(str(row) for row in range(len(self.points)))
+
+
+def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
+    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id`` and, in space, optional ``nx,ny,nz``.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    dimension : int
+        3 for points in space, 2 for an image.
+    least : int
+        How many points are needed.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; the text names the file, the row and what to do.
+    """
+    needed = COORDINATES[:dimension]
+    known = ("id", *needed, *(NORMALS if dimension == 3 else ()))
+    rows = read_table(path, needed, known)
+    with_normals = [name for name in NORMALS if name in rows[0][1]]
+    if with_normals and len(with_normals) < 3:
+        missing = next(name for name in NORMALS if name not in with_normals)
+        raise InputError(f"{path}: the column {missing} is missing beside {with_normals[0]}; give nx,ny,nz or none")
+    points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
+    refuse_repeats(path, [(row, tuple(point)) for (row, _), point in zip(rows, points.tolist(), strict=True)], "point")
+    normals = None
+    if with_normals:
+        normals = np.array([[number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])
+        for (row, _), length in zip(rows, np.linalg.norm(normals, axis=1).tolist(), strict=True):
+            if length < 1e-12:
+                raise InputError(f"{path}, row {row}: a normal of length 0; give the surface's outward direction")
+    ids = None
+    if "id" in rows[0][1]:
+        for row, cells in rows:
+            if not cells["id"]:
+                raise InputError(f"{path}, row {row}: the id is empty; name every point, or leave the column out")
+            if not cells["id"].isprintable():
+                raise InputError(f"{path}, row {row}: the id {cells['id']!r} holds a line break or the like; remove it")
+        refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
+        ids = tuple(cells["id"] for _, cells in rows)
+    if len(points) < least:
+        raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
+    return PointSet(points, ids, normals)
+
+
+def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int64]:
+    """Read the true match of a CSV file with columns ``source,target`` (ids, or zero-based row numbers).
+
+    Returns
+    -------
+    (n,) array
+        Index into the target, −1 for source points that the file does not name or whose target is empty.
+    """
+    places = {"source": {name: i for i, name in enumerate(source.names)}}
+    places["target"] = {name: i for i, name in enumerate(target.names)}
+    truth = np.full(len(source.points), -1, dtype=np.int64)
+    rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion"))
+    refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
+    refuse_repeats(path, [(row, cells["target"]) for row, cells in rows if cells["target"]], "target")
+    for row, cells in rows:
+        if not cells["target"]:
+            continue
+        for name, of in places.items():
+            if cells[name] not in of:
+                raise InputError(f"{path}, row {row}: no {name} point is called {cells[name]!r}; give its id or number")
+        truth[places["source"][cells["source"]]] = places["target"][cells["target"]]
+    return truth
+
+
+def write_points(path: Path, points: PointSet) -> None:
+    """Write points so that :func:`read_points` gives back the very same numbers."""
+    header = [*(() if points.ids is None else ("id",)), *COORDINATES[: points.points.shape[1]]]
+    columns: list[Sequence[Any]] = [] if points.ids is None else [points.ids]
+    columns += points.points.T.tolist()
+    if points.normals is not None:
+        header += NORMALS
+        columns += points.normals.T.tolist()
+    write_table(path, header, zip(*columns, strict=True))
+
+
+def write_matches(
+    path: Path,
+    assignment: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    motions: NDArray[np.int64],
+    source: PointSet,
+    target: PointSet,
+) -> None:
+    """Write ``source,target,weight,motion``, one row a matched source point.
+
+    Parameters
+    ----------
+    assignment, weights, motions : (n,) arrays
+        Index into the target (−1 unmatched), weight and label of the motion of each source point.
+    """
+    write_table(
+        path,
+        ("source", "target", "weight", "motion"),
+        (
+            (source.names[i], target.names[j], float(weights[i]), int(motions[i]))
+            for i, j in enumerate(assignment.tolist())
+            if j >= 0
+        ),
+    )

@@ -1,0 +1,124 @@
+"""Comma-separated tables whose first row names the columns, with errors that name the file, the row and what to do.
+
+Rows are counted as an editor counts lines, the header being row 1. The text is UTF-8, with or without a byte-order
+mark and with any line ends; blank lines are ignored.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Hashable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rootmatch.errors import InputError
+from rootmatch.io.outputs import written_whole
+
+
+def read_text(path: Path) -> str:
+    """The whole text of a file, without a byte-order mark, its line ends as they are."""
+    if path.is_dir():
+        raise InputError(f"{path}: it is a folder; give the name of a file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            text: str = stream.read()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+    return text
+
+
+def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
+    """Rows of a table as (row number, {column: stripped text}); blank lines are ignored."""
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    header: list[str] | None = None
+    rows = []
+    try:
+        for raw in reader:
+            cells = [cell.strip() for cell in raw]
+            if not any(cells):
+                continue
+            if header is None:
+                header = [cell.lower() for cell in cells]
+                _check_header(path, reader.line_num, header, needed, known)
+            elif len(cells) != len(header):
+                raise InputError(
+                    f"{path}, row {reader.line_num}: {len(cells)} values given, {len(header)} expected "
+                    f"({','.join(header)}); write a decimal point, not a comma, and fill every column"
+                )
+            else:
+                rows.append((reader.line_num, dict(zip(header, cells, strict=True))))
+    except csv.Error as error:
+        where = f"{path}, row {reader.line_num}"
+        raise InputError(f"{where}: not comma-separated values ({error}); check the quotes") from None
+    if header is None:
+        raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row a point")
+    if not rows:
+        raise InputError(f"{path}: no row follows the header; give one row a point")
+    return rows
+
+
+def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a CSV table in UTF-8, moved into place when it is whole."""
+    with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def number(path: Path, row: int, column: str, text: str) -> float:
+    """The finite number of a cell, or an error that names it."""
+    where = f"{path}, row {row}"
+    if not text:
+        raise InputError(f"{where}: {column} is empty; give a number, or remove the row")
+    if not _is_number(text) or "_" in text:
+        raise InputError(f"{where}: {column} is {text!r}, which is not a number; write one such as 12.5")
+    value = float(text)
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {column} is {text}; give a finite number, or remove the row")
+    return value
+
+
+def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str) -> None:
+    """Refuse a value that stands in two rows."""
+    first: dict[Hashable, int] = {}
+    for row, value in values:
+        if value in first:
+            raise InputError(f"{path}, row {row}: the same {what} as in row {first[value]}; remove one of them")
+        first[value] = row
+
+
+def _check_header(path: Path, row: int, header: list[str], needed: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a header with missing, unknown or repeated columns, and say what was probably meant."""
+    where = f"{path}, row {row}"
+    expected = ",".join(needed)
+    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise InputError(f"{where}: {called} between the columns; save with commas, and decimal points in numbers")
+    if all(_is_number(cell) for cell in header):
+        raise InputError(f"{where}: numbers where the names of the columns should be; add a first row {expected}")
+    repeated = [name for name in header if header.count(name) > 1]
+    if repeated:
+        raise InputError(f"{where}: the column {repeated[0]!r} is named twice; name each column once")
+    unknown = [name for name in header if name not in known]
+    if unknown == ["z"]:
+        raise InputError(f"{where}: a column z in an image, which has {expected}; are the two files swapped?")
+    missing = [name for name in needed if name not in header]
+    if missing:
+        hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else ""
+        raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
+    if unknown:
+        raise InputError(f"{where}: the column {unknown[0]!r} is unknown; known columns are {', '.join(known)}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
