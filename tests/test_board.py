@@ -22,7 +22,6 @@ class Board(NamedTuple):
     image: NDArray[np.float64]
     truth: NDArray[np.int64]
     K: NDArray[np.float64]
-    distortion: NDArray[np.float64]
     size: tuple[int, int]
 
 
@@ -35,11 +34,10 @@ def read(name: str, columns: str) -> NDArray[np.float64]:
 def board() -> Board:
     camera = json.loads((BOARD / "camera.json").read_text(encoding="utf-8"))
     K = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]])
-    distortion = np.array([camera["distortion_removed"][name] for name in ("k1", "k2", "p1", "p2", "k3")])
     pairs = read("truth.csv", "source,target").astype(np.int64)
     assert pairs[:, 0].tolist() == list(range(len(pairs)))
     size = camera["width"], camera["height"]
-    return Board(read("model.csv", "x,y,z"), read("image.csv", "x,y"), pairs[:, 1], K, distortion, size)
+    return Board(read("model.csv", "x,y,z"), read("image.csv", "x,y"), pairs[:, 1], K, size)
 
 
 @pytest.fixture(scope="module")

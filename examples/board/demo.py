@@ -5,14 +5,14 @@ Runs the command line tool on the files beside this script, as a user would, and
 
 import argparse
 import csv
-import json
+import os
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(os.path.relpath(Path(__file__).resolve().parent))  # short in what is printed
 NOISE = 0.3  # pixels; the corners' own is about 0.15, and lens and board are not perfect
 UNMATCHED = -1
 
@@ -28,10 +28,8 @@ def command_for(output: Path) -> list[str]:
     program = shutil.which("rootmatch", path=str(Path(sys.executable).parent)) or shutil.which("rootmatch")
     if program is None:
         raise SystemExit("rootmatch is not installed for this Python; run `make demo`, or `pip install -e .` first")
-    camera = json.loads((HERE / "camera.json").read_text(encoding="utf-8"))
     files = [str(HERE / "model.csv"), str(HERE / "image.csv")]
-    intrinsics = ",".join(str(camera[name]) for name in ("fx", "fy", "cx", "cy"))
-    options = ["--problem", "p3p", "--camera", intrinsics, "--noise", str(NOISE), "--seed", "0"]
+    options = ["--problem", "p3p", "--camera", str(HERE / "camera.json"), "--noise", str(NOISE), "--seed", "0"]
     return [
         program,
         "match",
@@ -66,9 +64,8 @@ def main() -> int:
     for source, wanted in sorted(truth.items()):
         target = found.get(source, UNMATCHED)
         right += target == wanted
-        print(
-            f"{source:6d}  {target if target >= 0 else '-':>6}  {wanted:5d}  {'right' if target == wanted else 'WRONG'}"
-        )
+        verdict = "right" if target == wanted else "WRONG"
+        print(f"{source:6d}  {target if target != UNMATCHED else '-':>6}  {wanted:5d}  {verdict}")
     print(f"\n{right} of {len(truth)} right")
     picture = output / "match.png"
     if not picture.is_file():

@@ -5,9 +5,9 @@
 FOLDER holds left01.jpg ... left14.jpg; Debian's package ``opencv-doc`` (``apt install opencv-doc``) puts them into
 /usr/share/doc/opencv-doc/examples/data. OpenCV comes with ``pip install 'rootmatch[test]'``.
 
-What is written (README.md beside this file says more): ``model.csv``, ``image.csv``, ``truth.csv`` and
-``camera.json``. The model is a subset of the board's corners without any symmetry, so that there is one answer only;
-the image has the same corners and, as clutter, corners that OpenCV finds elsewhere in the photograph.
+What is written (README.md beside this file says more): ``model.csv``, ``image.csv``, ``truth.csv``, ``camera.json``
+and ``calibration.json``. The model is a subset of the board's corners without any symmetry, so that there is one
+answer only; the image has the same corners and, as clutter, corners that OpenCV finds elsewhere in the photograph.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 COLUMNS, ROWS = 9, 6  # inner corners of the board
 SQUARE = 25.0  # millimetres; the size that OpenCV's left_intrinsics.yml states
+PLACES = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}  # in the intrinsic matrix
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
 
 Floats = NDArray[np.float64]
@@ -136,7 +137,7 @@ def table(header: list[str], rows: list[list[Any]]) -> str:
 
 
 def make(folder: Path, photograph_name: str, count: int, clutter_count: int, seed: int) -> dict[str, str]:
-    """The four files' names and texts."""
+    """Names and texts of the files."""
     boards: dict[str, NDArray[np.float32]] = {}
     photographs: dict[str, NDArray[np.uint8]] = {}
     for path in sorted(folder.glob("left[0-9][0-9].jpg")):
@@ -160,20 +161,18 @@ def make(folder: Path, photograph_name: str, count: int, clutter_count: int, see
     place = np.argsort(order)
 
     camera = {
-        "fx": round(float(K[0, 0]), 4),
-        "fy": round(float(K[1, 1]), 4),
-        "cx": round(float(K[0, 2]), 4),
-        "cy": round(float(K[1, 2]), 4),
+        **{name: round(float(K[place]), 4) for name, place in PLACES.items()},
         "width": width,
         "height": height,
+    }
+    calibration = {
+        "photograph": photograph_name,
+        "photographs_used": len(boards),
+        "rms_px": round(rms, 4),
         "distortion_removed": {
             name: round(float(value), 6) for name, value in zip(("k1", "k2", "p1", "p2", "k3"), distortion, strict=True)
         },
-        "calibration_rms_px": round(rms, 4),
-        "calibrated_from": len(boards),
-        "photograph": photograph_name,
-        "model_unit": "mm",
-        "notes": "Pinhole camera in pixels, x right, y down. image.csv is undistorted already.",
+        "square_mm": SQUARE,
     }
     points = [[i, *(f"{value:g}" for value in point)] for i, point in enumerate(model)]
     detections = [[i, *(f"{value:.3f}" for value in point)] for i, point in enumerate(pixels[order])]
@@ -182,6 +181,7 @@ def make(folder: Path, photograph_name: str, count: int, clutter_count: int, see
         "image.csv": table(["id", "x", "y"], detections),
         "truth.csv": table(["source", "target"], [[i, int(place[i])] for i in range(count)]),
         "camera.json": json.dumps(camera, indent=2) + "\n",
+        "calibration.json": json.dumps(calibration, indent=2) + "\n",
     }
 
 
