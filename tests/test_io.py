@@ -181,7 +181,9 @@ def test_camera_files(tmp_path: Path) -> None:
     assert back.vertical_world is None
     np.testing.assert_allclose(back.axis, [0.0, 0.6, 0.8], rtol=0, atol=1e-15)
 
-    path.write_text(json.dumps({"K": [[900, 0, 5], [0, 901, 6], [0, 0, 1]], "width": 640, "height": 480}))
+    path.write_text(
+        json.dumps({"K": [[900, 0, 5], [0, 901, 6], [0, 0, 1]], "width": 640, "height": 480, "k1": 0.0, "rms": 0.2})
+    )
     assert parse_camera(str(path), "--camera").camera == Camera(900.0, 901.0, 5.0, 6.0)
     assert parse_camera("900, 901,5,6", "--camera").camera == Camera(900.0, 901.0, 5.0, 6.0)
 
@@ -195,7 +197,9 @@ def test_camera_files(tmp_path: Path) -> None:
         ('{"fx": 0, "fy": 1000, "cx": 320, "cy": 240}', "focal length fx is 0"),
         ('{"fx": NaN, "fy": 1000, "cx": 320, "cy": 240}', "finite"),
         ('{"fx": null, "fy": 1000, "cx": 320, "cy": 240}', "fx is None"),
-        ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "k1": 0.1}', "'k1' is unknown"),
+        ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "k1": 0.1}', r"lens distortion \(k1\)"),
+        ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "distortion": [0, 0.1]}', "lens distortion"),
+        ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "vertical-camera": [0, 1, 0]}', "mean 'vertical_camera'"),
         ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "axis": [0, 0, 0]}', "length is 0"),
         ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "axis": "y"}', "three numbers"),
         ('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240, "camera2": 3}', "not a JSON object"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import os
@@ -19,6 +20,7 @@ from rootmatch.io.outputs import written_whole
 from rootmatch.io.tables import read_text
 
 NUMBERS = ("fx", "fy", "cx", "cy")
+DISTORTION = ("distortion", "distortion_coefficients", "dist", "distcoeffs", "k1", "k2", "k3", "p1", "p2")
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
@@ -41,8 +43,8 @@ class Calibration:
 def read_camera(path: Path) -> Calibration:
     """Read a JSON object with ``fx, fy, cx, cy`` or ``K``, and optionally ``camera2`` and the measured directions.
 
-    ``width`` and ``height`` are allowed and ignored. Any other key is an error: ignoring a distortion, for one, would
-    spoil every residual.
+    Other keys are ignored, but for two kinds: a lens distortion that is not 0, which would spoil every residual, and a
+    key so near a known one that it is probably a slip of the pen.
     """
     try:
         content = json.loads(read_text(path))
@@ -103,10 +105,13 @@ def _camera(path: Path, content: Any, more: Sequence[str]) -> Camera:
     """The camera of a JSON object whose other keys may only be ``more``."""
     if not isinstance(content, dict):
         raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
-    known = (*NUMBERS, "K", "width", "height", *more)
-    unknown = [key for key in content if key not in known]
-    if unknown:
-        raise InputError(f"{path}: {unknown[0]!r} is unknown; known are {', '.join(known)}")
+    known = (*NUMBERS, "K", *more)
+    for key in content:
+        if key.lower() in DISTORTION and np.any(np.asarray(content[key]) != 0):
+            raise InputError(f"{path}: it has a lens distortion ({key}); undistort the image points, then leave it out")
+        near = difflib.get_close_matches(key, [name for name in known if len(name) > 2], n=1, cutoff=0.7)
+        if near and key not in known:
+            raise InputError(f"{path}: {key!r} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
     try:
         if "K" in content:
             return Camera.from_matrix(np.array(content["K"], dtype=float))
