@@ -1,0 +1,240 @@
+"""From residuals to a tensor of affinities: blocks of hyper-edges through a backend, the strongest kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch import hyperedges
+from rootmatch.backends import cpu
+from rootmatch.errors import InputError
+from rootmatch.kernels import kinds
+from rootmatch.tensor import AffinityTensor
+
+KINDS: dict[str, type[kinds.Kind]] = {
+    "qr": kinds.QR,
+    "qr-both": kinds.QRBoth,
+    "svd": kinds.SVD,
+    "normalised": kinds.Normalised,
+    "joint": kinds.Joint,
+}
+NOISE_KINDS = ("normalised", "joint")
+"""Kinds in units of the noise; the others are in units of the polynomials."""
+BLOCK = 4_000_000
+"""Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""
+CHUNKS = 32
+"""Pieces of a block, whatever the number of threads, so that the result does not depend on it."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How well the correspondences of a hyper-edge agree.
+
+    Parameters
+    ----------
+    kind : str
+        ``"qr"``: |R₂ₙ,₂ₙ| of the Sylvester matrix, the paper's; ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its least
+        singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``: √χ² of all constraints.
+    pairs : tuple of int
+        Which pairs of minimal sets are compared (P3P: 0–5, the shared two of four points; up2p: 0–2; 3P1: 0–5); several: the
+        greatest of their residuals. The paper uses one. ``"joint"`` has no such choice.
+    """
+
+    kind: str = "joint"
+    pairs: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(f"residual: {self.kind!r} given; one of {', '.join(KINDS)} expected")
+        if not self.pairs or any(not 0 <= pair < 6 for pair in self.pairs):
+            raise InputError(f"residual: pairs {self.pairs} given; give one or more of 0 to 5")
+
+    def kernel_kind(self, pair_count: int) -> kinds.Kind:
+        """The type that chooses the kernel."""
+        if max(self.pairs) >= pair_count:
+            raise InputError(f"residual: pair {max(self.pairs)} given; this problem has pairs 0 to {pair_count - 1}")
+        return KINDS[self.kind](pairs=sum(1 << pair for pair in set(self.pairs)))
+
+
+@dataclass(frozen=True)
+class Affinity:
+    """From residual r to weight.
+
+    exp(−r / ρ) for the residuals of the paper (its equation 5), exp(−r² / 2ρ²) for those in units of the noise, where ρ = 1
+    is the likelihood of the residual.
+
+    Parameters
+    ----------
+    residual : Residual
+    rho : float
+        Spread ρ.
+    gate : float
+        Residual above which a hyper-edge is dropped; its weight there is negligible.
+    """
+
+    residual: Residual
+    rho: float
+    gate: float
+
+    def weights(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weights (E,) of residuals (E,)."""
+        ratio = residuals / self.rho
+        weights: NDArray[np.float64] = np.exp(-0.5 * ratio * ratio if self.residual.kind in NOISE_KINDS else -ratio)
+        return weights
+
+
+def affinity(residual: Residual | str = "joint", rho: float | None = None, gate: float | None = None) -> Affinity:
+    """Affinity with the defaults of its kind of residual: ρ = 1 and a gate of 3.5 in units of the noise, else ρ = 0.01.
+
+    Raises
+    ------
+    InputError
+        If ρ or the gate is not positive.
+    """
+    chosen = residual if isinstance(residual, Residual) else Residual(residual)
+    in_noise = chosen.kind in NOISE_KINDS
+    spread = (1.0 if in_noise else 1e-2) if rho is None else float(rho)
+    if not (np.isfinite(spread) and spread > 0.0):
+        raise InputError(f"rho: {rho} given; give a positive number")
+    # beyond 28 ρ a weight is below 1e-12 and changes nothing
+    limit = (3.5 * spread if in_noise else 28.0 * spread) if gate is None else float(gate)
+    if not limit > 0.0:
+        raise InputError(f"gate: {gate} given; give a positive residual")
+    return Affinity(chosen, spread, limit)
+
+
+class _Strongest:
+    """Keeps the ``limit`` hyper-edges of least residual out of a stream, and the gate below which more can enter."""
+
+    def __init__(self, limit: int, gate: float) -> None:
+        self.limit = limit
+        self.gate = gate
+        self.parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
+        self.held = 0
+
+    def add(self, indices: NDArray[np.int32], residuals: NDArray[np.float64]) -> None:
+        self.parts.append((indices, residuals))
+        self.held += len(residuals)
+        if self.held > 2 * self.limit:
+            self.settle()
+
+    def settle(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """What is kept, in the order of the stream; ties at the gate are broken by that order."""
+        indices = np.concatenate([part[0] for part in self.parts]) if self.parts else np.empty((0, 0), np.int32)
+        residuals = np.concatenate([part[1] for part in self.parts]) if self.parts else np.empty(0)
+        if len(residuals) > self.limit:
+            keep = np.sort(np.argsort(residuals, kind="stable")[: self.limit])
+            indices, residuals = indices[keep], residuals[keep]
+            self.gate = min(self.gate, float(residuals.max()))
+        self.parts = [(indices, residuals)]
+        self.held = len(residuals)
+        return indices, residuals
+
+
+def exhaustive_tensor(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    *,
+    max_hyperedges: int = 5_000_000,
+    candidates: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> tuple[AffinityTensor, int]:
+    """Tensor of all hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
+
+    Parameters
+    ----------
+    tables
+        Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
+    kind : Kind
+    weigh : Affinity
+    shape : (n, n')
+    order : int
+    max_hyperedges : int
+        Bounds the memory: 24 bytes each at order 4, twice that for a moment.
+    candidates : (n, n') bool array, optional
+        Correspondences that are possible; others are never evaluated.
+    progress : callable, optional
+        Called with (slabs done, slabs in all).
+
+    Returns
+    -------
+    tensor : AffinityTensor
+    evaluated : int
+        How many hyper-edges were looked at.
+    """
+    n, n_target = shape
+    bases = hyperedges.source_bases(n, order)
+    arrangements = hyperedges.target_arrangements(n_target, order - 1)
+    allowed = np.empty((0, 0), dtype=np.bool_) if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_)
+    total = len(bases) * len(arrangements)
+    strongest = _Strongest(max_hyperedges, weigh.gate)
+    capacity = 1 << 14
+    evaluated = 0
+    rank = 0
+    per_slab = max(1, hyperedges.exhaustive_count(n, n_target, order) // max(total, 1))
+    step = max(CHUNKS, BLOCK // per_slab)
+    while rank < total:
+        last = min(rank + step, total)
+        while True:
+            codes, residuals, counts, looked = cpu.sweep(
+                tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, n_target, n, CHUNKS
+            )
+            if counts.max() <= capacity:
+                break
+            capacity = 1 << int(counts.max()).bit_length()
+        kept = np.arange(capacity)[None, :] < counts[:, None]
+        if counts.any():
+            strongest.add(cpu.decode(codes[kept], bases, arrangements, n_target, n), residuals[kept])
+        evaluated += int(looked.sum())
+        rank = last
+        if progress is not None:
+            progress(rank, total)
+    indices, chosen = strongest.settle()
+    indices = indices.reshape(-1, order)
+    return AffinityTensor.unchecked(indices, weigh.weights(chosen), shape), evaluated
+
+
+def random_tensor(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    samples: int,
+    seed: int,
+    *,
+    candidates: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> tuple[AffinityTensor, int]:
+    """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
+
+    A hyper-edge drawn twice is one entry of the tensor.
+    """
+    n, n_target = shape
+    parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
+    done = 0
+    for source, target in hyperedges.random_hyperedges(n, n_target, order, samples, seed, mask=candidates):
+        residuals = cpu.residuals(tables, kind, source, target)
+        keep = residuals <= weigh.gate
+        parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
+        done += len(source)
+        if progress is not None:
+            progress(done, samples)
+    indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
+    weights = weigh.weights(np.concatenate([part[1] for part in parts]))
+    return AffinityTensor.unchecked(indices, weights, shape).merged(), done
+
+
+def threads() -> int:
+    """Threads that the backend uses."""
+    return int(numba.get_num_threads())

@@ -1,0 +1,1 @@
+"""What runs the kernels over many hyper-edges: processor cores or a GPU."""

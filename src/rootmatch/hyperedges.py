@@ -1,0 +1,132 @@
+"""Which hyper-edges are looked at: all of them, or a seeded random stream as in the paper; always in blocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+
+STREAM_BLOCK = 8192
+"""Tuples drawn at once from the stream; fixed, so that the stream does not depend on how it is read."""
+
+
+def exhaustive_count(n: int, n_target: int, order: int) -> int:
+    """How many hyper-edges there are: unordered in the source, ordered in the target, C(n, d) · n'! / (n' − d)!."""
+    return math.comb(n, order) * math.perm(n_target, order)
+
+
+def source_bases(n: int, order: int) -> NDArray[np.int64]:
+    """Minimal sets (B, d − 1) of source points, increasing, that leave at least one later point to complete them."""
+    return np.array(list(combinations(range(n - 1), order - 1)), dtype=np.int64).reshape(-1, order - 1)
+
+
+def target_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
+    """All ordered choices (P, length) of target points without repetition, in lexicographic order."""
+    grid = np.indices((n_target,) * length, dtype=np.int32).reshape(length, -1)
+    distinct = np.ones(grid.shape[1], dtype=bool)
+    for first, second in combinations(range(length), 2):
+        distinct &= grid[first] != grid[second]
+    return np.ascontiguousarray(grid[:, distinct].T)
+
+
+def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order of points (n, k) in which each is the farthest from all before it, starting with the farthest from the mean.
+
+    The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
+    """
+    distance = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
+    order = np.empty(len(points), dtype=np.int64)
+    nearest = np.full(len(points), np.inf)
+    for k in range(len(points)):
+        choice = int(np.argmax(distance if k == 0 else nearest))
+        order[k] = choice
+        nearest = np.minimum(nearest, ((points - points[choice]) ** 2).sum(axis=1))
+        nearest[order[: k + 1]] = -1.0
+    return order
+
+
+def _distinct_tuples(rng: np.random.Generator, count: int, points: int, order: int) -> NDArray[np.int32]:
+    """Uniform tuples (count, order) of distinct indices below ``points``.
+
+    Position k is drawn among those left: a number below points − k, lifted over the earlier ones in increasing order.
+    """
+    out = np.empty((count, order), dtype=np.int32)
+    for k in range(order):
+        value = rng.integers(0, points - k, size=count, dtype=np.int32)
+        for earlier in np.sort(out[:, :k], axis=1).T:
+            value += value >= earlier
+        out[:, k] = value
+    return out
+
+
+def random_hyperedges(
+    n: int,
+    n_target: int,
+    order: int,
+    count: int,
+    seed: int,
+    block: int = 65536,
+    mask: NDArray[np.bool_] | None = None,
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32]]]:
+    """Uniformly random hyper-edges from one seeded stream (paper, section "Overall Algorithm", step 3a).
+
+    The stream depends on the seed, the sizes and the mask alone: its first s hyper-edges are the same whatever
+    ``count`` ≥ s and ``block`` are, so the tensors H_s of growing samples are nested.
+
+    Parameters
+    ----------
+    n, n_target, order : int
+        Source points, target points, correspondences of a hyper-edge.
+    count : int
+        How many to draw; with a mask, how many that the mask allows.
+    seed : int
+    block : int
+        Most hyper-edges in one yield.
+    mask : (n, n') bool array, optional
+        Candidate correspondences; tuples with any other are passed over.
+
+    Yields
+    ------
+    source_index, target_index : (B, order) int32 arrays
+
+    Raises
+    ------
+    InputError
+        If there are fewer points than the order, or the mask allows next to none of the tuples.
+    """
+    if min(n, n_target) < order:
+        raise InputError(f"hyper-edges: {n} source and {n_target} target points given, at least {order} of each needed")
+    if count < 1 or block < 1:
+        raise InputError(f"hyper-edges: {count} samples in blocks of {block} asked for; give positive numbers")
+    rng = np.random.default_rng(seed)
+    pending: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
+    waiting = given = tried = accepted = 0
+    while given < count:
+        while waiting < min(block, count - given):
+            source = _distinct_tuples(rng, STREAM_BLOCK, n, order)
+            target = _distinct_tuples(rng, STREAM_BLOCK, n_target, order)
+            tried += STREAM_BLOCK
+            if mask is not None:
+                allowed = mask[source, target].all(axis=1)
+                source, target = source[allowed], target[allowed]
+            accepted += len(source)
+            if tried >= 1000 * STREAM_BLOCK and accepted < 1e-5 * tried:
+                raise InputError(
+                    "hyper-edges: the candidate mask allows fewer than 1 in 100,000 random tuples; "
+                    'use hyperedges="exhaustive", which walks the mask'
+                )
+            if len(source):
+                pending.append((source, target))
+                waiting += len(source)
+        sources = np.concatenate([pair[0] for pair in pending])
+        targets = np.concatenate([pair[1] for pair in pending])
+        take = min(block, count - given)
+        yield sources[:take], targets[:take]
+        given += take
+        pending = [(sources[take:], targets[take:])]
+        waiting = len(sources) - take
