@@ -11,19 +11,21 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def _use_kernel_cache_of_these_sources() -> None:
-    """Give Numba a cache folder named after the sources' content.
+def kernel_cache_name(sources: Path) -> str:
+    """Name of the cache folder of the sources under a folder: another one for any other content.
 
     Numba finds a compiled driver by the file of the driver alone; a kernel edited in another file would leave it
-    stale and the tests would judge code that is no longer there. The folder belongs to this user only, because what
-    lies in it is executed.
+    stale and the tests would judge code that is no longer there.
     """
-    sources = ROOT / "src" / "rootmatch"
     digest = hashlib.sha256()
     for path in sorted(sources.rglob("*.py")):
         digest.update(str(path.relative_to(sources)).encode() + b"\0" + path.read_bytes() + b"\0")
-    name = f"sources-{digest.hexdigest()[:16]}"
+    return f"sources-{digest.hexdigest()[:16]}"
 
+
+def _use_kernel_cache_of_these_sources() -> None:
+    """Point Numba to that folder; it belongs to this user only, because what lies in it is executed."""
+    name = kernel_cache_name(ROOT / "src" / "rootmatch")
     user = os.getuid() if hasattr(os, "getuid") else "user"
     default = Path(tempfile.gettempdir()) / f"rootmatch-numba-{user}"
     base = Path(os.environ.get("NUMBA_CACHE_DIR") or default)

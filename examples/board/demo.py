@@ -54,7 +54,7 @@ def main() -> int:
     print("$", shlex.join(["rootmatch", *command[1:]]), flush=True)
     # 0 is a match to trust and 1 a doubtful one, written all the same; here the truth decides.
     code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
-    if code not in (0, 1):
+    if code not in (0, 1) or not (output / "matches.csv").is_file():
         print(f"rootmatch match ended with exit code {code}", file=sys.stderr)
         return 1
 
