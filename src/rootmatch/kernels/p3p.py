@@ -41,6 +41,8 @@ class P3PTables(NamedTuple):
     """(3, n') unit bearings."""
     variance: NDArray[np.float64]
     """(n',) variance of a bearing, radians² on each axis across it."""
+    normals: NDArray[np.float64]
+    """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
 
 
 @scalar

@@ -119,6 +119,33 @@ def mahalanobis2(dx, dy, dz, px, py, pz, qx, qy, qz, s11, s12, s22, x, y, z, v):
 
 
 @scalar
+def looks_back(t, affine, frame, k, px, py, pz):  # type: ignore[no-untyped-def]
+    """Cosine-like product of source point k's normal, turned as the triple, with its place p: positive when it looks away."""
+    nx, ny, nz = t.normals[0, k], t.normals[1, k], t.normals[2, k]
+    ox, oy, oz, _, _, _, _, _, _, _, _, _, _, _, _ = affine
+    alpha, beta, gamma = affine_coordinates(affine, nx + ox, ny + oy, nz + oz)
+    _, _, _, ex, ey, ez, fx, fy, fz, _, _, _, _, _, _, _, _, _ = frame
+    gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
+    return dot(
+        alpha * ex + beta * fx + gamma * gx,
+        alpha * ey + beta * fy + gamma * gy,
+        alpha * ez + beta * fz + gamma * gz,
+        px,
+        py,
+        pz,
+    )
+
+
+@scalar
+def triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
+    """Whether all three points of the triple show their front to the camera."""
+    worst = looks_back(t, affine, frame, i[0], ax, ay, az)
+    worst = max(worst, looks_back(t, affine, frame, i[1], bx, by, bz))
+    worst = max(worst, looks_back(t, affine, frame, i[2], cx, cy, cz))
+    return worst <= 0.0
+
+
+@scalar
 def affine_frame(t, a, b, c):  # type: ignore[no-untyped-def]
     """The triple of source points as a frame: origin, e, f, e × f, and the inverse Gram matrix of e and f."""
     s = t.points
@@ -167,12 +194,16 @@ def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-d
         if not (x > 0.0 and y > 0.0):
             continue
         frame = solution_frame(A, x, y, hab, ax, ay, az, bx, by, bz, cx, cy, cz)
+        if not triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):
+            continue
         for r in range(rows):
             alpha, beta, gamma = affine_coordinates(affine, px[r], py[r], pz[r])
             (
                 scratch[0, r], scratch[1, r], scratch[2, r], scratch[3, r], scratch[4, r], scratch[5, r],
                 scratch[6, r], scratch[7, r], scratch[8, r], scratch[9, r], scratch[10, r], scratch[11, r],
             ) = predict(alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz, va, vb, vc)  # fmt: skip
+            if looks_back(t, affine, frame, first + r, scratch[0, r], scratch[1, r], scratch[2, r]) > 0.0:
+                scratch[9, r] = np.inf  # a prediction without meaning
         for r in range(rows):
             d0, d1, d2, d3, d4, d5 = scratch[0, r], scratch[1, r], scratch[2, r], scratch[3, r], scratch[4, r], scratch[5, r]
             d6, d7, d8, d9, d10, d11 = scratch[6, r], scratch[7, r], scratch[8, r], scratch[9, r], scratch[10, r], scratch[11, r]
@@ -209,17 +240,20 @@ def edge_joint(t, kind, i, j):  # type: ignore[no-untyped-def]
     bx, by, bz = u[0, j[1]], u[1, j[1]], u[2, j[1]]
     cx, cy, cz = u[0, j[2]], u[1, j[2]], u[2, j[2]]
     d, k = i[3], j[3]
-    alpha, beta, gamma = affine_coordinates(
-        affine_frame(t, i[0], i[1], i[2]), t.points[0, d], t.points[1, d], t.points[2, d]
-    )
+    affine = affine_frame(t, i[0], i[1], i[2])
+    alpha, beta, gamma = affine_coordinates(affine, t.points[0, d], t.points[1, d], t.points[2, d])
     least = LARGE * LARGE
     for r in range(4):
         x, y = ratios[2 * r], ratios[2 * r + 1]
         if x > 0.0 and y > 0.0:
             frame = solution_frame(A, x, y, hab, ax, ay, az, bx, by, bz, cx, cy, cz)
+            if not triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):
+                continue
             d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11 = predict(
                 alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz, v[j[0]], v[j[1]], v[j[2]]
             )
+            if looks_back(t, affine, frame, d, d0, d1, d2) > 0.0:
+                continue
             chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, u[0, k], u[1, k], u[2, k], v[k])
             least = min(least, chi2)
     return np.sqrt(least)

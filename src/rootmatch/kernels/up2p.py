@@ -38,6 +38,8 @@ class UP2PTables(NamedTuple):
     """(n',) variance of a bearing, radians² on each axis across it."""
     tilt_variance: NDArray[np.float64]
     """(1,) variance of the vertical, radians² on each of its two axes."""
+    normals: NDArray[np.float64]
+    """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
 
 
 @scalar
@@ -73,7 +75,13 @@ def roots(alpha, beta, gamma):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def at_root(c, s, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
+def faces(c, s, nx, ny, nz, x, y, z):  # type: ignore[no-untyped-def]
+    """Whether a normal, turned about the vertical, does not look away along the bearing."""
+    return (c * nx + s * nz) * x + ny * y + (c * nz - s * nx) * z <= 0.0
+
+
+@scalar
+def at_root(c, s, facing, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
     """Everything at one root of the first pair that does not depend on the third bearing."""
     # turned differences p = RΔ01, q = RΔ02, r = RΔ12 and their derivatives in θ
     dx, dz = X1 - X0, Z1 - Z0
@@ -111,8 +119,8 @@ def at_root(c, s, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, ax, ay, az, bx, by, bz, va
     ap = dot(ax, ay, az, px, py, pz)
     depth0 = (bb * bp - ap) / (1.0 - bb * bb)
     depth1 = (bp - bb * ap) / (1.0 - bb * bb)
-    front = (depth0 > 0.0) and (depth1 > 0.0)
     ox, oy, oz = depth0 * ax + qx, depth0 * ay + qy, depth0 * az + qz
+    front = facing and (depth0 > 0.0) and (depth1 > 0.0) and faces(c, s, Nx, Ny, Nz, ox, oy, oz)
     return (
         f01, g01, kx, ky, kz, lx, ly, lz, mx, my, mz, nx, ny, nz, w11 + tilt * (tx * tx + tz * tz), ix, iy, iz, jx, jy, jz,
         w23, w22, w33, tx, tz, aq, br, qx, qy, qz, rx, ry, rz, front, ox, oy, oz,
@@ -195,8 +203,20 @@ def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
     va, vb, tilt = t.variance[j0], t.variance[j1], t.tilt_variance[0]
     alpha, beta, gamma = sinusoid(X1 - X0, Y1 - Y0, Z1 - Z0, ax, ay, az, bx, by, bz)
     c1, s1, c2, s2 = roots(alpha, beta, gamma)
-    one = at_root(c1, s1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, ax, ay, az, bx, by, bz, va, vb, tilt)
-    two = at_root(c2, s2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, ax, ay, az, bx, by, bz, va, vb, tilt)
+    m = t.normals
+    faces1 = faces(c1, s1, m[0, i0], m[1, i0], m[2, i0], ax, ay, az) and faces(
+        c1, s1, m[0, i1], m[1, i1], m[2, i1], bx, by, bz
+    )
+    faces2 = faces(c2, s2, m[0, i0], m[1, i0], m[2, i0], ax, ay, az) and faces(
+        c2, s2, m[0, i1], m[1, i1], m[2, i1], bx, by, bz
+    )
+    Nx, Ny, Nz = m[0, i2], m[1, i2], m[2, i2]
+    one = at_root(
+        c1, s1, faces1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt
+    )
+    two = at_root(
+        c2, s2, faces2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt
+    )
     return one, two, ax, az, bx, bz, va, vb, tilt
 
 

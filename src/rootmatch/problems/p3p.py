@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.camera import Camera
 from rootmatch.kernels import p3p_joint, p3p_normalised  # noqa: F401  (they register their residuals)
 from rootmatch.kernels.p3p import P3PTables, quartic_in_ratio
-from rootmatch.problems.problem import Problem, check_noise, check_not_collinear, check_points
+from rootmatch.problems.problem import Problem, check_noise, check_normals, check_not_collinear, check_points
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,9 @@ class P3P(Problem):
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
 
-    def prepare(self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0) -> P3PTables:
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> P3PTables:
         points = check_points(source, 3, "source", self.order)
         pixels = check_points(target, 2, "target", self.order)
         check_not_collinear(points, "source")
@@ -56,6 +58,7 @@ class P3P(Problem):
             versine=np.ascontiguousarray(0.5 * squared_distances(rays)),
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(pixels, sigma) ** 2,
+            normals=np.ascontiguousarray(check_normals(normals, len(points)).T),
         )
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:

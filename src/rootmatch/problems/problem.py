@@ -35,7 +35,9 @@ class Problem(ABC):
     target_dimension: ClassVar[int] = 2
 
     @abstractmethod
-    def prepare(self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0) -> Any:
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> Any:
         """Tables for the kernels: a NamedTuple of arrays.
 
         Parameters
@@ -46,6 +48,8 @@ class Problem(ABC):
             Pixels.
         noise : float or (n',) array
             Standard deviation of a pixel coordinate of the target.
+        normals : (n, 3) array, optional
+            Outward normals of source points in space, which are then seen only from their front; zero where unknown.
 
         Raises
         ------
@@ -87,6 +91,21 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
     if len(same):
         first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
         raise InputError(f"{name}: points {first} and {second} are the same; remove repeated points")
+    return array
+
+
+def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
+    """Normals (count, 3), zeros where none are given."""
+    if normals is None:
+        return np.zeros((count, 3))
+    try:
+        array = np.asarray(normals, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"normals: not an array of numbers; give shape ({count}, 3)") from None
+    if array.shape != (count, 3):
+        raise InputError(f"normals: shape {array.shape} given, ({count}, 3) expected, one for each source point")
+    if not np.all(np.isfinite(array)):
+        raise InputError("normals: NaN or infinity; give 0,0,0 for a point without a known normal")
     return array
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
 from rootmatch.errors import InputError
 from rootmatch.kernels.up2p import UP2PTables, quadratic
-from rootmatch.problems.problem import Problem, check_noise, check_points
+from rootmatch.problems.problem import Problem, check_noise, check_normals, check_points
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,19 @@ class UP2P(Problem):
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
 
-    def turned(self, source: NDArray[np.float64], rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Points and bearings in frames whose y axis is the vertical."""
-        world = turn_to_y(self.vertical_world, "vertical_world")
-        camera = turn_to_y(self.vertical_camera, "vertical_camera")
-        return source @ world.T, rays @ camera.T
+    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rotations of world and of camera that bring their verticals onto the y axis."""
+        return turn_to_y(self.vertical_world, "vertical_world"), turn_to_y(self.vertical_camera, "vertical_camera")
 
-    def prepare(self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0) -> UP2PTables:
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> UP2PTables:
         points = check_points(source, 3, "source", self.order)
         pixels = check_points(target, 2, "target", self.order)
         sigma = check_noise(noise, len(pixels))
-        points, rays = self.turned(points, self.camera.bearings(pixels))
-        centred = points - points.mean(axis=0)
+        world, camera = self.turns()
+        rays = self.camera.bearings(pixels) @ camera.T
+        centred = (points - points.mean(axis=0)) @ world.T
         if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
             raise InputError("source: all points lie on one vertical line, which leaves the turn about it open; add points off it")
         return UP2PTables(
@@ -73,9 +74,12 @@ class UP2P(Problem):
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(pixels, sigma) ** 2,
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
+            normals=np.ascontiguousarray((check_normals(normals, len(points)) @ world.T).T),
         )
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
-        points, rays = self.turned(np.asarray(source, dtype=float), self.camera.bearings(target))
-        difference = points[:, 1] - points[:, 0]
+        world, camera = self.turns()
+        rays = self.camera.bearings(target) @ camera.T
+        points = np.asarray(source, dtype=float)
+        difference = (points[:, 1] - points[:, 0]) @ world.T
         return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
