@@ -1,0 +1,32 @@
+"""Solvers of the hypergraph matching problem; one signature, one result."""
+
+from __future__ import annotations
+
+from rootmatch.errors import InputError
+from rootmatch.solvers.power import PowerIteration
+from rootmatch.solvers.solution import Solution, Solver
+
+__all__ = ["SOLVERS", "PowerIteration", "Solution", "Solver", "get_solver"]
+
+SOLVERS: dict[str, Solver] = {
+    "power-l1": PowerIteration("l1"),
+    "power-dense": PowerIteration("l2"),
+}
+"""The common choices by name, with default options."""
+
+
+def get_solver(solver: str | Solver) -> Solver:
+    """The solver of a name, or the given one.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or something that cannot be called with a tensor.
+    """
+    if isinstance(solver, str):
+        if solver not in SOLVERS:
+            raise InputError(f"solver: got {solver!r}; expected one of {', '.join(SOLVERS)}, or a solver object")
+        return SOLVERS[solver]
+    if isinstance(solver, type) or not callable(solver):
+        raise InputError(f"solver: got {solver!r}; expected a name or a solver object such as PowerIteration()")
+    return solver
