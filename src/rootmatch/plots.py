@@ -1,0 +1,342 @@
+"""The picture of a match: both point sets side by side, and a line from each matched point to its partner.
+
+Figures are made with matplotlib's objects alone; no global state of pyplot is touched, so the functions may be called
+from any thread and beside a user's own plots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.io import written_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.transforms import Transform
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SUFFIXES = (".png", ".svg", ".pdf")
+# Okabe and Ito's colours, told apart in every common kind of colour blindness; their vermilion is kept for errors.
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
+LABELS_AT_MOST = 80
+"""Points of one side above which names would only hide the picture."""
+ASIDE = np.deg2rad(20.0)
+"""How far the 3D view is turned from the camera's, so that depth shows."""
+
+
+def check_picture(path: Path) -> None:
+    """Refuse, before any work, a picture whose suffix names no format that can be drawn."""
+    if path.suffix.lower() not in SUFFIXES:
+        given = f"ends in {path.suffix!r}" if path.suffix else "has no suffix"
+        raise InputError(f"picture {path}: it {given}; choose {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, SVG or PDF by the suffix of ``path``, whole or not at all."""
+    check_picture(path)
+    with written_whole(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=figure.dpi)
+
+
+def match_figure(
+    source: ArrayLike,
+    target: ArrayLike,
+    assignment: ArrayLike,
+    *,
+    motions: ArrayLike | None = None,
+    truth: ArrayLike | None = None,
+    source_names: Sequence[str] | None = None,
+    target_names: Sequence[str] | None = None,
+    title: str = "",
+    unit: str = "model unit",
+) -> Figure:
+    """Draw a match.
+
+    Parameters
+    ----------
+    source : (n, 3) or (n, 2) array
+        Points in space, drawn in perspective from near where the camera saw them, or pixels of the first image.
+    target : (n', 2) array
+        Pixels, x right and y down.
+    assignment : (n,) array
+        Index into the target, −1 where unmatched.
+    motions : (n,) array, optional
+        Label of the rigid motion of each source point; each has its own colour and marker.
+    truth : (n,) array, optional
+        The true assignment: lines that part from it are drawn red and dashed.
+    source_names, target_names : sequences of str, optional
+        Written beside the points; by default their indices.
+    title : str
+        Printed above the picture.
+    unit : str
+        Unit of the points in space.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Its canvas is Agg; `save_figure` writes it.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not belong together.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    source, target = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
+    match = np.asarray(assignment, dtype=np.int64)
+    labels = np.zeros(len(match), dtype=np.int64) if motions is None else np.asarray(motions, dtype=np.int64)
+    true = None if truth is None else np.asarray(truth, dtype=np.int64)
+    _check_shapes(source, target, match, labels, true)
+    wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
+
+    figure = Figure(figsize=(12.0, 6.4), dpi=120)
+    FigureCanvasAgg(figure)
+    in_space = source.shape[1] == 3
+    left: Any = figure.add_axes(
+        (0.02, 0.09, 0.45, 0.82) if in_space else (0.06, 0.12, 0.41, 0.78), projection="3d" if in_space else None
+    )
+    right = figure.add_axes((0.53, 0.12, 0.41, 0.78))
+    if in_space:
+        _show_space(left, source, _view(source, target, match, labels), unit)
+    else:
+        _show_image(left, source)
+    _show_image(right, target)
+    right.yaxis.tick_right()
+    right.yaxis.set_label_position("right")  # out of the way of the lines
+    titles = ("model", "image") if in_space else ("first image", "second image")
+    for axes, name in zip((left, right), titles, strict=True):
+        axes.set_title(name, fontsize=10)
+    figure.suptitle(title, fontsize=11, y=0.975)
+
+    figure.draw_without_rendering()  # settles the axes, hence where each point of space falls on the page
+    flat = _on_page(left, source)
+    groups = _groups(match, labels, wrong)
+    for group in groups:
+        _join(figure, left.transData, right.transData, flat[group.members], target[match[group.members]], group)
+        for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
+            axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
+    handles = [group.handle() for group in groups]
+    handles += _draw_unmatched((left, right), (source[match < 0], _lone(target, match)), titles)
+    _draw_names(left, flat, _names(source_names, len(source)), towards=-1.0)
+    _draw_names(right, target, _names(target_names, len(target)), towards=1.0)
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=9, frameon=False)
+    return figure
+
+
+def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integers, true: Integers | None) -> None:
+    if source.ndim != 2 or source.shape[1] not in (2, 3) or target.ndim != 2 or target.shape[1] != 2:
+        raise InputError(f"picture: shapes {source.shape} and {target.shape} given, (n, 3|2) and (n', 2) expected")
+    for name, array in (("assignment", match), ("motions", labels), ("truth", true)):
+        if array is not None and array.shape != (len(source),):
+            raise InputError(f"picture: {name} of shape {array.shape} given, ({len(source)},) expected")
+    if match.max(initial=-1) >= len(target):
+        raise InputError(f"picture: the assignment names target {match.max()}, but there are {len(target)}")
+
+
+def _names(names: Sequence[str] | None, count: int) -> Sequence[str]:
+    return [str(index) for index in range(count)] if names is None else names
+
+
+def _show_image(axes: Axes, pixels: Floats) -> None:
+    """Pixels with y down and square pixels, a margin around them for the names."""
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    margin = 0.08 * max(float(np.max(high - low)), 1.0)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(high[1] + margin, low[1] - margin)
+    axes.set_aspect("equal")
+    axes.patch.set_alpha(0.0)  # the lines between the axes lie beneath them
+    axes.set_xlabel("x (px)", fontsize=9)
+    axes.set_ylabel("y (px)", fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.25)
+
+
+def _show_space(axes: Any, points: Floats, view: tuple[float, float, float], unit: str) -> None:
+    """Points in space at one scale on all axes, seen along ``view`` (elevation, azimuth, roll in degrees)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    widest = max(float(np.max(high - low)), 1e-12)
+    size = np.maximum(high - low, 0.12 * widest)  # a plane keeps some thickness, so that its axis can be read
+    middle = (low + high) / 2.0
+    for name, centre, width in zip("xyz", middle, size, strict=True):
+        getattr(axes, f"set_{name}lim")(centre - 0.54 * width, centre + 0.54 * width)
+        getattr(axes, f"set_{name}label")(f"{name} ({unit})", fontsize=8, labelpad=2)
+        axis = getattr(axes, f"{name}axis")
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+        axis._axinfo["grid"].update(color=(0.0, 0.0, 0.0, 0.12), linewidth=0.6)
+        if width > 0.4 * widest:
+            axis.get_major_locator().set_params(nbins=5)
+        else:
+            axis.set_ticks([centre])  # no room for more
+    axes.set_box_aspect(size, zoom=0.95)
+    axes.tick_params(labelsize=7, pad=0)
+    axes.view_init(elev=view[0], azim=view[1], roll=view[2])
+    axes.patch.set_alpha(0.0)
+
+
+def _view(source: Floats, target: Floats, match: Integers, labels: Integers) -> tuple[float, float, float]:
+    """Elevation, azimuth and roll in degrees of a view near the camera's, so that the lines cross little.
+
+    An affine camera is fitted to the largest motion; its rows are the directions of space that run right and down in
+    the image. Without enough matches the view is matplotlib's own.
+    """
+    matched = match >= 0
+    if matched.any():
+        matched &= labels == np.bincount(labels[matched] - labels[matched].min()).argmax() + labels[matched].min()
+    if matched.sum() < 4:
+        return 30.0, -60.0, 0.0
+    centred = source[matched] - source[matched].mean(axis=0)
+    rows = np.linalg.lstsq(centred, target[match[matched]], rcond=1e-6)[0].T
+    right = rows[0] / max(float(np.linalg.norm(rows[0])), 1e-300)
+    down = rows[1] - (rows[1] @ right) * right
+    if np.linalg.norm(down) < 0.05 * np.linalg.norm(rows[0]) or not np.all(np.isfinite(rows)):
+        return 30.0, -60.0, 0.0
+    down /= np.linalg.norm(down)
+    towards = np.cross(down, right)  # from the points to the viewer
+    towards = np.cos(ASIDE) * towards + np.sin(ASIDE) * right
+    right = np.cross(towards, down)
+    elevation, azimuth = np.arcsin(np.clip(towards[2], -1.0, 1.0)), np.arctan2(towards[1], towards[0])
+    # matplotlib's own right-hand direction at no roll; the roll turns it onto ours.
+    level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    roll = -np.arctan2(np.cross(level, right) @ towards, level @ right)
+    return float(np.rad2deg(elevation)), float(np.rad2deg(azimuth)), float(np.rad2deg(roll))
+
+
+def _on_page(axes: Any, points: Floats) -> Floats:
+    """Points in the plane of the axes (n, 2): themselves in an image, projected in a view of space."""
+    if points.shape[1] == 2:
+        return points
+    from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped,unused-ignore]
+
+    x, y, _ = proj3d.proj_transform(*points.T, axes.get_proj())
+    return np.column_stack([x, y])
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Matches that are drawn alike."""
+
+    name: str
+    colour: str
+    symbol: str
+    dashes: bool
+    members: Integers
+
+    @property
+    def marker(self) -> dict[str, Any]:
+        return {"color": self.colour, "marker": self.symbol, "markersize": 5.5}
+
+    @property
+    def line(self) -> Literal["--", "-"]:
+        return "--" if self.dashes else "-"
+
+    def handle(self) -> Line2D:
+        """Its entry of the legend."""
+        from matplotlib.lines import Line2D
+
+        return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
+
+
+def _groups(match: Integers, labels: Integers, wrong: NDArray[np.bool_]) -> list[_Group]:
+    """The matches of each motion and the wrong ones, without empty groups."""
+    kinds = np.unique(labels[match >= 0])
+    groups = [
+        _Group(
+            f"motion {kind}" if len(kinds) > 1 else "matched",
+            COLOURS[k % len(COLOURS)],
+            MARKERS[k % len(MARKERS)],
+            False,
+            np.flatnonzero((match >= 0) & (labels == kind) & ~wrong),
+        )
+        for k, kind in enumerate(kinds)
+    ]
+    groups.append(_Group("wrong", WRONG, "X", True, np.flatnonzero(wrong)))
+    return [group for group in groups if len(group.members)]
+
+
+def _lone(target: Floats, match: Integers) -> Floats:
+    """The targets (k, 2) that no source point is matched to."""
+    return np.delete(target, match[match >= 0], axis=0)
+
+
+def _draw_unmatched(axes: Sequence[Axes], points: Sequence[Floats], titles: Sequence[str]) -> list[Line2D]:
+    """Grey hollow circles on the left and crosses on the right; their entries of the legend."""
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for one, lone, title, symbol in zip(axes, points, titles, ("o", "x"), strict=True):
+        if len(lone):
+            style: dict[str, Any] = {"color": UNMATCHED, "markerfacecolor": "none", "markersize": 5.5, "marker": symbol}
+            one.plot(*lone.T, linestyle="none", clip_on=False, **style)
+            label = f"unmatched in the {title} ({len(lone)})"
+            handles.append(Line2D([], [], linestyle="none", label=label, **style))
+    return handles
+
+
+def _join(figure: Figure, left: Transform, right: Transform, starts: Floats, ends: Floats, group: _Group) -> None:
+    """Lines from the left axes to the right ones, beneath both."""
+    from matplotlib.patches import ConnectionPatch
+
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        line = ConnectionPatch(
+            xyA=(start[0], start[1]),
+            xyB=(end[0], end[1]),
+            coordsA=left,
+            coordsB=right,
+            color=group.colour,
+            linestyle=group.line,
+            linewidth=1.0,
+            alpha=0.6,
+            zorder=-1,
+        )
+        figure.add_artist(line)
+
+
+def _draw_names(axes: Any, points: Floats, names: Sequence[str], towards: float) -> None:
+    """Names beside the points, each where it covers the fewest points and other names.
+
+    ``towards`` is −1 to try the left first and 1 to try the right first: the side from which no line comes.
+    """
+    if len(points) > LABELS_AT_MOST:
+        return
+    from matplotlib.patheffects import withStroke
+
+    size = 7.0
+    page = axes.transData.transform(points) * 72.0 / axes.figure.dpi  # printer's points
+    taken = np.column_stack([page - 3.5, page + 3.5])  # boxes left, bottom, right, top
+    steps = np.array([(1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1)]) * [towards, 1.0]
+    for index, name in enumerate(names):
+        half = np.array([0.31 * size * len(name), 0.5 * size])
+        reach = np.where(np.all(steps != 0, axis=1), 3.5, 5.0)[:, None] + half
+        offsets = steps * reach
+        boxes = np.hstack([page[index] + offsets - half, page[index] + offsets + half])
+        others = np.delete(taken, index, axis=0)
+        overlap = np.minimum(boxes[:, None, 2:], others[:, 2:]) - np.maximum(boxes[:, None, :2], others[:, :2])
+        cost = np.prod(np.maximum(overlap, 0.0), axis=2).sum(axis=1) + 0.01 * np.arange(len(steps))
+        best = int(np.argmin(cost))
+        axes.annotate(
+            name,
+            points[index],
+            xytext=offsets[best],
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=size,
+            path_effects=[withStroke(linewidth=2.0, foreground="white")],
+            annotation_clip=False,
+        )
+        taken = np.vstack([taken, boxes[best]])
