@@ -1,0 +1,358 @@
+"""The road: points to tables to hyper-edges to affinities to a tensor to an assignment."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch import hyperedges as edges
+from rootmatch.affinity import Affinity, Progress, Residual, affinity, exhaustive_tensor, random_tensor
+from rootmatch.assignment import drop_unsupported
+from rootmatch.assignment import margin as lead
+from rootmatch.backends import cpu
+from rootmatch.errors import InputError
+from rootmatch.motions import check_motions, label_motions
+from rootmatch.poses import Pose, poses_of
+from rootmatch.problems.problem import Problem, check_points
+from rootmatch.solvers import Solver, get_solver
+from rootmatch.tensor import AffinityTensor
+
+PAPER_SAMPLES = 100_000
+"""Hyper-edges that the paper's preset draws unless told otherwise."""
+EXHAUSTIVE_LIMIT = 4_000_000_000
+"""Hyper-edges that are evaluated without asking: about a minute on two cores."""
+AMBIGUOUS_MARGIN = 0.1
+"""Lead below which a different answer is nearly as good."""
+SUPPORT = 0.25
+"""Share of the median support below which a matched point is left unmatched."""
+TRUSTED_CONSISTENCY = 0.12
+"""Share of the hyper-edges inside the answer that must agree; chance reaches about half of it, two equal motions 0.17."""
+
+
+class Status(Enum):
+    """What became of a match; the text says what to do."""
+
+    MATCHED = "matched: the answer is well supported and leads over every other"
+    AMBIGUOUS = (
+        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals or a vertical, "
+        "or add points that break the symmetry"
+    )
+    UNTRUSTED = (
+        "no trustworthy match: too few hyper-edges agree; check units, camera and vertical, raise the noise, "
+        "or look at more hyper-edges"
+    )
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Which point is which.
+
+    Attributes
+    ----------
+    assignment : (n,) int64
+        Index into the target points; −1 where unmatched.
+    score : float
+        Total weight of the hyper-edges inside the assignment.
+    margin : float
+        Lead over the best different answer, 0 (a tie) to 1.
+    alternatives : list of ((n,) int64, float)
+        The best different answers and their scores, best first.
+    soft : (n, n') float64
+        Soft assignment of the solver.
+    tensor : AffinityTensor
+        The affinities that were solved.
+    motions : (n,) int64
+        Label of the rigid motion, −1 where unmatched.
+    status : Status
+        Its text says what to do.
+    hyperedges : int
+        How many hyper-edges were evaluated.
+    seconds : float
+        Wall-clock time.
+    """
+
+    assignment: NDArray[np.int64]
+    score: float
+    margin: float
+    alternatives: list[tuple[NDArray[np.int64], float]]
+    soft: NDArray[np.float64]
+    tensor: AffinityTensor
+    motions: NDArray[np.int64]
+    status: Status
+    hyperedges: int
+    seconds: float
+    source: NDArray[np.float64]
+    target: NDArray[np.float64]
+    problem: Problem
+
+    def pose(self) -> list[Pose | None]:
+        """Pose of each motion from its matches, ``(R, t)`` with x_cam = R X + t, by PoseLib (the extra ``pose``).
+
+        For two images the pose takes the first camera's frame to the second's and t has length 1. None for a motion with
+        fewer matches than a pose needs.
+        """
+        return poses_of(self.problem, self.source, self.target, self.assignment, self.motions)
+
+
+def residuals(
+    source: ArrayLike,
+    target: ArrayLike,
+    problem: Problem,
+    source_index: ArrayLike,
+    target_index: ArrayLike,
+    kind: str | Residual = "joint",
+    noise: ArrayLike = 1.0,
+) -> NDArray[np.float64]:
+    """Residuals (E,) of given hyper-edges.
+
+    Parameters
+    ----------
+    source : (n, 3) or (n, 2) array
+        Points in space, or pixels of the first image.
+    target : (n', 2) array
+        Pixels.
+    problem : Problem
+    source_index, target_index : (E, d) int arrays
+        The d correspondences of each hyper-edge, no index twice within one.
+    kind : str or Residual
+        See `Residual`. ``"normalised"`` and ``"joint"`` are in units of ``noise``.
+    noise : float or (n',) array
+        σ of a pixel coordinate.
+
+    Raises
+    ------
+    InputError
+        If points or indices cannot be used.
+    """
+    tables = problem.prepare(source, target, noise)
+    n, n_target = len(np.asarray(source)), len(np.asarray(target))
+    first = _checked_indices(source_index, n, problem.order, "source_index")
+    second = _checked_indices(target_index, n_target, problem.order, "target_index")
+    if first.shape != second.shape:
+        raise InputError(f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row")
+    chosen = kind if isinstance(kind, Residual) else Residual(kind)
+    return cpu.residuals(tables, chosen.kernel_kind(problem.pair_count), first, second)
+
+
+def match(
+    source: ArrayLike,
+    target: ArrayLike,
+    problem: Problem,
+    *,
+    noise: ArrayLike = 1.0,
+    seed: int = 0,
+    preset: Literal["paper"] | None = None,
+    hyperedges: Literal["auto", "exhaustive", "random"] | None = None,
+    samples: int | None = None,
+    residual: str | Residual | None = None,
+    rho: float | None = None,
+    solver: str | Solver | None = None,
+    normals: ArrayLike | None = None,
+    candidates: ArrayLike | None = None,
+    motions: int | Literal["auto"] = 1,
+    backend: Literal["auto", "cpu"] = "auto",
+    max_hyperedges: int = 5_000_000,
+    limit: int = EXHAUSTIVE_LIMIT,
+    progress: Progress | None = None,
+) -> Match:
+    """Find which point is which from geometry alone.
+
+    Parameters
+    ----------
+    source : (n, 3) or (n, 2) array
+        Points in space in any frame and unit, or pixels of the first image.
+    target : (n', 2) array
+        Pixels, in any order, clutter among them.
+    problem : Problem
+        `P3P`, `UP2P` or `ThreePlusOne`.
+    noise : float or (n',) array
+        Standard deviation of a pixel coordinate, in pixels.
+    seed : int
+        Of everything random.
+    preset : "paper", optional
+        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point is
+        matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
+    hyperedges : {"auto", "exhaustive", "random"}
+        Which are looked at; ``"auto"`` is exhaustive.
+    samples : int
+        How many random hyper-edges.
+    residual : str or Residual
+    rho : float
+        Spread of the affinity; see `rootmatch.affinity.Affinity`.
+    solver : str or Solver
+    normals : (n, 3) array, optional
+        Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.
+    candidates : (n, n') array, optional
+        Bool: which correspondences are possible. Numbers: prior weights, of which zeros forbid.
+    motions : int or "auto"
+        Into how many rigid motions the matches are divided.
+    backend : {"auto", "cpu"}
+    max_hyperedges : int
+        Most hyper-edges kept, the strongest; 24 bytes each at order 4.
+    limit : int
+        Most hyper-edges that an exhaustive search may look at.
+    progress : callable, optional
+        Called with (done, total) between blocks.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    InputError
+        If the input cannot be used or is larger than the limits; the text says what to do.
+    """
+    started = time.perf_counter()
+    paper = _check_preset(preset)
+    check_motions(motions)
+    _check_choice("backend", backend, ("auto", "cpu"))
+    points = check_points(source, problem.source_dimension, "source", problem.order)
+    pixels = check_points(target, problem.target_dimension, "target", problem.order)
+    n, n_target = len(points), len(pixels)
+    weigh = affinity(residual or ("qr" if paper else "joint"), rho)
+    kind = weigh.residual.kernel_kind(problem.pair_count)
+    solve = get_solver(solver or ("power-l1" if paper else "ascent"))
+    allowed, unary = _candidates(candidates, n, n_target)
+
+    way = hyperedges or ("random" if paper or samples is not None else "auto")
+    _check_choice("hyperedges", way, ("auto", "exhaustive", "random"))
+    order = edges.wide_first(points)
+    facing = None if normals is None else np.asarray(normals, dtype=float)[order]
+    tables = problem.prepare(points[order], pixels, noise, **({} if facing is None else {"normals": facing}))
+    mask = None if allowed is None else allowed[order]
+    if way == "random":
+        count = PAPER_SAMPLES if samples is None else int(samples)
+        tensor, evaluated = random_tensor(
+            tables, kind, weigh, (n, n_target), problem.order, count, seed, candidates=mask, progress=progress
+        )
+    else:
+        _check_size(n, n_target, problem.order, limit, mask)
+        tensor, evaluated = exhaustive_tensor(
+            tables, kind, weigh, (n, n_target), problem.order,
+            max_hyperedges=max_hyperedges, candidates=mask, progress=progress,
+        )  # fmt: skip
+    tensor = _restored(tensor, order, unary)
+
+    solution = solve(tensor, seed=seed)
+    if paper:
+        assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
+    else:
+        assignment, score, alternatives = _supported(solution.assignment, solution.alternatives, tensor)
+    lead_over = lead(score, alternatives, assignment)
+    labels = label_motions(assignment, tensor, motions)
+    return Match(
+        assignment=assignment,
+        score=score,
+        margin=lead_over,
+        alternatives=alternatives,
+        soft=solution.soft,
+        tensor=tensor,
+        motions=labels,
+        status=_status(assignment, lead_over, score, tensor, weigh),
+        hyperedges=evaluated,
+        seconds=time.perf_counter() - started,
+        source=points,
+        target=pixels,
+        problem=problem,
+    )
+
+
+def _supported(
+    assignment: NDArray[np.int64], alternatives: list[tuple[NDArray[np.int64], float]], tensor: AffinityTensor
+) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
+    """Answers without the points that nothing supports, distinct, best first."""
+    answers: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+    for answer in [assignment, *(other for other, _ in alternatives)]:
+        kept = drop_unsupported(answer, tensor, SUPPORT)
+        answers.setdefault(kept.tobytes(), (kept, tensor.score(kept)))
+    ranked = sorted(answers.values(), key=lambda pair: -pair[1])
+    (best, score), rest = ranked[0], ranked[1:]
+    # an answer that merely leaves some of the points out is not a different one
+    different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
+    return best, score, different
+
+
+def _status(
+    assignment: NDArray[np.int64], margin: float, score: float, tensor: AffinityTensor, weigh: Affinity
+) -> Status:
+    matched = int((assignment >= 0).sum())
+    tuples = math.comb(matched, tensor.order)
+    if matched <= tensor.order or score < TRUSTED_CONSISTENCY * 0.5 * tuples:
+        return Status.UNTRUSTED
+    return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED
+
+
+def _restored(tensor: AffinityTensor, order: NDArray[np.int64], unary: NDArray[np.float64] | None) -> AffinityTensor:
+    """The tensor with source points in the caller's order again, and the prior."""
+    n_target = tensor.shape[1]
+    source, target = np.divmod(tensor.indices, np.int32(n_target))
+    indices = (order.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
+    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, unary)
+
+
+def _candidates(
+    candidates: ArrayLike | None, n: int, n_target: int
+) -> tuple[NDArray[np.bool_] | None, NDArray[np.float64] | None]:
+    """Mask and prior weights of the candidates argument."""
+    if candidates is None:
+        return None, None
+    given = np.asarray(candidates)
+    if given.shape != (n, n_target):
+        raise InputError(f"candidates: shape {given.shape} given, (n, n') = ({n}, {n_target}) expected")
+    if given.dtype == np.bool_:
+        mask, unary = given, None
+    else:
+        try:
+            unary = np.ascontiguousarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("candidates: neither booleans nor numbers; give a mask or prior weights") from None
+        if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
+            raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
+        mask = unary > 0.0
+    if not mask.any():
+        raise InputError("candidates: none is allowed; allow at least the order of the problem")
+    return mask, unary
+
+
+def _checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
+    array = np.asarray(indices)
+    if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name}: {array.dtype} of shape {array.shape} given, integers of shape (E, {order}) expected")
+    if array.size and (array.min() < 0 or array.max() >= points):
+        raise InputError(f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}")
+    ordered = np.sort(array, axis=1)
+    if np.any(ordered[:, 1:] == ordered[:, :-1]):
+        raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")
+    return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def _check_size(n: int, n_target: int, order: int, limit: int, mask: NDArray[np.bool_] | None) -> None:
+    count = edges.exhaustive_count(n, n_target, order)
+    if mask is not None:
+        count = int(count * float(mask.mean()) ** order)
+    if count > limit:
+        raise InputError(
+            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g} "
+            '(about a minute); use hyperedges="random" with samples=…, name candidates, or raise limit='
+        )
+
+
+def _check_preset(preset: str | None) -> bool:
+    if preset not in (None, "paper"):
+        raise InputError(f'preset: {preset!r} given; give "paper" or nothing')
+    return preset == "paper"
+
+
+def _check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
