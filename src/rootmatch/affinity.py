@@ -40,11 +40,12 @@ class Residual:
     Parameters
     ----------
     kind : str
-        ``"qr"``: |R₂ₙ,₂ₙ| of the Sylvester matrix, the paper's; ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its least
-        singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``: √χ² of all constraints.
+        ``"qr"``: |R₂ₙ,₂ₙ| of the Sylvester matrix (paper); ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its
+        least singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``: √χ² of
+        all constraints.
     pairs : tuple of int
-        Which pairs of minimal sets are compared (P3P: 0–5, the shared two of four points; up2p: 0–2; 3P1: 0–5); several: the
-        greatest of their residuals. The paper uses one. ``"joint"`` has no such choice.
+        Which pairs of minimal sets are compared (P3P: 0–5, the shared two of four points; up2p: 0–2; 3P1: 0–5);
+        several: the greatest of their residuals. The paper uses one. ``"joint"`` has no such choice.
     """
 
     kind: str = "joint"
@@ -67,8 +68,8 @@ class Residual:
 class Affinity:
     """From residual r to weight.
 
-    exp(−r / ρ) for the residuals of the paper (its equation 5), exp(−r² / 2ρ²) for those in units of the noise, where ρ = 1
-    is the likelihood of the residual.
+    exp(−r / ρ) for the residuals of the paper (its equation 5), exp(−r² / 2ρ²) for those in units of the noise, where
+    ρ = 1 is the likelihood of the residual.
 
     Parameters
     ----------
@@ -175,7 +176,9 @@ def exhaustive_tensor(
     n, n_target = shape
     bases = hyperedges.source_bases(n, order)
     arrangements = hyperedges.target_arrangements(n_target, order - 1)
-    allowed = np.empty((0, 0), dtype=np.bool_) if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_)
+    allowed = (
+        np.empty((0, 0), dtype=np.bool_) if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_)
+    )
     total = len(bases) * len(arrangements)
     strongest = _Strongest(max_hyperedges, weigh.gate)
     capacity = 1 << 14

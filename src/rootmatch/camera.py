@@ -66,11 +66,11 @@ class Camera:
         if matrix.shape != (3, 3):
             raise InputError(f"camera matrix: shape {matrix.shape} given, (3, 3) expected")
         if not np.all(np.isfinite(matrix)) or matrix[2, 2] == 0.0:
-            raise InputError("camera matrix: it holds NaN or infinity, or its last entry is 0; give [fx 0 cx; 0 fy cy; 0 0 1]")
+            raise InputError("camera matrix: NaN, infinity or a last entry of 0; give [fx 0 cx; 0 fy cy; 0 0 1]")
         matrix = matrix / matrix[2, 2]
         other = abs(matrix[0, 1]) + abs(matrix[1, 0]) + abs(matrix[2, 0]) + abs(matrix[2, 1])
         if other > 1e-9 * abs(matrix[0, 0]):
-            raise InputError("camera matrix: skew or a last row other than 0 0 1; undistort to a camera without skew first")
+            raise InputError("camera matrix: skew, or a last row other than 0 0 1; undistort to a camera without skew")
         return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
     @property
@@ -85,7 +85,8 @@ class Camera:
         rays[..., 0] = (points[..., 0] - self.cx) / self.fx
         rays[..., 1] = (points[..., 1] - self.cy) / self.fy
         rays[..., 2] = 1.0
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        unit: NDArray[np.float64] = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return unit
 
     def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> NDArray[np.float64]:
         """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
@@ -129,7 +130,7 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def turn_to_y(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
-    """The smallest rotation (3, 3) that turns ``direction`` onto (0, 1, 0); half a turn about x when it is (0, -1, 0)."""
+    """The smallest rotation (3, 3) that turns ``direction`` onto (0, 1, 0); half a turn about x for (0, −1, 0)."""
     d = unit_direction(direction, name)
     cosine = d[1]
     if cosine < -1.0 + 1e-12:

@@ -16,7 +16,7 @@ STREAM_BLOCK = 8192
 
 
 def exhaustive_count(n: int, n_target: int, order: int) -> int:
-    """How many hyper-edges there are: unordered in the source, ordered in the target, C(n, d) · n'! / (n' − d)!."""
+    """How many hyper-edges there are, unordered in the source, ordered in the target: C(n, d) · n'! / (n' − d)!."""
     return math.comb(n, order) * math.perm(n_target, order)
 
 
@@ -35,7 +35,7 @@ def target_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
 
 
 def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Order of points (n, k) in which each is the farthest from all before it, starting with the farthest from the mean.
+    """Order of points (n, k), each the farthest from all before it; the first is the farthest from the mean.
 
     The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
     """

@@ -32,7 +32,7 @@ AMBIGUOUS_MARGIN = 0.1
 SUPPORT = 0.25
 """Share of the median support below which a matched point is left unmatched."""
 TRUSTED_CONSISTENCY = 0.12
-"""Share of the hyper-edges inside the answer that must agree; chance reaches about half of it, two equal motions 0.17."""
+"""Share of the hyper-edges inside the answer that must agree: chance reaches half of it, two equal motions 0.17."""
 
 
 class Status(Enum):
@@ -40,8 +40,8 @@ class Status(Enum):
 
     MATCHED = "matched: the answer is well supported and leads over every other"
     AMBIGUOUS = (
-        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals or a vertical, "
-        "or add points that break the symmetry"
+        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals "
+        "or a vertical, or add points that break the symmetry"
     )
     UNTRUSTED = (
         "no trustworthy match: too few hyper-edges agree; check units, camera and vertical, raise the noise, "
@@ -97,8 +97,8 @@ class Match:
     def pose(self) -> list[Pose | None]:
         """Pose of each motion from its matches, ``(R, t)`` with x_cam = R X + t, by PoseLib (the extra ``pose``).
 
-        For two images the pose takes the first camera's frame to the second's and t has length 1. None for a motion with
-        fewer matches than a pose needs.
+        For two images the pose takes the first camera's frame to the second's and t has length 1. None for a motion
+        with fewer matches than a pose needs.
         """
         return poses_of(self.problem, self.source, self.target, self.assignment, self.motions)
 
@@ -138,7 +138,9 @@ def residuals(
     first = _checked_indices(source_index, n, problem.order, "source_index")
     second = _checked_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
-        raise InputError(f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row")
+        raise InputError(
+            f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
+        )
     chosen = kind if isinstance(kind, Residual) else Residual(kind)
     return cpu.residuals(tables, chosen.kernel_kind(problem.pair_count), first, second)
 
@@ -179,8 +181,8 @@ def match(
     seed : int
         Of everything random.
     preset : "paper", optional
-        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point is
-        matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
+        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
+        is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random"}
         Which are looked at; ``"auto"`` is exhaustive.
     samples : int
@@ -329,7 +331,9 @@ def _checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> 
     if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
         raise InputError(f"{name}: {array.dtype} of shape {array.shape} given, integers of shape (E, {order}) expected")
     if array.size and (array.min() < 0 or array.max() >= points):
-        raise InputError(f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}")
+        raise InputError(
+            f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}"
+        )
     ordered = np.sort(array, axis=1)
     if np.any(ordered[:, 1:] == ordered[:, :-1]):
         raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")

@@ -25,8 +25,8 @@ def inside(assignment: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArr
 def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str = 1) -> NDArray[np.int64]:
     """Motion of each source point, (n,): 0, 1, … by falling size, −1 where unmatched.
 
-    Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is taken
-    where the weights within groups exceed `EXPECTED_WEIGHT` a hyper-edge by most in sum.
+    Points are merged by the weight of the hyper-edges that hold both (average linkage). With ``"auto"`` the cut is
+    taken where the weights within groups exceed `EXPECTED_WEIGHT` a hyper-edge by most in sum.
 
     Parameters
     ----------
@@ -80,9 +80,7 @@ def check_motions(motions: int | str) -> None:
         raise InputError(f'motions: {motions!r} given; give a whole number of at least 1, or "auto"')
 
 
-def _excess(
-    groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int
-) -> float:
+def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int) -> float:
     """Weight within groups above what their number of hyper-edges must have."""
     labels = groups[points]
     same = (labels == labels[:, :1]).all(axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,8 +25,9 @@ def poses_of(
     try:
         import poselib
     except ImportError:
-        raise RootmatchError("pose: PoseLib is not installed; install the extra: pip install 'rootmatch[pose]'") from None
+        raise RootmatchError("pose: PoseLib is missing; install the extra: pip install 'rootmatch[pose]'") from None
     least = 5 if problem.source_dimension == 2 else 4
+    cameras: Any = problem  # problems from a camera have `camera`, those between two views `camera2` too
     poses: list[Pose | None] = []
     for label in range(int(motions.max(initial=-1)) + 1):
         points = np.flatnonzero((motions == label) & (assignment >= 0))
@@ -35,10 +38,10 @@ def poses_of(
         # every match is kept by a wide gate: refinement is wanted, not another choice of inliers
         options = {"max_reproj_error": 1e4, "max_epipolar_error": 1e4, "seed": 0}
         if problem.source_dimension == 3:
-            pose, _ = poselib.estimate_absolute_pose(image, source[points], _described(problem.camera), options)
+            pose, _ = poselib.estimate_absolute_pose(image, source[points], _described(cameras.camera), options)
         else:
             pose, _ = poselib.estimate_relative_pose(
-                source[points], image, _described(problem.camera), _described(problem.camera2), options
+                source[points], image, _described(cameras.camera), _described(cameras.camera2), options
             )
         poses.append((np.asarray(pose.R), np.asarray(pose.t, dtype=float)))
     return poses

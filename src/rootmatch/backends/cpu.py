@@ -31,7 +31,7 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
     Parameters
     ----------
     bases : (B, d − 1) int64 array
-        Minimal sets of source points, increasing; the last point of a hyper-edge runs from the last of them + 1 to n − 1.
+        Minimal sets of source points, increasing; the last point of a hyper-edge runs from the last of them + 1 on.
     first_rank, last_rank : int
         A slab's rank is (minimal set) · arrangements + (arrangement of targets).
     arrangements : (P, d − 1) int32 array
@@ -49,8 +49,11 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
 
     Returns
     -------
-    codes : (chunks, capacity) int64, residuals : (chunks, capacity), counts : (chunks,) int64, evaluated : (chunks,) int64
-        A code is ((rank · n) + last source) · n' + last target. A count above ``capacity`` tells that the rest was lost.
+    codes : (chunks, capacity) int64 array
+        ((rank · n) + last source) · n' + last target of each hyper-edge.
+    residuals : (chunks, capacity) array
+    counts, evaluated : (chunks,) int64 arrays
+        Found and looked at. A count above ``capacity`` tells that the rest was lost.
     """
     d = bases.shape[1] + 1
     codes = np.empty((chunks, capacity), np.int64)
@@ -119,7 +122,7 @@ def decode(codes, bases, arrangements, targets, points):  # type: ignore[no-unty
 
 
 def residuals(
-    tables: Any, kind: Any, source_index: NDArray[np.int64], target_index: NDArray[np.int64]
+    tables: Any, kind: Any, source_index: NDArray[np.integer], target_index: NDArray[np.integer]
 ) -> NDArray[np.float64]:
     """Residuals (E,) of hyper-edges given as index arrays (E, d)."""
     result: NDArray[np.float64] = evaluate(

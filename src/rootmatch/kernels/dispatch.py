@@ -19,7 +19,7 @@ FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
 
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
-"""Decorator of scalar kernels: straight-line arithmetic that LLVM inlines and vectorises when a loop calls it."""
+"""Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
 kernel = njit(fastmath=FASTMATH, error_model="numpy")
 """Decorator of what loops: row kernels and scalars too large to be inlined."""
@@ -29,7 +29,7 @@ _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
 
 
 def register(tables: type, kind: type, edge: Callable[..., Any], slab: Callable[..., Any]) -> None:
-    """Make ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)`` the kernels of two types."""
+    """Make ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)`` the kernels of a pair."""
     _EDGE[tables, kind] = edge
     _SLAB[tables, kind] = slab
 

@@ -81,9 +81,7 @@ def quartic(n2, n1, n0, d1, d0, m2, m1, m0, hr):  # type: ignore[no-untyped-def]
 def quartic_in_ratio(A, B, C, hp, hq, hr):  # type: ignore[no-untyped-def]
     """The quartic in x itself, as in the paper: q(x) from q(1 + z) by undoing the shift."""
     n2, n1, n0, d1, d0, m2, m1, m0 = quadratics(A, B, C, hp, hq, hr, 1.0)
-    return quartic(
-        n2, n1 - 2.0 * n2, n0 - n1 + n2, d1, d0 - d1, m2, m1 - 2.0 * m2, m0 - m1 + m2, hr
-    )
+    return quartic(n2, n1 - 2.0 * n2, n0 - n1 + n2, d1, d0 - d1, m2, m1 - 2.0 * m2, m0 - m1 + m2, hr)
 
 
 @scalar

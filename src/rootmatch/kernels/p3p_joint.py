@@ -107,7 +107,7 @@ def predict(alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz, va, v
 
 @scalar
 def mahalanobis2(dx, dy, dz, px, py, pz, qx, qy, qz, s11, s12, s22, x, y, z, v):  # type: ignore[no-untyped-def]
-    """χ² of the bearing (x, y, z) of variance v about the predicted one; LARGE² behind the camera or without meaning."""
+    """χ² of the bearing (x, y, z) of variance v about the predicted one; LARGE² behind the camera or if too vague."""
     f = dot(px, py, pz, x, y, z)
     g = dot(qx, qy, qz, x, y, z)
     a = s11 + v
@@ -120,7 +120,7 @@ def mahalanobis2(dx, dy, dz, px, py, pz, qx, qy, qz, s11, s12, s22, x, y, z, v):
 
 @scalar
 def looks_back(t, affine, frame, k, px, py, pz):  # type: ignore[no-untyped-def]
-    """Cosine-like product of source point k's normal, turned as the triple, with its place p: positive when it looks away."""
+    """Product of point k's normal, turned as the triple, with its place p: positive when it looks away."""
     nx, ny, nz = t.normals[0, k], t.normals[1, k], t.normals[2, k]
     ox, oy, oz, _, _, _, _, _, _, _, _, _, _, _, _ = affine
     alpha, beta, gamma = affine_coordinates(affine, nx + ox, ny + oy, nz + oz)
@@ -205,19 +205,29 @@ def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-d
             if looks_back(t, affine, frame, first + r, scratch[0, r], scratch[1, r], scratch[2, r]) > 0.0:
                 scratch[9, r] = np.inf  # a prediction without meaning
         for r in range(rows):
-            d0, d1, d2, d3, d4, d5 = scratch[0, r], scratch[1, r], scratch[2, r], scratch[3, r], scratch[4, r], scratch[5, r]
-            d6, d7, d8, d9, d10, d11 = scratch[6, r], scratch[7, r], scratch[8, r], scratch[9, r], scratch[10, r], scratch[11, r]
+            d0, d1, d2, d3, d4, d5 = (
+                scratch[0, r],
+                scratch[1, r],
+                scratch[2, r],
+                scratch[3, r],
+                scratch[4, r],
+                scratch[5, r],
+            )
+            d6, d7, d8, d9, d10, d11 = (
+                scratch[6, r],
+                scratch[7, r],
+                scratch[8, r],
+                scratch[9, r],
+                scratch[10, r],
+                scratch[11, r],
+            )
             line = out[r]
             if fresh:
                 for m in range(columns):
-                    line[m] = mahalanobis2(
-                        d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m]
-                    )
+                    line[m] = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
             else:
                 for m in range(columns):
-                    chi2 = mahalanobis2(
-                        d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m]
-                    )
+                    chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
                     line[m] = min(line[m], chi2)
         fresh = False
     for r in range(rows):

@@ -1,9 +1,9 @@
 """One resultant of a P3P hyper-edge in units of the noise.
 
-At a root z of the quartic p of abc, the quartic q of abd should vanish too. To first order the resultant of both is, up to
-a factor, f = q'(z) p(z) − p'(z) q(z), whose variance follows from the partials of the quartics in the five cosines and
-from the Gram matrix of the bearings; f over its standard deviation does not depend on scaling or chart. The least over
-the roots of p is taken: the resultant is a product over them, and vanishes with any factor.
+At a root z of the quartic p of abc, the quartic q of abd should vanish too. To first order the resultant of both is, up
+to a factor, f = q'(z) p(z) − p'(z) q(z), whose variance follows from the partials of the quartics in the five cosines
+and from the Gram matrix of the bearings; f over its standard deviation does not depend on scaling or chart. The least
+over the roots of p is taken: the resultant is a product over them, and vanishes with any factor.
 """
 
 from __future__ import annotations

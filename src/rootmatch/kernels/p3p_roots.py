@@ -68,7 +68,7 @@ def polish(A, B, C, hab, hbc, hca, x, y):  # type: ignore[no-untyped-def]
 @scalar
 def ratio_pair(A, B, C, hab, hbc, hca, z):  # type: ignore[no-untyped-def]
     """Depth ratios x = 1 + STEP z and y = N / 2D, polished."""
-    n2, n1, n0, d1, d0, m2, m1, m0 = quadratics(A, B, C, hab, hbc, hca, STEP)
+    n2, n1, n0, d1, d0, _, _, _ = quadratics(A, B, C, hab, hbc, hca, STEP)
     x = 1.0 + STEP * z
     y = ((n2 * z + n1) * z + n0) / (2.0 * (d1 * z + d0))
     x, y = polish(A, B, C, hab, hbc, hca, x, y)
@@ -77,7 +77,7 @@ def ratio_pair(A, B, C, hab, hbc, hca, z):  # type: ignore[no-untyped-def]
 
 @scalar
 def ratio_pairs(A, B, C, hab, hbc, hca):  # type: ignore[no-untyped-def]
-    """Depth ratios (x, y) of the up to four solutions, four pairs in a row; those that are none are NaN or not positive."""
+    """Depth ratios (x, y) of up to four solutions, four pairs in a row; NaN or not positive where there is none."""
     n2, n1, n0, d1, d0, m2, m1, m0 = quadratics(A, B, C, hab, hbc, hca, STEP)
     q4, q3, q2, q1, q0 = quartic(n2, n1, n0, d1, d0, m2, m1, m0, hca)
     r0, r1, r2, r3 = quartic_roots(q4, q3, q2, q1, q0)

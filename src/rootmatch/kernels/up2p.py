@@ -122,14 +122,15 @@ def at_root(c, s, facing, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay
     ox, oy, oz = depth0 * ax + qx, depth0 * ay + qy, depth0 * az + qz
     front = facing and (depth0 > 0.0) and (depth1 > 0.0) and faces(c, s, Nx, Ny, Nz, ox, oy, oz)
     return (
-        f01, g01, kx, ky, kz, lx, ly, lz, mx, my, mz, nx, ny, nz, w11 + tilt * (tx * tx + tz * tz), ix, iy, iz, jx, jy, jz,
+        f01, g01, kx, ky, kz, lx, ly, lz, mx, my, mz, nx, ny, nz,
+        w11 + tilt * (tx * tx + tz * tz), ix, iy, iz, jx, jy, jz,
         w23, w22, w33, tx, tz, aq, br, qx, qy, qz, rx, ry, rz, front, ox, oy, oz,
     )  # fmt: skip
 
 
 @scalar
 def system(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v):  # type: ignore[no-untyped-def]
-    """Values, slopes and covariance of f01, f02, f12 for the third bearing (x, y, z), and whether it looks at the point."""
+    """Values, slopes and covariance of f01, f02, f12 for the third bearing, and whether it looks at the point."""
     (
         f1, g1, kx, ky, kz, lx, ly, lz, mx, my, mz, nx, ny, nz, w11, ix, iy, iz, jx, jy, jz,
         w23, w22, w33, tx, tz, aq, br, qx, qy, qz, rx, ry, rz, front, ox, oy, oz,
@@ -169,7 +170,11 @@ def joint_at(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v):  # type: ignore[no
     hx = m11 * g1 + m12 * g2 + m13 * g3
     hy = m12 * g1 + m22 * g2 + m23 * g3
     hz = m13 * g1 + m23 * g2 + m33 * g3
-    fmf = f1 * (m11 * f1 + m12 * f2 + m13 * f3) + f2 * (m12 * f1 + m22 * f2 + m23 * f3) + f3 * (m13 * f1 + m23 * f2 + m33 * f3)
+    fmf = (
+        f1 * (m11 * f1 + m12 * f2 + m13 * f3)
+        + f2 * (m12 * f1 + m22 * f2 + m23 * f3)
+        + f3 * (m13 * f1 + m23 * f2 + m33 * f3)
+    )
     fmg = f1 * hx + f2 * hy + f3 * hz
     gmg = g1 * hx + g2 * hy + g3 * hz
     chi2 = (fmf - fmg * fmg / gmg) / determinant
@@ -179,7 +184,7 @@ def joint_at(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v):  # type: ignore[no
 @scalar
 def normalised_at(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v):  # type: ignore[no-untyped-def]
     """Square of the resultant of f01 and f02 over its variance, at one root."""
-    f1, f2, f3, g1, g2, g3, a, b, c, d, e, f, seen = system(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v)
+    f1, f2, _, g1, g2, _, a, b, _, d, _, _, _ = system(root, ax, az, bx, bz, va, vb, tilt, x, y, z, v)
     value = g1 * f2 - g2 * f1
     variance = g1 * g1 * d - 2.0 * g1 * g2 * b + g2 * g2 * a
     ratio = value * value / variance
@@ -211,12 +216,8 @@ def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
         c2, s2, m[0, i1], m[1, i1], m[2, i1], bx, by, bz
     )
     Nx, Ny, Nz = m[0, i2], m[1, i2], m[2, i2]
-    one = at_root(
-        c1, s1, faces1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt
-    )
-    two = at_root(
-        c2, s2, faces2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt
-    )
+    one = at_root(c1, s1, faces1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt)
+    two = at_root(c2, s2, faces2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt)
     return one, two, ax, az, bx, bz, va, vb, tilt
 
 
@@ -308,7 +309,11 @@ def _resultant_kernels(value: Any) -> tuple[Any, Any]:
     return edge, slab_of_rows(row)
 
 
-for _kind, _value in ((QR, unit_last_entry_quadratic), (QRBoth, lesser_unit_last_entry_quadratic), (SVD, singular_value)):
+for _kind, _value in (
+    (QR, unit_last_entry_quadratic),
+    (QRBoth, lesser_unit_last_entry_quadratic),
+    (SVD, singular_value),
+):
     register(UP2PTables, _kind, *_resultant_kernels(_value))
-for _kind, _value in ((Normalised, normalised_at), (Joint, joint_at)):
-    register(UP2PTables, _kind, *_rooted_kernels(_value))
+register(UP2PTables, Normalised, *_rooted_kernels(normalised_at))
+register(UP2PTables, Joint, *_rooted_kernels(joint_at))

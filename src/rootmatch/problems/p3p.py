@@ -44,6 +44,7 @@ class P3P(Problem):
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
     ) -> P3PTables:
+        """Tables for the kernels; see `Problem.prepare`."""
         points = check_points(source, 3, "source", self.order)
         pixels = check_points(target, 2, "target", self.order)
         check_not_collinear(points, "source")
@@ -62,6 +63,7 @@ class P3P(Problem):
         )
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials of minimal sets; see `Problem.coefficients`."""
         points = np.asarray(source, dtype=float)
         rays = self.camera.bearings(target)
         side = [((points[:, (k + 1) % 3] - points[:, k]) ** 2).sum(axis=1) for k in range(3)]  # ab, bc, ca

@@ -83,7 +83,7 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
-        raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points ({len(bad)} of {len(array)})")
+        raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
     if len(array) < least:
         raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
     order = np.lexsort(array.T[::-1])
@@ -114,7 +114,9 @@ def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False)
     if values[1] <= 1e-9 * values[0]:
-        raise InputError(f"{name}: all {len(points)} points lie on one line, which determines no pose; add points off it")
+        raise InputError(
+            f"{name}: all {len(points)} points are collinear, which determines no pose; add points off the line"
+        )
 
 
 def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np.float64]:
@@ -127,9 +129,11 @@ def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np
     except (TypeError, ValueError):
         raise InputError(f"{name}: {noise!r} given; give a number of pixels, or one for each target point") from None
     if sigma.shape not in ((), (count,)):
-        raise InputError(f"{name}: shape {sigma.shape} given; give one number, or one for each of {count} target points")
+        raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
         raise InputError(f"{name}: {np.min(sigma):g} px given; a standard deviation is finite and not negative")
     if np.any(sigma > 1e4):
-        raise InputError(f"{name}: {np.max(sigma):g} px given, more than an image is wide; give the noise of a pixel coordinate")
+        raise InputError(
+            f"{name}: {np.max(sigma):g} px given, wider than an image; give the noise of a pixel coordinate"
+        )
     return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, 1e-6), (count,)))

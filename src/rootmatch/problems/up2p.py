@@ -61,6 +61,7 @@ class UP2P(Problem):
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
     ) -> UP2PTables:
+        """Tables for the kernels; see `Problem.prepare`."""
         points = check_points(source, 3, "source", self.order)
         pixels = check_points(target, 2, "target", self.order)
         sigma = check_noise(noise, len(pixels))
@@ -68,7 +69,9 @@ class UP2P(Problem):
         rays = self.camera.bearings(pixels) @ camera.T
         centred = (points - points.mean(axis=0)) @ world.T
         if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
-            raise InputError("source: all points lie on one vertical line, which leaves the turn about it open; add points off it")
+            raise InputError(
+                "source: all points lie on one vertical line, which leaves the turn open; add points off it"
+            )
         return UP2PTables(
             points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
             rays=np.ascontiguousarray(rays.T),
@@ -78,6 +81,7 @@ class UP2P(Problem):
         )
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials of minimal sets; see `Problem.coefficients`."""
         world, camera = self.turns()
         rays = self.camera.bearings(target) @ camera.T
         points = np.asarray(source, dtype=float)
