@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rootmatch.io.calibration import (
+    DIRECTIONS,
     Calibration,
     parse_camera,
     parse_direction,
@@ -15,6 +16,7 @@ from rootmatch.io.points import PointSet, read_points, read_truth, write_matches
 from rootmatch.io.tables import write_table
 
 __all__ = [
+    "DIRECTIONS",
     "Calibration",
     "PointSet",
     "check_output",

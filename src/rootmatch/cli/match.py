@@ -1,0 +1,329 @@
+"""``rootmatch match``: two files of points in, which point is which out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import ExitStack, contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rootmatch.cli.texts import in_words_of_the_command
+from rootmatch.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rootmatch.affinity import Progress
+    from rootmatch.io import Calibration, PointSet
+    from rootmatch.match import Match
+    from rootmatch.problems.problem import Problem
+
+NOT_TRUSTED = 1
+PROGRESS_AFTER = 2.0
+"""Seconds of work after which progress shows."""
+
+
+class ProblemName(StrEnum):
+    """The problems by their short names."""
+
+    P3P = "p3p"
+    UP2P = "up2p"
+    THREE_PLUS_ONE = "3p1"
+
+
+class HyperedgeChoice(StrEnum):
+    """Which hyper-edges are looked at."""
+
+    AUTO = "auto"
+    EXHAUSTIVE = "exhaustive"
+    RANDOM = "random"
+
+
+class Preset(StrEnum):
+    """Named settings."""
+
+    PAPER = "paper"
+
+
+OWN_OPTIONS = {
+    ProblemName.P3P: (),
+    ProblemName.UP2P: ("vertical_camera", "vertical_world"),
+    ProblemName.THREE_PLUS_ONE: ("camera2", "axis", "axis2"),
+}
+"""Options that only one problem has a use for."""
+
+INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
+
+
+def match(
+    model: Annotated[
+        Path, typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 x,y of the first image.")
+    ],
+    image: Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")],
+    problem: Annotated[ProblemName, typer.Option(help="What is known.", rich_help_panel=INPUT)],
+    camera: Annotated[
+        str,
+        typer.Option(metavar="FX,FY,CX,CY", help="Camera in pixels, or a camera file (JSON).", rich_help_panel=INPUT),
+    ],
+    noise: Annotated[
+        float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.", rich_help_panel=INPUT)
+    ] = 1.0,
+    vertical_camera: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="up2p: down in the camera frame. [0,1,0]", rich_help_panel=INPUT)
+    ] = None,
+    vertical_world: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="up2p: down in the model's frame. [0,1,0]", rich_help_panel=INPUT),
+    ] = None,
+    camera2: Annotated[
+        str | None,
+        typer.Option(metavar="FX,FY,CX,CY", help="3p1: the second camera. [as the first]", rich_help_panel=INPUT),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="3p1: the common direction in the first camera. [0,1,0]", rich_help_panel=INPUT
+        ),
+    ] = None,
+    axis2: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="3p1: the same in the second camera. [0,1,0]", rich_help_panel=INPUT),
+    ] = None,
+    normals: Annotated[
+        bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
+    ] = True,
+    motions: Annotated[
+        str,
+        typer.Option(metavar="K|auto", help="Divide the matches into that many rigid motions.", rich_help_panel=METHOD),
+    ] = "1",
+    preset: Annotated[
+        Preset | None,
+        typer.Option(help="The method as the paper has it; other options override.", rich_help_panel=METHOD),
+    ] = None,
+    hyperedges: Annotated[
+        HyperedgeChoice | None, typer.Option(help="Which hyper-edges are looked at. [auto]", rich_help_panel=METHOD)
+    ] = None,
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", help="How many random hyper-edges.", rich_help_panel=METHOD)
+    ] = None,
+    residual: Annotated[
+        str | None,
+        typer.Option(metavar="KIND", help="joint, normalised, svd, qr or qr-both. [joint]", rich_help_panel=METHOD),
+    ] = None,
+    rho: Annotated[
+        float | None, typer.Option(metavar="R", help="Spread of the affinity.", rich_help_panel=METHOD)
+    ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="ascent, power-l1 or power-dense, among others. [ascent]", rich_help_panel=METHOD
+        ),
+    ] = None,
+    limit: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Most hyper-edges that an exhaustive search may look at.", rich_help_panel=METHOD
+        ),
+    ] = None,
+    max_hyperedges: Annotated[
+        int | None, typer.Option(metavar="N", help="Most hyper-edges kept in memory.", rich_help_panel=METHOD)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything random.", rich_help_panel=METHOD)] = 0,
+    output: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion.", rich_help_panel=OUTPUT)
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PICTURE", help="Draw the match: .png, .svg or .pdf.", rich_help_panel=OUTPUT)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
+    ] = False,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV", help="The true source,target: the answer is held against it.", rich_help_panel=OUTPUT
+        ),
+    ] = None,
+    progress: Annotated[
+        bool | None, typer.Option(help="Show progress. [on long work in a terminal]", rich_help_panel=OUTPUT)
+    ] = None,
+) -> None:
+    """Find which point is which.
+
+    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input.
+    """
+    given = {
+        "vertical_camera": vertical_camera,
+        "vertical_world": vertical_world,
+        "camera2": camera2,
+        "axis": axis,
+        "axis2": axis2,
+    }
+    _check_outputs(output, plot, [model, image, *([truth] if truth else [])])
+    posed = _problem(problem, camera, given)
+    from rootmatch import io
+
+    source = io.read_points(model, posed.source_dimension, posed.order)
+    target = io.read_points(image, posed.target_dimension, posed.order)
+    true = io.read_truth(truth, source, target) if truth else None
+    options: dict[str, Any] = {
+        "hyperedges": hyperedges.value if hyperedges else None,
+        "samples": samples,
+        "residual": residual,
+        "rho": rho,
+        "solver": solver,
+        "limit": limit,
+        "max_hyperedges": max_hyperedges,
+        "preset": preset.value if preset else None,
+    }
+    options = {name: value for name, value in options.items() if value is not None}
+    subjects = {name: f"--{name.replace('_', '-')}" for name in (*options, "noise", "motions", "seed")}
+    with in_words_of_the_command({"source": str(model), "target": str(image), **subjects}), _shown(progress) as show:
+        from rootmatch.match import match as find
+
+        found = find(
+            source.points,
+            target.points,
+            posed,
+            noise=noise,
+            seed=seed,
+            motions=_motions(motions),
+            normals=source.normals if normals else None,
+            progress=show,
+            **options,
+        )
+    _write(found, source, target, true, output, plot)
+    _print(found, source, target, true, as_json)
+    if found.status.name != "MATCHED":
+        raise typer.Exit(NOT_TRUSTED)
+
+
+def _check_outputs(output: Path | None, plot: Path | None, inputs: list[Path]) -> None:
+    """Refuse outputs that cannot be written, before any work."""
+    from rootmatch.io import check_output
+
+    if output is not None:
+        check_output(output, "--output", inputs)
+    if plot is not None:
+        from rootmatch.plots import check_picture
+
+        check_picture(plot)
+        check_output(plot, "--plot", [*inputs, *([output] if output else [])])
+
+
+def _problem(name: ProblemName, camera: str, given: dict[str, str | None]) -> Problem:
+    """The problem of the options; what is not given is taken from the camera file, else left at its default."""
+    from rootmatch.io import parse_camera, parse_direction
+
+    for option, asked in given.items():
+        if asked is not None and option not in OWN_OPTIONS[name]:
+            owner = next(one for one, options in OWN_OPTIONS.items() if option in options)
+            raise InputError(
+                f"--{option.replace('_', '-')}: it belongs to --problem {owner}, not to {name}; leave it out"
+            )
+    calibration: Calibration = parse_camera(camera, "--camera")
+    settings: dict[str, Any] = {}
+    for option in OWN_OPTIONS[name]:
+        text = given[option]
+        shown = f"--{option.replace('_', '-')}"
+        if text is None:
+            value: Any = getattr(calibration, option)
+        elif option == "camera2":
+            value = parse_camera(text, shown).camera
+        else:
+            value = parse_direction(text, shown)
+        if value is not None:
+            settings[option] = value if option == "camera2" else tuple(value.tolist())
+    if name is ProblemName.P3P:
+        from rootmatch.problems.p3p import P3P
+
+        return P3P(calibration.camera)
+    if name is ProblemName.UP2P:
+        from rootmatch.problems.up2p import UP2P
+
+        return UP2P(calibration.camera, **settings)
+    from rootmatch.problems.three_plus_one import ThreePlusOne
+
+    settings.setdefault("camera2", calibration.camera)
+    return ThreePlusOne(calibration.camera, **settings)
+
+
+def _motions(text: str) -> Any:
+    """A number, or "auto"."""
+    if text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(f"motions: {text!r} given; give a whole number of at least 1, or auto") from None
+
+
+@contextmanager
+def _shown(wanted: bool | None) -> Iterator[Progress | None]:
+    """A callback that draws a bar on standard error, or None; by default only in a terminal, and only on long work."""
+    if wanted is False or (wanted is None and not sys.stderr.isatty()):
+        yield None
+        return
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = TextColumn("hyper-edges"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    bar = Progress(*columns, console=console, transient=wanted is None)
+    task = bar.add_task("hyper-edges", total=None)
+    started = time.monotonic()
+
+    def show(done: int, total: int) -> None:
+        if not bar.live.is_started and (wanted or time.monotonic() - started > PROGRESS_AFTER):
+            bar.start()
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield show
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+
+
+def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
+    """Write the files asked for: all of them, or none."""
+    from rootmatch import io, report
+
+    with ExitStack() as moves:
+        places = {path: moves.enter_context(io.written_whole(path)) for path in (output, plot) if path is not None}
+        if output is not None:
+            weights = report.match_weights(found)
+            io.write_matches(places[output], found.assignment, weights, found.motions, source, target)
+        if plot is not None:
+            from rootmatch import plots
+
+            figure = plots.match_figure(
+                source.points,
+                target.points,
+                found.assignment,
+                motions=found.motions,
+                truth=true,
+                source_names=source.names,
+                target_names=target.names,
+                title=f"{report.summary(found)} ({found.status.name.lower()})",
+            )
+            plots.save_figure(figure, places[plot])
+
+
+def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool) -> None:
+    """The answer on standard output: a table, or one JSON object with the verdict's sentence on standard error."""
+    from rootmatch import report
+
+    if as_json:
+        print(json.dumps(report.match_record(found), allow_nan=False))
+        print(f"rootmatch: {found.status}", file=sys.stderr)
+        return
+    from rich.console import Console
+
+    report.print_match(found, Console(), source_names=source.names, target_names=target.names, truth=true)

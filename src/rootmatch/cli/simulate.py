@@ -1,0 +1,79 @@
+"""``rootmatch simulate``: a scene of the paper as the files that ``rootmatch match`` reads."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rootmatch.cli.texts import in_words_of_the_command
+from rootmatch.errors import InputError
+
+if TYPE_CHECKING:
+    from rootmatch.simulation import Scene
+
+
+class SceneName(StrEnum):
+    """The problems whose scenes can be simulated."""
+
+    P3P = "p3p"
+    UP2P = "up2p"
+    THREE_PLUS_ONE = "3p1"
+
+
+def simulate(
+    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.")],
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
+    points: Annotated[int, typer.Option(metavar="N", help="Source points that have an image.")] = 10,
+    outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
+    hidden: Annotated[int, typer.Option(metavar="N", help="Further source points without an image.")] = 0,
+    noise: Annotated[float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.")] = 0.0,
+    motions: Annotated[int | None, typer.Option(metavar="K", help="p3p, up2p: number of rigid motions. [1]")] = None,
+    baseline: Annotated[
+        float | None, typer.Option(metavar="B", help="3p1: distance of the two cameras; the cube is 4 wide. [1]")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace the files of a folder that is not empty.")] = False,
+) -> None:
+    """Write model.csv, image.csv, truth.csv and camera.json of a simulated scene."""
+    from rootmatch.io import check_output_folder
+
+    check_output_folder(output, force)
+    options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
+    own = {"motions": motions, "baseline": baseline}
+    allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
+    for name, value in own.items():
+        if value is not None:
+            if name != allowed:
+                raise InputError(f"--{name}: a scene of {problem} has no such choice; leave it out")
+            options[name] = value
+    with in_words_of_the_command({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
+        from rootmatch import simulation
+
+        make = {
+            SceneName.P3P: simulation.p3p_scene,
+            SceneName.UP2P: simulation.up2p_scene,
+            SceneName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
+        }[problem]
+        scene = make(points, **options)
+    _write(scene, output, force)
+    typer.echo(f"{output}: {len(scene.source)} source points, {len(scene.target)} target points")
+    typer.echo(
+        f"rootmatch match {output}/model.csv {output}/image.csv --problem {problem} --camera {output}/camera.json "
+        f"--noise {noise:g} --truth {output}/truth.csv"
+    )
+
+
+def _write(scene: Scene, output: Path, force: bool) -> None:
+    """The four files of a scene, all of them or none."""
+    from rootmatch import io
+
+    settings = {name: getattr(scene.problem, name, None) for name in ("camera2", *io.DIRECTIONS)}
+    with io.folder_written_whole(output, force) as folder:
+        io.write_points(folder / "model.csv", io.PointSet(scene.source))
+        io.write_points(folder / "image.csv", io.PointSet(scene.target))
+        seen = [(i, j, k) for i, (j, k) in enumerate(zip(scene.truth, scene.motions, strict=True)) if j >= 0]
+        io.write_table(folder / "truth.csv", ("source", "target", "motion"), seen)
+        io.write_camera(folder / "camera.json", io.Calibration(scene.cameras[0], **settings))

@@ -1,0 +1,39 @@
+"""The library's errors in the words of the command line: files instead of arrays, options instead of arguments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from rootmatch.errors import InputError
+
+
+@contextmanager
+def in_words_of_the_command(subjects: Mapping[str, str]) -> Iterator[None]:
+    """Rewrite the `InputError` of a block.
+
+    Parameters
+    ----------
+    subjects : mapping
+        What the user calls the subject that an error begins with (``"source: …"``), such as its file or option.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(as_options(str(error), subjects)) from None
+
+
+def as_options(text: str, subjects: Mapping[str, str]) -> str:
+    """An error's text with its subject renamed and every ``name=`` or ``name="value"`` as the option ``--name``."""
+    text = re.sub(r'\b([a-z][a-z_0-9]*)="([^"]*)"', lambda found: f"--{_dashed(found[1])} {found[2]}", text)
+    text = re.sub(r"\b([a-z][a-z_0-9]*)=(…|(?=\W|$))", lambda found: f"--{_dashed(found[1])}", text)
+    for separator in (":", " is "):
+        subject, found, rest = text.partition(separator)
+        if found and subject in subjects:
+            return f"{subjects[subject]}{separator}{rest}"
+    return text
+
+
+def _dashed(name: str) -> str:
+    return name.replace("_", "-")

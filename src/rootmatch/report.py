@@ -1,0 +1,154 @@
+"""A match as words and as a record: the table that people read, the object that programs read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rootmatch.match import Match
+
+Integers = NDArray[np.int64]
+
+ALTERNATIVES_SHOWN = 5
+NAMES_SHOWN = 40
+"""Unmatched points that are named one by one."""
+
+
+def match_record(match: Match) -> dict[str, Any]:
+    """The match as numbers, lists and texts that JSON can hold.
+
+    Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``alternatives`` (objects
+    with ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
+    ``seconds``, ``hyperedges``. Indices are zero-based row numbers. A number that is not finite becomes null.
+    """
+    return {
+        "assignment": match.assignment.tolist(),
+        "score": _finite(match.score),
+        "margin": _finite(match.margin),
+        "motions": match.motions.tolist(),
+        "alternatives": [
+            {"assignment": other.tolist(), "score": _finite(score)} for other, score in match.alternatives
+        ],
+        "status": match.status.name.lower(),
+        "seconds": _finite(match.seconds),
+        "hyperedges": int(match.hyperedges),
+    }
+
+
+def match_weights(match: Match) -> NDArray[np.float64]:
+    """Weight (n,) of each source point's match in the soft assignment, 0 where unmatched."""
+    matched = match.assignment >= 0
+    weights = np.zeros(len(match.assignment))
+    weights[matched] = match.soft[np.flatnonzero(matched), match.assignment[matched]]
+    return weights
+
+
+def summary(match: Match) -> str:
+    """One line: how many are matched, the score and its lead."""
+    matched = int(np.sum(match.assignment >= 0))
+    return f"{matched} of {len(match.assignment)} matched, score {match.score:.4g}, margin {match.margin:.2f}"
+
+
+def print_match(
+    match: Match,
+    console: Console,
+    *,
+    source_names: Sequence[str] | None = None,
+    target_names: Sequence[str] | None = None,
+    truth: Integers | None = None,
+) -> None:
+    """Print the table of matches, what stayed unmatched, the figures, the verdict and, in doubt, other answers.
+
+    Parameters
+    ----------
+    match : Match
+    console : rich.console.Console
+        Where to print.
+    source_names, target_names : sequences of str, optional
+        Names of the points; by default their zero-based row numbers.
+    truth : (n,) array, optional
+        The true assignment, −1 for points without an image; each match is then called right or wrong.
+    """
+    sources = source_names or [str(row) for row in range(match.soft.shape[0])]
+    targets = target_names or [str(row) for row in range(match.soft.shape[1])]
+    console.print(_table(match, sources, targets, truth))
+    lone_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
+    lone_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
+    for side, lone in (("source", lone_sources), ("target", lone_targets)):
+        if lone:
+            _say(console, f"unmatched {side} points: {_listed(lone)}")
+    if truth is not None:
+        _say(console, _judgement(match.assignment, truth))
+    _say(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
+    _say(console, str(match.status))
+    if match.status.name != "MATCHED":
+        for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
+            _say(console, f"  other answer {rank}, score {score:.4g}: {_difference(other, match, sources, targets)}")
+
+
+def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
+    """The matched points: source, target, weight and, where they say something, motion and truth."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    several = len(np.unique(match.motions[match.assignment >= 0])) > 1
+    table = Table(box=SIMPLE_HEAD)
+    for name in (
+        "source",
+        "target",
+        "weight",
+        *(["motion"] if several else []),
+        *(["truth"] if truth is not None else []),
+    ):
+        table.add_column(name, justify="left" if name == "truth" else "right")
+    weights = match_weights(match)
+    for i, j in enumerate(match.assignment.tolist()):
+        if j < 0:
+            continue
+        cells = [Text(sources[i]), Text(targets[j]), Text(f"{weights[i]:.3f}")]
+        if several:
+            cells.append(Text(str(match.motions[i])))
+        if truth is not None:
+            expected = f"should be {targets[truth[i]]}" if truth[i] >= 0 else "has no image"
+            cells.append(Text("right") if truth[i] == j else Text(f"WRONG, {expected}", style="bold red"))
+        table.add_row(*cells)
+    return table
+
+
+def _judgement(assignment: Integers, truth: Integers) -> str:
+    right = int(np.sum((assignment == truth) & (truth >= 0)))
+    wrong = int(np.sum((assignment >= 0) & (assignment != truth)))
+    missed = int(np.sum((assignment < 0) & (truth >= 0)))
+    return f"truth: {right} of {int(np.sum(truth >= 0))} right, {wrong} wrong, {missed} missed"
+
+
+def _difference(other: Integers, match: Match, sources: Sequence[str], targets: Sequence[str]) -> str:
+    """Where another answer parts from the first, as ``source→target``."""
+    parts = [
+        f"{sources[i]}→{targets[other[i]] if other[i] >= 0 else '–'}"
+        for i in np.flatnonzero(other != match.assignment).tolist()
+    ]
+    return _listed(parts)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def _say(console: Console, text: str) -> None:
+    """Print a sentence as it is: no markup, no colour of numbers, no wrapping that a script would have to undo."""
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
