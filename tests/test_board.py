@@ -4,6 +4,8 @@ import csv
 import importlib.util
 import itertools
 import json
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -40,14 +42,19 @@ def board() -> Board:
     return Board(read("model.csv", "x,y,z"), read("image.csv", "x,y"), pairs[:, 1], K, size)
 
 
-@pytest.fixture(scope="module")
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_board", BOARD / "make_board.py")
+def load(name: str) -> ModuleType:
+    """A script of the example as a module."""
+    spec = importlib.util.spec_from_file_location(name, BOARD / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    return load("make_board")
 
 
 def reprojected(board: Board) -> NDArray[np.float64]:
@@ -170,10 +177,49 @@ def test_script_names_what_is_missing(script: ModuleType, tmp_path: Path) -> Non
         script.make(tmp_path, "left11.jpg", 14, 8, 0)
 
 
-@pytest.mark.parametrize("noise", [0.2, 0.3, 0.6])
+@pytest.mark.parametrize("noise", [0.15, 0.6])
 def test_match_finds_every_corner(board: Board, noise: float) -> None:
     import rootmatch as rm
 
     problem = rm.P3P(rm.Camera.from_matrix(board.K))
     match = rm.match(board.model, board.image, problem, noise=noise, seed=0)
     np.testing.assert_array_equal(match.assignment, board.truth)
+    assert match.status is rm.Status.MATCHED
+
+
+def test_demonstration(tmp_path: Path) -> None:
+    command = [sys.executable, str(BOARD / "demo.py"), "--output", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "14 of 14 right\n" in done.stdout
+    assert str(tmp_path / "match.png") in done.stdout
+    assert (tmp_path / "match.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ([(0, 10), (1, 12), (2, 0)], "1 of 14 right"),
+        ([], "0 of 14 right"),
+        (None, "exit code 1"),
+    ],
+    ids=["exchanged", "nothing matched", "nothing written"],
+)
+def test_demonstration_sees_a_wrong_answer(
+    answer: list | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    demo = load("demo")
+
+    def tool(command: list[str], **_: object) -> subprocess.CompletedProcess:
+        if answer is not None:
+            rows = "".join(f"{source},{target},1.0,0\n" for source, target in answer)
+            (tmp_path / "matches.csv").write_text("source,target,weight,motion\n" + rows)
+            (tmp_path / "match.png").write_bytes(b"")
+        return subprocess.CompletedProcess(command, 0 if answer else 1)
+
+    (tmp_path / "matches.csv").write_text((BOARD / "truth.csv").read_text())  # an earlier run's answer
+    monkeypatch.setattr(demo.subprocess, "run", tool)
+    monkeypatch.setattr(sys, "argv", ["demo.py", "--output", str(tmp_path)])
+    assert demo.main() == 1
+    printed = capsys.readouterr()
+    assert said in printed.out + printed.err

@@ -7,7 +7,6 @@ import argparse
 import csv
 import os
 import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,23 +22,12 @@ def read_pairs(path: Path) -> dict[int, int]:
         return {int(row["source"]): int(row["target"]) for row in csv.DictReader(lines)}
 
 
-def command_for(output: Path) -> list[str]:
-    """The call of ``rootmatch match`` on this folder's files, with the script that stands beside this Python."""
-    program = shutil.which("rootmatch", path=str(Path(sys.executable).parent)) or shutil.which("rootmatch")
-    if program is None:
-        raise SystemExit("rootmatch is not installed for this Python; run `make demo`, or `pip install -e .` first")
-    files = [str(HERE / "model.csv"), str(HERE / "image.csv")]
-    options = ["--problem", "p3p", "--camera", str(HERE / "camera.json"), "--noise", str(NOISE), "--seed", "0"]
-    return [
-        program,
-        "match",
-        *files,
-        *options,
-        "--output",
-        str(output / "matches.csv"),
-        "--plot",
-        str(output / "match.png"),
-    ]
+def arguments_for(output: Path) -> list[str]:
+    """Arguments of ``rootmatch`` which match this folder's files."""
+    files = [HERE / "model.csv", HERE / "image.csv"]
+    known = ["--problem", "p3p", "--camera", HERE / "camera.json", "--noise", NOISE, "--seed", 0]
+    results = ["--output", output / "matches.csv", "--plot", output / "match.png"]
+    return [str(argument) for argument in ("match", *files, *known, *results)]
 
 
 def main() -> int:
@@ -50,10 +38,12 @@ def main() -> int:
     for name in ("matches.csv", "match.png"):
         (output / name).unlink(missing_ok=True)  # never judge an earlier run's answer
 
-    command = command_for(output)
-    print("$", shlex.join(["rootmatch", *command[1:]]), flush=True)
+    arguments = arguments_for(output)
+    print("$", shlex.join(["rootmatch", *arguments]), flush=True)
+    print("(the first run compiles the kernels, which takes longer than the match)", flush=True)
+    tool = [sys.executable, "-c", "from rootmatch.cli import main; main()"]  # of this very Python
     # 0 is a match to trust and 1 a doubtful one, written all the same; here the truth decides.
-    code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
+    code = subprocess.run([*tool, *arguments], stdout=subprocess.DEVNULL, check=False).returncode
     if code not in (0, 1) or not (output / "matches.csv").is_file():
         print(f"rootmatch match ended with exit code {code}", file=sys.stderr)
         return 1
