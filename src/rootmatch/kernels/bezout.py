@@ -13,8 +13,8 @@ M⁻¹ = R⁻¹ Qᵀ is a unit vector divided by R_{2k,2k}. Hence **|R_{2k,2k}| 
 Every function takes and returns plain floats, has no branch (selects only) and allocates nothing, so that a loop around
 it vectorises and the same source runs on a GPU. Coefficients come highest degree first.
 
-Where this parts from the QR factorisation in float64: the cofactors carry an absolute error of about 1e-16 of the largest
-product in them. See the functions and ``tests/test_resultants.py`` for the figures measured.
+Where this parts from the QR factorisation in float64: the cofactors carry an absolute error of about 1e-16 of the
+largest product in them. See the functions and ``tests/test_resultants.py`` for the figures measured.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ import numpy as np
 from rootmatch.kernels.dispatch import kernel, scalar
 
 NO_INFORMATION = 2.0
-"""|R_{2k,2k}| reported for a pair with a zero polynomial, which can say nothing: above √2, the most that a unit pair reaches."""
+"""Reported for a pair with a zero polynomial, which says nothing: above √2, the most |R| of a unit pair reaches."""
 
 
 @scalar
 def bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """Upper triangle (b00, b01, b02, b03, b11, b12, b13, b22, b23, b33) of the 4×4 Bézout matrix; b_ij goes with xⁱ yʲ."""
+    """Upper triangle (b00, b01, b02, b03, b11, b12, b13, b22, b23, b33) of the Bézout matrix; b_ij goes with xⁱ yʲ."""
     w30 = p3 * q0 - p0 * q3
     w40 = p4 * q0 - p0 * q4
     w41 = p4 * q1 - p1 * q4
@@ -77,9 +77,9 @@ def cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1):  # type: ignore[no-un
 
 @scalar
 def last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """|R₈₈| of the QR factorisation of the 8×8 Sylvester matrix of two quartics as given (the paper normalises them first).
+    """|R₈₈| of the QR factorisation of the 8×8 Sylvester matrix of two quartics as given (the paper makes them unit).
 
-    Both being zero in numerator and denominator means two or more common roots (or a zero polynomial): R₈₈ is 0 then too.
+    0/0 means two or more common roots, or a zero polynomial: R₈₈ is 0 then too.
     """
     b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
     c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
@@ -91,9 +91,9 @@ def last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[
 
 @scalar
 def unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """:func:`last_entry_quartic` of the two quartics scaled to unit 2-norm, at the price of two squared norms.
+    """`last_entry_quartic` of the two quartics scaled to unit 2-norm, at the price of two squared norms.
 
-    Scaling p by 1/‖p‖ scales its cofactor s by ‖p‖ relative to Res, so no coefficient is divided. :data:`NO_INFORMATION` if
+    Scaling p by 1/‖p‖ scales its cofactor s by ‖p‖ relative to Res, so no coefficient is divided. `NO_INFORMATION` if
     one of the polynomials is zero.
     """
     b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
@@ -109,10 +109,10 @@ def unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ig
 
 @scalar
 def lesser_unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """The lesser |R₈₈| over both orders of the coefficients, i.e. over x and 1/x, of quartics scaled to unit 2-norm ("qr-both").
+    """The lesser |R₈₈| over both orders of the coefficients, x and 1/x, of quartics scaled to unit 2-norm ("qr-both").
 
-    |R₈₈| = σ_min ‖y‖ / |y_last| with y the null vector (x⁷, …, 1), so the one-sided value blows up when the common root has
-    |x| > 1; the lesser of the two stays within a factor √8 of σ_min at a common root.
+    |R₈₈| = σ_min ‖y‖ / |y_last| with y the null vector (x⁷, …, 1), so the one-sided value blows up when the common root
+    has |x| > 1; the lesser of the two stays within a factor √8 of σ_min at a common root.
     """
     b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
     c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
@@ -135,8 +135,8 @@ def lesser_unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # t
 def common_root_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
     """Estimate of the common root of two quartics from the first column of the adjugate of their Bézout matrix, c₁/c₀.
 
-    Exact at a simple common root, first order in the disagreement near one. 0 where the adjugate vanishes (two common roots,
-    proportional or zero polynomials): finite, and of no meaning there.
+    Exact at a simple common root, first order in the disagreement near one. 0 where the adjugate vanishes (two common
+    roots, proportional or zero polynomials): finite, and of no meaning there.
     """
     b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
     c0, c1, _, _, _ = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
@@ -159,7 +159,7 @@ def last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def
 
 @scalar
 def unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """:func:`last_entry_quadratic` of the two quadratics scaled to unit 2-norm; :data:`NO_INFORMATION` if one is zero."""
+    """`last_entry_quadratic` of the two quadratics scaled to unit 2-norm; `NO_INFORMATION` if one is zero."""
     b00 = p1 * q0 - p0 * q1
     b01 = p2 * q0 - p0 * q2
     b11 = p2 * q1 - p1 * q2
@@ -176,7 +176,7 @@ def unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untype
 
 @scalar
 def lesser_unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """The lesser |R₄₄| over x and 1/x of two quadratics scaled to unit 2-norm; see :func:`lesser_unit_last_entry_quartic`."""
+    """The lesser |R₄₄| over x and 1/x of quadratics scaled to unit 2-norm; see `lesser_unit_last_entry_quartic`."""
     b00 = p1 * q0 - p0 * q1
     b01 = p2 * q0 - p0 * q2
     b11 = p2 * q1 - p1 * q2
@@ -199,7 +199,7 @@ def lesser_unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no
 
 @scalar
 def common_root_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """Common root estimate of two quadratics, −B₀₁/B₁₁ (0 where that is 0/0); see :func:`common_root_quartic`."""
+    """Common root estimate of two quadratics, −B₀₁/B₁₁ (0 where that is 0/0); see `common_root_quartic`."""
     b01 = p2 * q0 - p0 * q2
     b11 = p2 * q1 - p1 * q2
     return -b01 / (b11 if b11 != 0.0 else 1.0) if b11 != 0.0 else 0.0

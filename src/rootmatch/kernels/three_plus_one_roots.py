@@ -1,0 +1,276 @@
+"""The residual of a 3P1 hyper-edge in units of the noise, by the roots of its first three correspondences.
+
+At every root θ of D(θ) = det[n₁ n₂ n₃] (see `three_plus_one`) the baseline t follows, and they predict where the fourth
+correspondence must lie:
+
+    z² = e² / (σ₄² + J P Jᵀ),   e = n₄ · t,   J = ∂e/∂(θ, t),   P = J₃⁻¹ diag(σ₁², σ₂², σ₃²) J₃⁻ᵀ,
+
+with σᵢ the noise of eᵢ itself (Sampson's) and J₃ the Jacobian of e₁, e₂, e₃, whose determinant is dD/dθ. To first order
+this *is* the resultant over its deviation, whichever triples are compared. But roots by closed form stay where they are
+when they crowd, which they do for a short baseline and where a Bézout matrix loses them; the points must lie in front
+of both cameras, which a resultant cannot see and which most false hyper-edges that pass otherwise fail; and all but
+some thirty operations depend on the first three correspondences and the fourth source point alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rootmatch.kernels.dispatch import kernel, register, scalar
+from rootmatch.kernels.kinds import Joint, Normalised
+from rootmatch.kernels.polynomial import curvature_quartic, roots_quartic, value_quartic
+from rootmatch.kernels.three_plus_one import (
+    LARGE,
+    SHARED_FIRST,
+    ThreePlusOneTables,
+    bearing,
+    combined,
+    inner,
+    quartic,
+    slope,
+    turned,
+    wedge,
+)
+
+GATE = 6.0
+"""A complex pair counts, by its real part, while D there is below so many of its standard deviations."""
+TOLERANCE = math.sqrt(2.0)
+"""A point is behind a camera beyond so many times the sum of the deviations of its two bearings (2σ of their angle)."""
+BLUR = 0.03
+"""Near a double root σ_θ = σ_D / |D'| grows without bound, yet the two roots enclose what may be: D'² is raised by
+BLUR · |D''| σ_D. Full strength would be ½; measured, 0.03 keeps the calibration and stops false agreement."""
+VAGUE = 0.01
+"""Square of the deviation (radians) of the predicted epipolar distance beyond which the prediction says nothing."""
+
+
+@kernel
+def roots(h):  # type: ignore[no-untyped-def]
+    """Real parts of the roots of h, or of h reversed (1/x) where that is better scaled.
+
+    Returns
+    -------
+    y : tuple of 4 floats
+        NaN for the second of a complex pair, which would repeat the first.
+    h : tuple of 5 floats
+        The coefficients that they belong to.
+    sign : float
+        −1 for 1/x = cot(θ/2), whose cosine is the opposite; else 1.
+    """
+    h4, h3, h2, h1, h0 = h
+    sign = 1.0
+    if abs(h0) > abs(h4):
+        h4, h3, h1, h0 = h0, h1, h3, h4
+        sign = -1.0
+    r0, r1, r2, r3, i01, i23 = roots_quartic(h4, h3, h2, h1, h0)
+    return (r0, math.nan if i01 > 0.0 else r1, r2, math.nan if i23 > 0.0 else r3), (h4, h3, h2, h1, h0), sign
+
+
+@scalar
+def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
+    """Unit vector along the longest of a × b, b × c, c × a: the direction across three vectors near one plane."""
+    p = wedge(a, b)
+    q = wedge(b, c)
+    r = wedge(c, a)
+    best, pp, qq, rr = p, inner(p, p), inner(q, q), inner(r, r)
+    if qq > pp:
+        best, pp = q, qq
+    if rr > pp:
+        best, pp = r, rr
+    scale = 1.0 / math.sqrt(pp)
+    return scale * best[0], scale * best[1], scale * best[2]
+
+
+@scalar
+def depths(t, u, p):  # type: ignore[no-untyped-def]
+    """Depths along u and p, times |n|², for the baseline t: both positive in front, both negative for −t."""
+    a = inner(t, p)
+    k = inner(t, u)
+    m = inner(u, p)
+    return a * m - k, a - k * m
+
+
+@scalar
+def own_variance(t, u, p, du, dp):  # type: ignore[no-untyped-def]
+    """Variance of e = p · (t × u) from the deviations of p and of u, where e is near 0."""
+    k = inner(t, u)
+    a = inner(t, p)
+    return dp * dp * (1.0 - k * k) + du * du * (1.0 - a * a)
+
+
+@scalar
+def tilt(t, u, p):  # type: ignore[no-untyped-def]
+    """∂e/∂ω, x and z components, for a small turn ω of the second view: p × (t × u)."""
+    a = inner(t, p)
+    m = inner(u, p)
+    return t[0] * m - u[0] * a, t[2] * m - u[2] * a
+
+
+@scalar
+def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
+
+    Returns whether the root counts at all, t, whether the three points lie in front for t and for −t, and what
+    `prediction` needs: the angle, det J₃, its square raised by BLUR, and of each of the three the row (s, w) of the
+    adjugate of J₃ (in θ, and across t), variance and tilt.
+    """
+    inverse = 1.0 / (1.0 + y * y)
+    cosine = sign * (1.0 - y * y) * inverse
+    sine = 2.0 * y * inverse
+    u1, u2, u3 = turned(cosine, sine, a), turned(cosine, sine, b), turned(cosine, sine, c)
+    n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
+    t = longest_wedge(n1, n2, n3)
+    near1, far1 = depths(t, u1, k)
+    near2, far2 = depths(t, u2, l)
+    near3, far3 = depths(t, u3, m)
+    margin1, margin2, margin3 = TOLERANCE * (da + dk), TOLERANCE * (db + dl), TOLERANCE * (dc + dm)
+    front = min(min(near1, far1) + margin1, min(near2, far2) + margin2, min(near3, far3) + margin3) > 0.0
+    back = max(max(near1, far1) - margin1, max(near2, far2) - margin2, max(near3, far3) - margin3) < 0.0
+    j1 = inner(wedge(slope(u1), k), t)
+    j2 = inner(wedge(slope(u2), l), t)
+    j3 = inner(wedge(slope(u3), m), t)
+    s1, s2, s3 = inner(wedge(n2, n3), t), inner(wedge(n3, n1), t), inner(wedge(n1, n2), t)
+    det = s1 * j1 + s2 * j2 + s3 * j3
+    v1 = own_variance(t, u1, k, da, dk)
+    v2 = own_variance(t, u2, l, db, dl)
+    v3 = own_variance(t, u3, m, dc, dm)
+    variance = s1 * s1 * v1 + s2 * s2 * v2 + s3 * s3 * v3
+    # d²D/dθ² is h''/4 up to terms in h and h', which are small where it matters
+    curvature = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y))
+    square = det * det + BLUR * curvature * math.sqrt(variance)
+    value = value_quartic(h[0], h[1], h[2], h[3], h[4], y) * inverse * inverse
+    counts = (front or back) and value * value < GATE * GATE * variance and square > 0.0
+    one = (s1, combined(j3, n2, -j2, n3), v1, tilt(t, u1, k))
+    two = (s2, combined(j1, n3, -j3, n1), v2, tilt(t, u2, l))
+    three = (s3, combined(j2, n1, -j1, n2), v3, tilt(t, u3, m))
+    return counts, t, front, back, (cosine, sine, det, square, one, two, three)
+
+
+@scalar
+def response(row, t, u, turn, k):  # type: ignore[no-untyped-def]
+    """F with p · F = J · (row of the adjugate of J₃): how e₄ answers to one of e₁, e₂, e₃, times det J₃."""
+    s, w, _, _ = row
+    return combined(1.0, combined(s, turn, inner(w, u), t), -k, w)
+
+
+@scalar
+def added(form, f, v):  # type: ignore[no-untyped-def]
+    """Symmetric 3×3 form (xx, yy, zz, xy, xz, yz) plus f v vᵀ."""
+    x, y, z = f * v[0], f * v[1], f * v[2]
+    xx, yy, zz, xy, xz, yz = form
+    return xx + x * v[0], yy + y * v[1], zz + z * v[2], xy + x * v[1], xz + x * v[2], yz + y * v[2]
+
+
+@scalar
+def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untyped-def]
+    """Where a fourth source bearing q must be seen, and how surely.
+
+    Returns u, the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
+    and that rest.
+    """
+    cosine, sine, det, square, one, two, three = state
+    u = turned(cosine, sine, q)
+    turn = wedge(t, slope(u))
+    k = inner(t, u)
+    f1 = response(one, t, u, turn, k)
+    f2 = response(two, t, u, turn, k)
+    f3 = response(three, t, u, turn, k)
+    inverse = 1.0 / square
+    v = deviation * deviation
+    form = added((v, v, v, 0.0, 0.0, 0.0), -v, t)
+    form = added(form, inverse * one[2], f1)
+    form = added(form, inverse * two[2], f2)
+    form = added(form, inverse * three[2], f3)
+    # a tilt of the axis moves all four together: det · ∂e₄/∂ω less what the first three pass on
+    tilt1, tilt2, tilt3 = one[3], two[3], three[3]
+    for axis in range(2):
+        own = combined(det * t[2 * axis], u, -det * u[2 * axis], t)
+        passed = combined(1.0, combined(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
+        form = added(form, inverse * tilt_variance, combined(1.0, own, -1.0, passed))
+    return u, wedge(t, u), form, 1.0 - k * k
+
+
+@scalar
+def squared_residual(t, front, back, line, deviation, p, dp):  # type: ignore[no-untyped-def]
+    """z² of a fourth target bearing p; LARGE² where the point is behind a camera or the prediction is vague."""
+    u, normal, form, rest = line
+    xx, yy, zz, xy, xz, yz = form
+    x, y, z = p
+    e = inner(normal, p)
+    variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + rest * dp * dp
+    near, far = depths(t, u, p)
+    margin = TOLERANCE * (deviation + dp)
+    seen = (front and min(near, far) > -margin) or (back and max(near, far) < margin)
+    z2 = e * e / variance
+    return z2 if seen and variance < VAGUE and z2 < LARGE * LARGE else LARGE * LARGE
+
+
+@kernel
+def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
+    """Square of the residual of one hyper-edge whose correspondences are taken in the given order."""
+    q, p = tables.source, tables.target
+    dq, dp = tables.source_deviation, tables.target_deviation
+    i0, i1, i2, i3 = i[order[0]], i[order[1]], i[order[2]], i[order[3]]
+    j0, j1, j2, j3 = j[order[0]], j[order[1]], j[order[2]], j[order[3]]
+    a, b, c = bearing(q, i0), bearing(q, i1), bearing(q, i2)
+    k, l, m = bearing(p, j0), bearing(p, j1), bearing(p, j2)  # noqa: E741
+    angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    least = LARGE * LARGE
+    for index in range(4):
+        counts, t, front, back, state = at_root(
+            angles[index], sign, h, a, k, b, l, c, m, dq[i0], dp[j0], dq[i1], dp[j1], dq[i2], dp[j2]
+        )
+        if counts:
+            line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
+            least = min(least, squared_residual(t, front, back, line, dq[i3], bearing(p, j3), dp[j3]))
+    return least
+
+
+@kernel
+def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
+    """Edge kernel: of every pair of triples asked for, the fourth against the roots of the first triple."""
+    worst = 0.0
+    for pair in range(6):
+        if kind.pairs >> pair & 1:
+            worst = max(worst, residual(tables, i, j, SHARED_FIRST[pair]))
+    return math.sqrt(worst)
+
+
+@kernel
+def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+    """Slab kernel: the roots once, the epipolar line once a source point, thirty operations a target."""
+    rows, targets = out.shape
+    if kind.pairs != 1:
+        for r in range(rows):
+            i[3] = first + r
+            for n in range(targets):
+                out[r, n] = edge(tables, kind, i, (j[0], j[1], j[2], n))
+        return
+    q, p = tables.source, tables.target
+    dq, dp = tables.source_deviation, tables.target_deviation
+    a, b, c = bearing(q, i[0]), bearing(q, i[1]), bearing(q, i[2])
+    k, l, m = bearing(p, j[0]), bearing(p, j[1]), bearing(p, j[2])  # noqa: E741
+    angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    x, y, z = p[0], p[1], p[2]
+    found = False
+    for index in range(4):
+        counts, t, front, back, state = at_root(
+            angles[index], sign, h, a, k, b, l, c, m, dq[i[0]], dp[j[0]], dq[i[1]], dp[j[1]], dq[i[2]], dp[j[2]]
+        )
+        if not counts:
+            continue
+        for r in range(rows):
+            to = out[r]
+            deviation = dq[first + r]
+            line = prediction(t, state, bearing(q, first + r), deviation, tables.tilt_variance[0])
+            for n in range(targets):
+                z2 = squared_residual(t, front, back, line, deviation, (x[n], y[n], z[n]), dp[n])
+                to[n] = min(to[n], z2) if found else z2
+        found = True
+    for r in range(rows):
+        to = out[r]
+        for n in range(targets):
+            to[n] = math.sqrt(to[n]) if found else LARGE
+
+
+for _kind in (Normalised, Joint):
+    register(ThreePlusOneTables, _kind, edge, slab)
