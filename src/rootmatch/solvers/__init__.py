@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from rootmatch.errors import InputError
+from rootmatch.solvers.ascent import MultiStartAscent
 from rootmatch.solvers.power import PowerIteration
 from rootmatch.solvers.solution import Solution, Solver
 
-__all__ = ["SOLVERS", "PowerIteration", "Solution", "Solver", "get_solver"]
+__all__ = ["SOLVERS", "MultiStartAscent", "PowerIteration", "Solution", "Solver", "get_solver"]
 
 SOLVERS: dict[str, Solver] = {
+    "ascent": MultiStartAscent(),
     "power-l1": PowerIteration("l1"),
     "power-dense": PowerIteration("l2"),
 }

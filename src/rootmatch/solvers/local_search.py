@@ -1,0 +1,274 @@
+"""Ascent of the discrete score by the best single move, from many starts at once.
+
+Correspondences that share a point are in no hyper-edge together, hence with the gains G and pair weights P of
+`discrete_state` these changes of f(X) are exact (unary weights u enter with G; the penalty by the size of X):
+
+* add c: G_c; remove b: −G_b; replace b by c: G_c − G_b;
+* replace b and b', the two that conflict with c: G_c − G_b − G_b' + P_bb';
+* exchange the targets of b and b', which gives c and c': G_c + G_c' + Q_cc' − G_b − G_b' + P_bb', where Q is the weight
+  of the hyper-edges that contain c and c' and else members of X; looked up when no other move is left.
+
+The best move is made until none improves f: strictly monotone, and the same on any number of threads.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from rootmatch.solvers.discrete_state import (
+    State,
+    binomial,
+    bucket_of,
+    completion,
+    copy_state,
+    enter,
+    leave,
+    next_pick,
+    objective,
+    put,
+    state_of,
+)
+from rootmatch.solvers.subset_index import SubsetIndex
+
+LEAST_STEP = 1e-10
+"""A move must gain this part of the score, far above rounding, so that no ascent can go in circles."""
+
+
+@njit(cache=True)
+def _best_move(index, state, penalty):  # type: ignore[no-untyped-def]
+    """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1)."""
+    order, n_target, size = index.indices.shape[1], index.n_target, state.size[0]
+    gains, unary, image, owner = state.gains, index.unary, state.image, state.owner
+    # The penalty for one more, and what one less gives back.
+    dearer, cheaper = penalty * binomial(size, order - 1), penalty * binomial(size - 1, order - 1)
+    best, entering, leaving = 0.0, -1, -1
+    for i in range(index.n):
+        mine = i * n_target + image[i]
+        loss = gains[mine] + unary[mine] if image[i] >= 0 else 0.0
+        if image[i] >= 0 and cheaper - loss > best:
+            best, entering, leaving = cheaper - loss, -1, mine
+        for k in range(n_target):
+            c = i * n_target + k
+            gain = gains[c] + unary[c]
+            # Nothing else can be better than the gain and one release of the penalty.
+            if gain + cheaper <= best or k == image[i]:
+                continue
+            j = owner[k]
+            change = gain
+            if j >= 0:
+                theirs = j * n_target + k
+                change -= gains[theirs] + unary[theirs]
+            if image[i] >= 0:
+                change -= loss
+            if image[i] < 0 and j < 0:
+                change -= dearer
+            elif image[i] >= 0 and j >= 0:
+                change += state.pairs[i, j] + cheaper
+            if change > best:
+                best, entering, leaving = change, c, -1
+    return best, entering, leaving
+
+
+@njit(cache=True)
+def _joint_weight(index, state, c, c2, i, j):  # type: ignore[no-untyped-def]
+    """Q: weight of the hyper-edges made of c, c2 and members other than those of source points i and j."""
+    order, n_target = index.indices.shape[1], index.n_target
+    pick, subset, members, count = state.pick, state.subset, state.members, state.size[0]
+    edge_bits = np.uint32(index.edge_bits)
+    mask = np.uint32((1 << index.edge_bits) - 1)
+    total = 0.0
+    if order == 2:
+        subset[0] = c
+        first, last, tag = bucket_of(index, index.keys[c])
+        for t in range(first, last):
+            entry = index.entries[t]
+            if entry >> edge_bits == tag and completion(index, subset, entry) == c2:
+                total += index.weights[entry & mask]
+        return total
+    free = order - 3
+    for q in range(free):
+        pick[q] = q
+    subset[free], subset[free + 1] = c, c2
+    if count < free:
+        return total
+    more = True
+    while more:
+        key = index.keys[c] + index.keys[c2]
+        usable = True
+        for q in range(free):
+            b = members[pick[q]]
+            subset[q] = b
+            key += index.keys[b]
+            row = b // n_target
+            usable = usable and row != i and row != j
+        if usable:
+            first, last, tag = bucket_of(index, key)
+            for t in range(first, last):
+                entry = index.entries[t]
+                if entry >> edge_bits == tag:
+                    rest = completion(index, subset, entry)
+                    row = rest // n_target
+                    if rest >= 0 and row != i and row != j and state.image[row] == rest - row * n_target:
+                        total += index.weights[entry & mask]
+        more = next_pick(pick, free, count)
+    # Each such hyper-edge was seen once for each of its d − 2 members.
+    return total / (order - 2)
+
+
+@njit(cache=True)
+def _exchange_terms(index, state, i, j):  # type: ignore[no-untyped-def]
+    """Change of f when i and j exchange targets, without the term Q, and an upper bound of Q."""
+    n_target = index.n_target
+    b, b2 = i * n_target + state.image[i], j * n_target + state.image[j]
+    c, c2 = i * n_target + state.image[j], j * n_target + state.image[i]
+    gains, unary = state.gains, index.unary
+    change = gains[c] + unary[c] + gains[c2] + unary[c2] + state.pairs[i, j]
+    change -= gains[b] + unary[b] + gains[b2] + unary[b2]
+    return change, min(index.marginals[c], index.marginals[c2])
+
+
+@njit(cache=True)
+def _exchange_change(index, state, i, j):  # type: ignore[no-untyped-def]
+    """Change of f when i and j exchange targets."""
+    n_target = index.n_target
+    c, c2 = i * n_target + state.image[j], j * n_target + state.image[i]
+    return _exchange_terms(index, state, i, j)[0] + _joint_weight(index, state, c, c2, i, j)
+
+
+@njit(cache=True)
+def _best_exchange(index, state, least):  # type: ignore[no-untyped-def]
+    """Largest change of f above `least` by two points that exchange targets: (change, i, j); i = −1 for none."""
+    best, first, second = least, -1, -1
+    for i in range(index.n):
+        if state.image[i] < 0:
+            continue
+        for j in range(i + 1, index.n):
+            if state.image[j] < 0:
+                continue
+            change, most = _exchange_terms(index, state, i, j)
+            if change + most > best:
+                change = _exchange_change(index, state, i, j)
+                if change > best:
+                    best, first, second = change, i, j
+    return best, first, second
+
+
+@njit(cache=True)
+def _exchange(index, state, i, j):  # type: ignore[no-untyped-def]
+    """Exchange the targets of i and j."""
+    k, k2, n_target = state.image[i], state.image[j], index.n_target
+    leave(index, state, i * n_target + k)
+    leave(index, state, j * n_target + k2)
+    enter(index, state, i * n_target + k2)
+    enter(index, state, j * n_target + k)
+
+
+@njit(cache=True)
+def climb(index: SubsetIndex, state: State, penalty: float, limit: int, floor: float) -> int:
+    """Make the best move until none improves f; the number of moves, `limit` when it was cut short.
+
+    Exchanges, which cost the most to judge, are tried when f has reached `floor`.
+    """
+    moves = 0
+    while moves < limit:
+        least = LEAST_STEP * state.total[0]
+        change, entering, leaving = _best_move(index, state, penalty)
+        if change > least:
+            if entering >= 0:
+                put(index, state, entering)
+            else:
+                leave(index, state, leaving)
+        elif objective(index, state, penalty) < floor:
+            return moves
+        else:
+            change, i, j = _best_exchange(index, state, least)
+            if i < 0:
+                return moves
+            _exchange(index, state, i, j)
+        moves += 1
+    return moves
+
+
+@njit(cache=True, parallel=True)
+def climb_from(
+    index: SubsetIndex, root: State, starts: NDArray[Any], penalty: float, limit: int, floor: float
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Ascents from the assignment of a state, each with one hyper-edge (row of `starts`, (B, d)) put into it by force.
+
+    Returns the assignments (B, n), their objectives (B,) and numbers of moves (B,).
+    """
+    count = starts.shape[0]
+    images = np.empty((count, index.n), np.int64)
+    values = np.empty(count)
+    moves = np.empty(count, np.int64)
+    for s in prange(count):
+        state = copy_state(root)
+        for p in range(starts.shape[1]):
+            put(index, state, int(starts[s, p]))
+        moves[s] = climb(index, state, penalty, limit, floor)
+        images[s] = state.image
+        values[s] = objective(index, state, penalty)
+    return images, values, moves
+
+
+@njit(cache=True)
+def modifications(
+    index: SubsetIndex, image: NDArray[Any], penalty: float, keep: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Best `keep` changes of an assignment: a point to a free target, a target to a free point, or an exchange.
+
+    Returns the assignments (keep or fewer, n) and their objectives, best first.
+    """
+    n, n_target = index.n, index.n_target
+    state = state_of(index, image)
+    # Rows: source, its new target, other source, its new target; −1 where nothing changes or becomes free.
+    most = n * n_target + n * n
+    rows, change, slack = np.full((most, 4), -1, np.int64), np.empty(most), np.zeros(most)
+    count = 0
+    for i in range(n):
+        if image[i] < 0:
+            continue
+        b = i * n_target + image[i]
+        loss = state.gains[b] + index.unary[b]
+        for k in range(n_target):
+            if state.owner[k] < 0:
+                c = i * n_target + k
+                rows[count, 0], rows[count, 1] = i, k
+                change[count] = state.gains[c] + index.unary[c] - loss
+                count += 1
+        for j in range(n):
+            if image[j] < 0:
+                c = j * n_target + image[i]
+                rows[count, 0], rows[count, 2], rows[count, 3] = i, j, image[i]
+                change[count] = state.gains[c] + index.unary[c] - loss
+                count += 1
+            elif j > i:
+                rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = i, image[j], j, image[i]
+                change[count], slack[count] = _exchange_terms(index, state, i, j)
+                count += 1
+    change, slack = change[:count], slack[:count]
+    if count > keep:
+        # The term Q of an exchange is looked up where it could decide who is among the best.
+        enough = np.sort(change)[count - keep]
+        for r in range(count):
+            if slack[r] > 0 and change[r] + slack[r] >= enough:
+                change[r] = _exchange_change(index, state, rows[r, 0], rows[r, 2])
+    else:
+        for r in range(count):
+            if slack[r] > 0:
+                change[r] = _exchange_change(index, state, rows[r, 0], rows[r, 2])
+    chosen = np.argsort(-change, kind="mergesort")[:keep]
+    images, values = np.empty((chosen.size, n), np.int64), np.empty(chosen.size)
+    value = objective(index, state, penalty)
+    for s in range(chosen.size):
+        r = chosen[s]
+        images[s] = image
+        images[s, rows[r, 0]] = rows[r, 1]
+        if rows[r, 2] >= 0:
+            images[s, rows[r, 2]] = rows[r, 3]
+        values[s] = value + change[r]
+    return images, values
