@@ -20,8 +20,9 @@ PAPER_INTRINSICS = (1000.0, 1000.0, 320.0, 240.0)
 class Instance(NamedTuple):
     """One exact absolute-pose instance.
 
-    ``source`` (m, 3) world points, ``target`` (m, 2) pixels, ``intrinsics`` (fx, fy, cx, cy), pose ``rotation`` (3, 3) and
-    ``translation`` (3,), and the vertical as a unit vector in the camera and in the world (rotation @ world = camera).
+    ``source`` (m, 3) world points, ``target`` (m, 2) pixels, ``intrinsics`` (fx, fy, cx, cy), pose ``rotation`` (3, 3)
+    and ``translation`` (3,), and the vertical as a unit vector in the camera and in the world (rotation @ world =
+    camera).
     """
 
     family: str

@@ -1,7 +1,7 @@
 """Slow, obvious re-statements of the package's mathematics in plain numpy and scipy. Nothing here imports the package.
 
-Polynomials are coefficient arrays, highest degree first. A *minimal set* is a callable ``rays -> coefficients``, so that
-every derivative can be taken by differences. Where the package eliminates in closed form, these oracles sample and
+Polynomials are coefficient arrays, highest degree first. A *minimal set* is a callable ``rays -> coefficients``, so
+that every derivative can be taken by differences. Where the package eliminates in closed form, these oracles sample and
 interpolate, factorise, or minimise.
 """
 
@@ -187,7 +187,7 @@ def bezout(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def common_root(p: np.ndarray, q: np.ndarray) -> float:
-    """x whose powers (1, x, ...) the last k - 1 rows of the Bezout matrix annihilate: the common root if there is one."""
+    """x whose powers (1, x, ...) the last k - 1 rows of the Bezout matrix annihilate: the common root, if any."""
     null = np.linalg.svd(bezout(_unit(p), _unit(q))[1:])[2][-1]
     return float(null[1] / null[0])
 
@@ -200,24 +200,31 @@ def tangents(ray: np.ndarray) -> np.ndarray:
     return np.linalg.svd(ray[None])[2][1:]
 
 
-def ray_gradient(function: Callable[[np.ndarray], np.ndarray], rays: np.ndarray, step: float = 1e-6) -> np.ndarray:
-    """Central differences of a vector function of rays, (outputs, 2 m), by small turns of each ray."""
+def ray_gradient(
+    function: Callable[[np.ndarray], np.ndarray], rays: np.ndarray, step: float = 1e-6, ambient: bool = False
+) -> np.ndarray:
+    """Central differences of a vector function of rays, (outputs, 2 m), by small turns of each ray.
+
+    ``ambient``: by small steps along x, y and z instead, (outputs, 3 m), off the unit sphere too. What vanishes when a
+    ray gets longer has the same variance either way.
+    """
     columns = []
     for k, ray in enumerate(rays):
-        for direction in tangents(ray):
+        for direction in np.eye(3) if ambient else tangents(ray):
             ends = []
             for sign in (1.0, -1.0):
                 moved = rays.copy()
-                moved[k] = ray * math.cos(step) + sign * math.sin(step) * direction
+                moved[k] = ray + sign * step * direction
+                if not ambient:
+                    moved[k] /= np.linalg.norm(moved[k])
                 ends.append(np.atleast_1d(function(moved)))
             columns.append((ends[0] - ends[1]) / (2.0 * step))
     return np.array(columns).T
 
 
-def normalised(p: Polynomial, q: Polynomial, rays: np.ndarray, sigma: np.ndarray) -> float:
-    """f / sigma_f with f = q'(x) p(x) - p'(x) q(x) at the common root; ``sigma`` (m,) angular noise of each ray."""
+def linearised(p: Polynomial, q: Polynomial, rays: np.ndarray, sigma: np.ndarray, x: float) -> float:
+    """|f| / sigma_f with f = q'(x) p(x) - p'(x) q(x) at a given x; ``sigma`` (m,) angular noise of each ray."""
     first, second = p(rays), q(rays)
-    x = common_root(first, second)
     slopes = np.polyval(np.polyder(second), x), np.polyval(np.polyder(first), x)
 
     def f(moved: np.ndarray) -> np.ndarray:
@@ -246,47 +253,177 @@ def normalised_by_pixels(
 
 
 def eliminated_chi2(values: np.ndarray, by_unknowns: np.ndarray, by_noise: np.ndarray) -> float:
-    """chi2 of equations ``values`` (e,) once their unknowns (e, u) are eliminated; ``by_noise`` (e, w) has unit-variance columns."""
-    u, s, _ = np.linalg.svd(by_unknowns)
-    assert s[-1] > 1e-12 * s[0]
+    """chi2 of equations ``values`` (e,) less their unknowns (e, u); ``by_noise`` (e, w) are unit-variance columns."""
+    u = np.linalg.svd(by_unknowns)[0]
     rest = u[:, by_unknowns.shape[1] :].T
     residual, spread = rest @ values, rest @ by_noise
     return float(residual @ np.linalg.solve(spread @ spread.T, residual))
 
 
-def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
-    """sqrt(chi2) of the six cosine laws of a 4-tuple, linearised where the quartics of abc and abd (chart) meet.
-
-    Unknowns: the three depth ratios to a. inf where one of them is not positive.
-    """
-    p, q = p3p_polynomials(source, (0, 1), CHART)
-    x = 1.0 + CHART * common_root(p(rays), q(rays))
-    ratios = np.array([1.0, x, *(_p3p_third(source[[0, 1, k]], rays[[0, 1, k]], x) for k in (2, 3))])
-    if ratios.min() <= 0.0:
-        return math.inf
-    pairs = list(itertools.combinations(range(4), 2))
-
-    def laws(unknowns: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        points = np.concatenate(([1.0], unknowns))[:, None] * moved
-        size = np.array([((points[i] - points[j]) ** 2).sum() for i, j in pairs])
-        truth = np.array([((source[i] - source[j]) ** 2).sum() for i, j in pairs])
-        return size[1:] - truth[1:] / truth[0] * size[0]
-
-    unknowns, step = ratios[1:], 1e-6
-    jacobian = np.array(
-        [(laws(unknowns + e, rays) - laws(unknowns - e, rays)) / (2.0 * step) for e in step * np.eye(3)]
-    ).T
-    noise = ray_gradient(lambda moved: laws(unknowns, moved), rays) * np.repeat(sigma, 2)
-    return math.sqrt(eliminated_chi2(laws(unknowns, rays), jacobian, noise))
+# ------------------------------------------------------------------ P3P in units of the noise
 
 
-def _p3p_third(source: np.ndarray, rays: np.ndarray, x: float) -> float:
+def p3p_depths(source: np.ndarray, rays: np.ndarray) -> list[np.ndarray]:
+    """Depths (3,) of the solutions of a triple that lie in front: the quartic's roots, then Newton's method."""
+    found = []
+    for root in np.roots(p3p_polynomial(source, rays, CHART)):
+        if abs(root.imag) > 1e-6 * max(1.0, abs(root)):
+            continue
+        x = 1.0 + CHART * root.real
+        y = p3p_third(source, rays, x)
+        if x <= 0.0 or y <= 0.0:
+            continue
+        side = np.linalg.norm(source[1] - source[0])
+        first = side / np.linalg.norm(x * rays[1] - rays[0])
+        found.append(follow_depths(source, rays, first * np.array([1.0, x, y])))
+    return found
+
+
+def follow_depths(source: np.ndarray, rays: np.ndarray, depths: np.ndarray) -> np.ndarray:
+    """Newton's method on the three cosine laws of a triple."""
+    pairs = ((0, 1), (1, 2), (2, 0))
+    sides = np.array([((source[i] - source[j]) ** 2).sum() for i, j in pairs])
+    for _ in range(20):
+        points = depths[:, None] * rays
+        value = np.array([((points[i] - points[j]) ** 2).sum() for i, j in pairs]) - sides
+        slope = np.zeros((3, 3))
+        for row, (i, j) in enumerate(pairs):
+            slope[row, i] = 2.0 * (points[i] - points[j]) @ rays[i]
+            slope[row, j] = 2.0 * (points[j] - points[i]) @ rays[j]
+        step = np.linalg.solve(slope, value)
+        depths = depths - step
+        if np.abs(step).max() < 1e-14 * np.abs(depths).max():
+            break
+    return depths
+
+
+def p3p_root_gap(source: np.ndarray, rays: np.ndarray) -> float:
+    """Least distance in z of two roots of a triple's quartic, complex ones too: small near a double root."""
+    roots = np.roots(p3p_polynomial(source, rays, CHART))
+    return min((abs(s - t) for s, t in itertools.combinations(roots, 2)), default=0.0)
+
+
+def p3p_third(source: np.ndarray, rays: np.ndarray, x: float) -> float:
     """y = |X_c| / |X_a| for a given x: the difference of both quadratics in y is linear in it."""
     ab, bc, ca = ((source[i] - source[j]) @ (source[i] - source[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
-    p, q, r = rays[0] @ rays[1], rays[1] @ rays[2], rays[2] @ rays[0]
-    base = 1.0 + x * x - 2.0 * p * x
+    hp, hq, hr = (0.5 * ((rays[i] - rays[j]) ** 2).sum() for i, j in ((0, 1), (1, 2), (2, 0)))
+    base = (1.0 - x) ** 2 + 2.0 * hp * x
     # ca-law: y^2 - 2 r y + 1 = (ca/ab) base;  bc-law: y^2 - 2 q x y + x^2 = (bc/ab) base
-    return float(((bc - ca) / ab * base + 1.0 - x * x) / (2.0 * (r - q * x)))
+    return float(((bc - ca) / ab * base + (1.0 - x) * (1.0 + x)) / (2.0 * (1.0 - x - hr + hq * x)))
+
+
+def p3p_normalised(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray, shared: tuple[int, int]) -> float:
+    """Least |f| / sigma_f over the solutions of the first triple; inf without one."""
+    p, q = p3p_polynomials(source, shared, CHART)
+    c = min(k for k in range(4) if k not in shared)
+    triple = [*shared, c]
+    ratios = [d[1] / d[0] for d in p3p_depths(source[triple], rays[triple])]
+    return min((linearised(p, q, rays, sigma, (x - 1.0) / CHART) for x in ratios), default=math.inf)
+
+
+def rigid(source: np.ndarray, points: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The rigid motion that takes three source points to their places (least squares, Kabsch)."""
+    rotation, _ = Rotation.align_vectors(points - points.mean(axis=0), source - source.mean(axis=0))
+    return lambda x: rotation.apply(x - source.mean(axis=0)) + points.mean(axis=0)
+
+
+def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
+    """sqrt(chi2): how far the fourth ray is from where a solution of the first three puts it; the least over solutions.
+
+    The covariance of the prediction by differences: each ray of the triple is turned a little, the solution followed.
+    """
+    least = math.inf
+    for depths in p3p_depths(source[:3], rays[:3]):
+
+        def predicted(moved: np.ndarray, depths: np.ndarray = depths) -> np.ndarray:
+            points = follow_depths(source[:3], moved, depths)[:, None] * moved
+            fourth = rigid(source[:3], points)(source[3])
+            return fourth / np.linalg.norm(fourth)
+
+        expected = predicted(rays[:3])
+        across = tangents(expected)
+        spread = across @ ray_gradient(predicted, rays[:3]) * np.repeat(sigma[:3], 2)
+        offset = across @ rays[3]
+        covariance = spread @ spread.T + sigma[3] ** 2 * np.eye(2)
+        if expected @ rays[3] > 0.0:
+            least = min(least, float(offset @ np.linalg.solve(covariance, offset)))
+    return math.sqrt(least)
+
+
+# ------------------------------------------------------------------ up2p in units of the noise
+
+
+class Upright:
+    """A hyper-edge of up2p: its coplanarity equations as functions of the angle and of the rays."""
+
+    def __init__(
+        self, source: np.ndarray, rays: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray
+    ) -> None:
+        self.y = np.array([0.0, 1.0, 0.0])
+        self.to_camera = _shortest_arc(np.asarray(vertical_camera, dtype=float), self.y)
+        self.source = source @ _shortest_arc(np.asarray(vertical_world, dtype=float), self.y).T
+        self.rays = rays @ self.to_camera.T
+
+    def equations(self, pairs: Sequence[tuple[int, int]], angle: float, rays: np.ndarray) -> np.ndarray:
+        turn = Rotation.from_rotvec(angle * self.y)
+        return np.array([np.cross(rays[a], rays[b]) @ turn.apply(self.source[b] - self.source[a]) for a, b in pairs])
+
+    def angles(self, pair: tuple[int, int]) -> list[float]:
+        """Angles at which the pair's equation holds; where there is none, the one of the nearest approach."""
+        grid = np.array([0.0, 2.0, 4.0])
+        values = [self.equations([pair], angle, self.rays)[0] for angle in grid]
+        alpha, beta, gamma = np.linalg.solve(np.stack((np.cos(grid), np.sin(grid), np.ones(3)), axis=1), values)
+        # alpha cos + beta sin = radius cos(angle - phase) = -gamma
+        radius, phase = math.hypot(alpha, beta), math.atan2(beta, alpha)
+        half = math.acos(min(1.0, max(-1.0, -gamma / radius)))
+        return [phase + half, phase - half]
+
+    def chi2(self, pairs: Sequence[tuple[int, int]], angle: float, sigma: np.ndarray, tilt: float = 0.0) -> float:
+        """chi2 of the pairs' equations once the angle is eliminated; ``tilt`` turns all rays about x and z.
+
+        The equations are homogeneous in each ray: noise along a ray scales a value that is 0 for a true hyper-edge, so
+        it may be counted or not. The package counts it.
+        """
+        step = 1e-6
+        ends = [self.equations(pairs, angle + sign * step, self.rays) for sign in (1.0, -1.0)]
+        gradient = ray_gradient(lambda moved: self.equations(pairs, angle, moved), self.rays, ambient=True)
+        noise = gradient * np.repeat(sigma, 3)
+        columns = [noise]
+        for axis in ((step, 0.0, 0.0), (0.0, 0.0, step)):
+            turn = Rotation.from_rotvec(axis)
+            tilted = [self.equations(pairs, angle, t.apply(self.rays)) for t in (turn, turn.inv())]
+            columns.append(tilt * (tilted[0] - tilted[1])[:, None] / (2.0 * step))
+        by_angle = (ends[0] - ends[1])[:, None] / (2.0 * step)
+        return eliminated_chi2(self.equations(pairs, angle, self.rays), by_angle, np.concatenate(columns, axis=1))
+
+    def in_front(self, angle: float) -> bool:
+        """Whether all points lie on the positive side of their rays, with depths of the first two by least squares."""
+        points = Rotation.from_rotvec(angle * self.y).apply(self.source)
+        a, b = self.rays[:2]
+        depths = np.linalg.lstsq(np.stack((-a, b), axis=1), points[1] - points[0], rcond=None)[0]
+        third = depths[0] * a + points[2] - points[0]
+        return bool(depths.min() > 0.0 and third @ self.rays[2] > 0.0)
+
+    def normalised(self, order: Sequence[int], sigma: np.ndarray, tilt: float = 0.0) -> float:
+        """|f| / sigma_f of the equations of (a, b) and (a, c); the least over both roots of the first."""
+        a, b, c = order
+        return math.sqrt(min(self.chi2([(a, b), (a, c)], t, sigma, tilt) for t in self.angles((a, b))))
+
+    def joint(self, order: Sequence[int], sigma: np.ndarray, tilt: float = 0.0) -> float:
+        """sqrt(chi2) of all three equations; the least over the roots of (a, b) with all points in front; else inf."""
+        a, b, c = order
+        turned = self._reordered(order)
+        chosen = [t for t in turned.angles((0, 1)) if turned.in_front(t)]
+        return math.sqrt(min((self.chi2([(a, b), (a, c), (b, c)], t, sigma, tilt) for t in chosen), default=math.inf))
+
+    def _reordered(self, order: Sequence[int]) -> Upright:
+        other = Upright.__new__(Upright)
+        other.y, other.to_camera = self.y, self.to_camera
+        other.source, other.rays = self.source[list(order)], self.rays[list(order)]
+        return other
+
+
+# ------------------------------------------------------------------ brute force
 
 
 def reprojection_chi2(

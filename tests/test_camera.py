@@ -100,7 +100,8 @@ def test_camera_refuses_a_focal_length_that_is_not_positive(position: int, value
     numbers[position] = value
     with pytest.raises(InputError, match="positive") as caught:
         Camera(*numbers)
-    assert isinstance(caught.value, ValueError) and isinstance(caught.value, RootmatchError)
+    assert isinstance(caught.value, ValueError)
+    assert isinstance(caught.value, RootmatchError)
 
 
 def _directions() -> list[np.ndarray]:

@@ -1,8 +1,9 @@
 """The quadratic of two points under a known vertical against two independent libraries, an oracle and its symmetries.
 
-An angle has no privileged zero, so a root is judged by |q(x)| / (|q| |(x^2, x, 1)|): the homogeneous value, the same near
-x = 0, x = 1 and x = infinity. Two points within 1e-6 of one vertical line determine the angle no better than the rounding of
-their coordinates (about 1e-15 of a point's distance) over that strength; there, and only there, the bound grows.
+An angle has no privileged zero, so a root is judged by |q(x)| / (|q| |(x^2, x, 1)|): the homogeneous value, the same
+near x = 0, x = 1 and x = infinity. Two points within 1e-6 of one vertical line determine the angle no better than the
+rounding of their coordinates (about 1e-15 of a point's distance) over that strength; there, and only there, the bound
+grows.
 """
 
 from __future__ import annotations
@@ -106,7 +107,8 @@ def test_every_solution_of_the_library_is_a_root(library: str, quadratics: list[
 def test_another_angle_is_no_root() -> None:
     generic = [k for k in INSTANCES if k.family == "generic"]
     values = [homogeneous_value(quadratic(k), angle_of(k, k.rotation) + 1e-3) for k in generic]
-    assert np.quantile(values, 0.02) > 1e-6 and np.min(values) > 1e-9
+    assert np.quantile(values, 0.02) > 1e-6
+    assert np.min(values) > 1e-9
 
 
 def test_coefficients_are_those_of_the_interpolated_equation(quadratics: list[np.ndarray]) -> None:
