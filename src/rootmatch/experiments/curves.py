@@ -1,0 +1,95 @@
+"""Mean accuracy against the number of sampled hyper-edges: tidy records, and their CSV files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from rootmatch.experiments.plan import RULES, SPARSE, Rule, Table, plan_of
+from rootmatch.experiments.rho import GRID, RESIDUALS, SCAN_SAMPLES, Rhos
+from rootmatch.experiments.settings import DEFAULT_ROAD, PANELS, PROBLEMS, Method, Setting
+from rootmatch.experiments.statistics import estimates
+
+
+@dataclass(frozen=True)
+class Record:
+    """One point of a curve: a line of the CSV file. Noise is in pixels, accuracies lie from 0 to 1."""
+
+    panel: str
+    problem: str
+    outliers: int
+    noise_px: float
+    baseline: float
+    motions: int
+    residual: str
+    solver: str
+    rho: float
+    rho_rule: str
+    samples: int
+    instances: int
+    accuracy: float
+    low: float
+    high: float
+
+
+def rule_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
+    """By which rule the ρ of a method was chosen; both when they agree, none for the default road."""
+    if method == DEFAULT_ROAD:
+        return [None]
+    return [rule for rule in RULES if table.method(problem, method.solver, rule, method.residual) == method]
+
+
+def records(table: Table, problem: str) -> list[Record]:
+    """All points of all curves of a problem's figure, in the order of its panels."""
+    plan = plan_of((problem,), table.rhos)
+    found = []
+    for panel in PANELS[problem]:
+        for setting in panel.settings:
+            for method, sizes in plan[setting]:
+                columns = np.stack([table.cells[setting, method, size] for size in sizes], axis=1)
+                for size, e in zip(sizes, estimates(columns), strict=True):
+                    for rule in rule_of(table, problem, method):
+                        found.append(_record(panel.label, setting, method, rule, size, e.count, e.mean, e.low, e.high))
+    return found
+
+
+def _record(
+    panel: str,
+    s: Setting,
+    m: Method,
+    rule: Rule | None,
+    samples: int,
+    count: int,
+    mean: float,
+    low: float,
+    high: float,
+) -> Record:
+    where = (panel, s.problem, s.outliers, s.noise, s.baseline, s.motions)
+    how = (m.residual, m.solver, m.rho, rule or "")
+    return Record(*where, *how, samples, count, round(mean, 6), round(low, 6), round(high, 6))
+
+
+def curves_csv(table: Table, problem: str) -> str:
+    """The records of a problem as CSV text with a header."""
+    out = io.StringIO()
+    names = [field.name for field in fields(Record)]
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows([[getattr(record, name) for name in names] for record in records(table, problem)])
+    return out.getvalue()
+
+
+def scan_csv(rhos: Rhos) -> str:
+    """The scan of ρ as CSV text: mean accuracy of the sparse solver at each ρ of the grid."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["residual", "problem", "solver", "samples", "rho", "accuracy", "chosen"])
+    for residual in RESIDUALS:
+        for problem in (*PROBLEMS, "all"):
+            chosen = rhos.chosen(residual, problem)
+            for rho, accuracy in zip(GRID, rhos.curves[residual, problem], strict=True):
+                writer.writerow([residual, problem, SPARSE, SCAN_SAMPLES, rho, round(accuracy, 6), int(rho == chosen)])
+    return out.getvalue()

@@ -1,0 +1,138 @@
+"""The paper's figures 2 to 4 and the scan of ρ, drawn with matplotlib.
+
+Colour tells σ (the palette of Okabe and Ito, which all kinds of colour vision keep apart), the marker the number of
+outliers and the line the solver: solid sparse, dashed dense, as in the paper. All panels have the same axes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rootmatch.experiments.plan import DENSE, RULE_NAMES, SPARSE, Rule, Table
+from rootmatch.experiments.rho import GRID, RESIDUALS, SCAN_INSTANCES, SCAN_SAMPLES, Rhos
+from rootmatch.experiments.settings import DEFAULT_ROAD, NOISES, PANELS, PROBLEMS, SAMPLES, TITLES, Method, Panel
+from rootmatch.experiments.statistics import estimates
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = dict(zip(NOISES, ("#000000", "#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))
+"""Of each σ, black for noise-free to vermilion for one pixel."""
+MARKERS = {0: "", 5: "o", 10: "s"}
+"""Of each number of outliers."""
+GRIDS = {"p3p": (1, 2), "3p1": (2, 2), "up2p": (2, 2)}
+"""Rows and columns of a figure's panels."""
+FIGURES = {"p3p": "2", "3p1": "3", "up2p": "4"}
+
+
+def draw(table: Table, problem: str, rule: Rule, with_default: bool = False) -> Figure:
+    """A problem's figure: one panel a group of settings, mean accuracy against samples with 95 % bootstrap bands.
+
+    Parameters
+    ----------
+    table : Table
+    problem : str
+    rule : Rule
+        By which the paper's ρ is chosen.
+    with_default : bool
+        Adds the default road on the same instances; the paper's curves then step back and have no bands.
+    """
+    from matplotlib.figure import Figure
+
+    rows, columns = GRIDS[problem]
+    figure = Figure(figsize=(5.2 * columns + 0.3, 3.9 * rows + 1.3), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis, panel in zip(axes, PANELS[problem], strict=False):
+        _panel(axis, table, panel, rule, with_default)
+    for axis in axes[len(PANELS[problem]) :]:
+        axis.set_axis_off()
+    for axis in axes[: len(PANELS[problem])]:
+        axis.set_ylabel("mean accuracy (%)")
+        axis.set_xlabel("sampled hyper-edges")
+    rho = table.method(problem, rule=rule).rho
+    count = len(table.seeds)
+    figure.suptitle(
+        f"Figure {FIGURES[problem]}, {TITLES[problem]}: 10 points, {count} instances, |R| of QR, "
+        f"ρ = {rho:.3g} ({RULE_NAMES[rule]})"
+        + ("\nwith the default road (joint residual, discrete ascent) on the same samples" if with_default else ""),
+        fontsize=11,
+    )
+    _legend(figure, problem, with_default)
+    return figure
+
+
+def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, with_default: bool) -> None:
+    problem = panel.settings[0].problem
+    lines: list[tuple[Method, dict[str, Any]]] = [
+        (table.method(problem, SPARSE, rule), {"linestyle": "-", "linewidth": 1.0 if with_default else 1.8}),
+        (table.method(problem, DENSE, rule), {"linestyle": "--", "linewidth": 0.9 if with_default else 1.3}),
+    ]
+    if with_default:
+        lines = [(method, style | {"alpha": 0.45}) for method, style in lines]
+        lines.append((DEFAULT_ROAD, {"linestyle": (0, (4, 1, 1, 1)), "linewidth": 2.4}))
+    for setting in panel.settings:
+        for method, style in lines:
+            columns = np.stack([table.cells[setting, method, size] for size in SAMPLES], axis=1)
+            curve = estimates(columns)
+            colour = COLOURS[setting.noise]
+            mean = [100 * e.mean for e in curve]
+            axis.plot(SAMPLES, mean, color=colour, marker=MARKERS[setting.outliers], markersize=4, **style)
+            if not with_default or method == DEFAULT_ROAD:
+                low, high = ([100 * getattr(e, end) for e in curve] for end in ("low", "high"))
+                axis.fill_between(SAMPLES, low, high, color=colour, alpha=0.12, linewidth=0)
+    axis.set_xscale("log")
+    axis.set_xlim(SAMPLES[0], SAMPLES[-1])
+    axis.set_ylim(0, 102)
+    axis.set_yticks(range(0, 101, 20))
+    axis.grid(alpha=0.3)
+    axis.set_title(f"{panel.label}  {panel.title}", loc="left", fontsize=10)
+
+
+def _legend(figure: Figure, problem: str, with_default: bool) -> None:
+    """One legend for all panels, below them: what colour, marker and line mean."""
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], color=COLOURS[noise], linewidth=3, label=f"σ = {noise:g} px") for noise in NOISES]
+    handles += [
+        Line2D([], [], color="grey", marker=marker, linestyle="", label=f"{k} outliers")
+        for k, marker in MARKERS.items()
+        if marker
+    ]
+    handles.append(Line2D([], [], color="grey", linestyle="-", linewidth=1.8, label="sparse (ℓ¹ rows)"))
+    handles.append(Line2D([], [], color="grey", linestyle="--", linewidth=1.3, label="dense"))
+    if with_default:
+        line = Line2D([], [], color="grey", linestyle=(0, (4, 1, 1, 1)), linewidth=2.4, label="default road")
+        handles.append(line)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+
+
+def draw_scan(rhos: Rhos) -> Figure:
+    """Mean accuracy of the sparse solver against ρ, a panel a residual; the choices are marked."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    colours = dict(zip((*PROBLEMS, "all"), ("#0072B2", "#E69F00", "#009E73", "#000000"), strict=True))
+    styles = dict(zip((*PROBLEMS, "all"), ("-", "--", "-.", ":"), strict=True))
+    for axis, residual in zip(figure.subplots(1, len(RESIDUALS), sharey=True), RESIDUALS, strict=True):
+        for problem, colour in colours.items():
+            curve = rhos.curves[residual, problem]
+            name = TITLES.get(problem, "mean of the problems")
+            axis.plot(GRID, 100 * curve, color=colour, linestyle=styles[problem], linewidth=1.8, label=name)
+            axis.plot(rhos.chosen(residual, problem), 100 * curve.max(), color=colour, marker="o", markersize=8)
+        axis.set_xscale("log")
+        axis.set_ylim(0, 102)
+        axis.grid(alpha=0.3)
+        axis.set_title(f"residual {residual}", loc="left", fontsize=10)
+        axis.set_xlabel("ρ (units of the residual)")
+        axis.set_ylabel("mean accuracy (%)")
+    figure.suptitle(
+        f"Choice of ρ: sparse solver, {SCAN_SAMPLES:,} samples, {SCAN_INSTANCES} instances a setting on seeds that are "
+        "not reported; discs mark the choices",
+        fontsize=11,
+    )
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    return figure

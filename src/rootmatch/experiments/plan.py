@@ -1,0 +1,98 @@
+"""What is run on the reported scenes, once ρ is chosen, and the names by which figures and claims ask for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.experiments.rho import RESIDUALS, Rhos
+from rootmatch.experiments.settings import DEFAULT_ROAD, SAMPLES, Method, Setting, settings_of
+from rootmatch.experiments.store import Store
+from rootmatch.experiments.sweep import Plan
+
+Rule = Literal["one", "own"]
+"""One ρ for all problems, as in the paper, or a ρ of each problem's own."""
+RULES: tuple[Rule, ...] = ("one", "own")
+RULE_NAMES: dict[Rule, str] = {"one": "one ρ for all problems", "own": "a ρ for each problem"}
+
+SPARSE, DENSE = "power-l1", "power-dense"
+
+SAMPLES_OF: dict[str, tuple[int, ...]] = {
+    "qr": SAMPLES,
+    "qr-both": tuple(s for s in SAMPLES if s in (100_000, 1_000_000)),
+    # The least singular value has no closed form and costs forty times as much.
+    "svd": tuple(s for s in SAMPLES if s == 100_000),
+}
+"""Sample sizes of each residual of the paper: whole curves of the one that its figures show."""
+COMMON_SAMPLES = 100_000
+"""The sample size at which all residuals are compared."""
+MOST_SAMPLES = max(SAMPLES)
+
+
+def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
+    """Methods and sample sizes on all settings of the problems' figures."""
+    plan: Plan = {}
+    for problem in problems:
+        methods: dict[Method, tuple[int, ...]] = {}
+        for residual in RESIDUALS:
+            for rho in (rhos.chosen(residual), rhos.chosen(residual, problem)):
+                for solver in (SPARSE, DENSE):
+                    methods[Method(residual, solver, rho)] = SAMPLES_OF[residual]
+        methods[DEFAULT_ROAD] = SAMPLES
+        plan |= dict.fromkeys(settings_of(problem), tuple(methods.items()))
+    # Scenes with few outliers first, the problems in turn: progress is then a fair sample of the whole.
+    return dict(sorted(plan.items(), key=lambda item: item[0].outliers))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Accuracies of all instances, by setting, method and sample size.
+
+    Attributes
+    ----------
+    problems : tuple of str
+        Those that were run.
+    seeds : range
+        Of the instances.
+    rhos : Rhos
+    cells : dict of (Setting, Method, samples) to (instances,) array
+        Instances in the order of their seeds, so that cells can be paired.
+    """
+
+    problems: tuple[str, ...]
+    seeds: range
+    rhos: Rhos
+    cells: dict[tuple[Setting, Method, int], NDArray[np.float64]]
+
+    @classmethod
+    def read(cls, store: Store, problems: tuple[str, ...], rhos: Rhos, seeds: range) -> Table:
+        """All accuracies of a finished sweep."""
+        cells = {}
+        for setting, methods in plan_of(problems, rhos).items():
+            for method, sizes in methods:
+                found = store.accuracies(setting, method, seeds)
+                for size in sizes:
+                    cells[setting, method, size] = np.array([found[size][seed] for seed in seeds])
+        return cls(problems, seeds, rhos, cells)
+
+    def method(self, problem: str, solver: str = SPARSE, rule: Rule = "one", residual: str = "qr") -> Method:
+        """The paper's method with a chosen ρ."""
+        return Method(residual, solver, self.rhos.chosen(residual, "all" if rule == "one" else problem))
+
+    def paper(
+        self,
+        setting: Setting,
+        solver: str = SPARSE,
+        rule: Rule = "one",
+        samples: int = MOST_SAMPLES,
+        residual: str = "qr",
+    ) -> NDArray[np.float64]:
+        """Accuracies (instances,) of the paper's method."""
+        return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples]
+
+    def default(self, setting: Setting, samples: int = MOST_SAMPLES) -> NDArray[np.float64]:
+        """Accuracies (instances,) of the default road."""
+        return self.cells[setting, DEFAULT_ROAD, samples]

@@ -1,0 +1,119 @@
+"""The paper's experiments from scenes to figures and claims, in one call that goes on where it stopped."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+from rootmatch.errors import InputError
+from rootmatch.experiments.claims_report import claims_markdown
+from rootmatch.experiments.curves import curves_csv, scan_csv
+from rootmatch.experiments.figures import FIGURES, draw, draw_scan
+from rootmatch.experiments.plan import Table, plan_of
+from rootmatch.experiments.progress import Progress
+from rootmatch.experiments.rho import SCAN_SEEDS, Rhos, choose, scan_plan
+from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
+from rootmatch.experiments.store import Store
+from rootmatch.experiments.sweep import Plan, run, units
+
+STORE_NAME = "results.sqlite"
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What was written, and ρ as it was chosen."""
+
+    files: tuple[Path, ...]
+    rhos: Rhos
+
+
+def reproduce(
+    problems: tuple[str, ...],
+    output: Path,
+    *,
+    instances: int = 100,
+    seed: int = 0,
+    jobs: int = -1,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Reproduction:
+    """Run what is missing of the experiments, then draw the figures and judge the claims.
+
+    Parameters
+    ----------
+    problems : tuple of str
+        Of ``"p3p"``, ``"3p1"``, ``"up2p"``. ρ is chosen over all three in any case.
+    output : Path
+        Folder of ``results.sqlite``, the figures (PNG and SVG), the curves (CSV) and ``claims.md``. The same call on
+        the same folder goes on where an earlier one stopped; more instances or problems add to what is there.
+    instances : int
+        Scenes of each setting.
+    seed : int
+        Of the first scene; the others follow.
+    jobs, scheduler, progress
+        See `rootmatch.experiments.sweep.run`.
+
+    Raises
+    ------
+    InputError
+        For an unknown problem, counts out of range, a store that cannot be used or a scheduler that does not answer.
+    """
+    unknown = [problem for problem in problems if problem not in PROBLEMS]
+    if unknown or not problems:
+        raise InputError(f"problem: {', '.join(unknown) or 'none'} given; one of {', '.join(PROBLEMS)} expected")
+    if instances < 1 or seed < 0 or seed + instances > SCAN_SEED:
+        raise InputError(
+            f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {SCAN_SEED - 1:,}; "
+            "those above are for the choice of ρ"
+        )
+    ordered = tuple(problem for problem in PROBLEMS if problem in problems)
+    seeds = range(seed, seed + instances)
+    with Store(output / STORE_NAME) as store:
+
+        def complete(title: str, plan: Plan, stage_seeds: range) -> None:
+            work = units(plan, stage_seeds, store)
+            if progress is not None and work:
+                progress.begin(title, sum(unit.rows for unit in work))
+            run(work, store, jobs=jobs, scheduler=scheduler, progress=progress)
+
+        complete("choosing ρ", scan_plan(), SCAN_SEEDS)
+        rhos = choose(store)
+        complete(f"{', '.join(ordered)}: {instances} instances", plan_of(ordered, rhos), seeds)
+        table = Table.read(store, ordered, rhos, seeds)
+        files = write(table, output, claims_markdown(table, store.versions(), store.seconds()))
+    return Reproduction(files, rhos)
+
+
+def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
+    """Write figures, curves and claims; a file that is being replaced stays whole until the new one is."""
+    files: list[Path] = []
+
+    def put(name: str, content: bytes) -> None:
+        path = output / name
+        part = path.with_name(path.name + ".part")
+        part.write_bytes(content)
+        os.replace(part, path)
+        files.append(path)
+
+    import matplotlib as mpl
+
+    # Text stays text, and the same results give the same file.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rootmatch"}):
+        drawings = {"rho-scan": draw_scan(table.rhos)}
+        for problem in table.problems:
+            stem = f"figure-{FIGURES[problem]}-{problem}"
+            drawings[stem] = draw(table, problem, "one")
+            drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
+            drawings[f"{stem}-default-road"] = draw(table, problem, "one", with_default=True)
+        for stem, figure in drawings.items():
+            for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+                buffer = BytesIO()
+                figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
+                put(f"{stem}.{kind}", buffer.getvalue())
+    for problem in table.problems:
+        put(f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode())
+    put("rho-scan.csv", scan_csv(table.rhos).encode())
+    put("claims.md", claims.encode())
+    return tuple(files)

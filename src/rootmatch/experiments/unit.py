@@ -1,0 +1,213 @@
+"""One unit of work: the scenes of one seed, one stream of hyper-edges, all methods on all prefixes of the stream."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.affinity import Affinity, Residual, affinity
+from rootmatch.backends import cpu
+from rootmatch.errors import InputError
+from rootmatch.experiments.settings import Method, Setting
+from rootmatch.experiments.store import Row
+from rootmatch.hyperedges import random_hyperedges, wide_first
+from rootmatch.kernels.rows import sorted_rows
+from rootmatch.simulation import Scene
+from rootmatch.solvers import MultiStartAscent, PowerIteration, Solver
+from rootmatch.tensor import AffinityTensor
+
+BLOCK = 1 << 14
+"""Draws evaluated at once. The compiler may round the last few of a block otherwise than the rest, so blocks always
+begin at the same draws and are always whole: a residual then does not depend on how many are asked for."""
+
+NOISE_FLOOR = 0.01
+"""σ in pixels told to the default road for noise-free scenes: with 0 it would weigh nothing but rounding errors."""
+
+SOLVERS: dict[str, Solver] = {
+    "power-l1": PowerIteration("l1", keep=0),
+    "power-dense": PowerIteration("l2", keep=0),
+    "ascent": MultiStartAscent(keep=0),
+}
+"""The solvers of `rootmatch.match`, without alternatives, which a sweep does not need."""
+
+_ONE_AT_A_TIME = threading.Lock()
+"""Held by the unit in work: a cluster's worker may have several threads, and Numba's simplest one has none to share."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One setting and what is to be tried on it: methods, each with its sample sizes."""
+
+    setting: Setting
+    methods: tuple[tuple[Method, tuple[int, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Tasks that share a seed and a stream of hyper-edges, that is, the numbers of points and the order."""
+
+    seed: int
+    tasks: tuple[Task, ...]
+
+    @property
+    def rows(self) -> int:
+        """How many rows it yields."""
+        return sum(len(sizes) for task in self.tasks for _, sizes in task.methods)
+
+
+class Stream:
+    """A random stream of hyper-edges, with the repeated ones known.
+
+    Attributes
+    ----------
+    source, target : (E, d) int64 arrays
+        Indices of the points of each hyper-edge drawn.
+    group : (E,) int64 array
+        Which different hyper-edge each is, numbered in the order of first appearance.
+    indices : (G, d) int32 array
+        Flat correspondences of the different ones, so those of a prefix of the stream are a prefix.
+    seen : (E,) int64 array
+        How many different ones the stream has shown up to and with each draw.
+    """
+
+    def __init__(self, shape: tuple[int, int], order: int, count: int, seed: int) -> None:
+        blocks = list(random_hyperedges(*shape, order, count, seed))
+        self.source = np.concatenate([block[0] for block in blocks]).astype(np.int64)
+        self.target = np.concatenate([block[1] for block in blocks]).astype(np.int64)
+        rows = sorted_rows((self.source * shape[1] + self.target).astype(np.int32))
+        base = math.prod(shape)
+        if base**order >= 2**63:
+            raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
+        keys = np.zeros(count, dtype=np.int64)
+        for column in rows.T:
+            keys = keys * base + column
+        self.group, first = _groups(keys)
+        self.indices = np.ascontiguousarray(rows[first])
+        self.seen = np.maximum.accumulate(self.group) + 1
+
+
+@njit(cache=True)
+def _groups(keys):  # type: ignore[no-untyped-def]
+    """Group (E,) of each key, numbered in the order of first appearance, and where each group first appears (G,).
+
+    A hash table with linear probing: three times as fast as sorting.
+    """
+    size = 1
+    while size < 2 * keys.size:
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    group = np.empty(keys.size, np.int64)
+    first = np.empty(keys.size, np.int64)
+    known = 0
+    for e in range(keys.size):
+        # Multiplication by the golden ratio spreads neighbouring keys; the high bits are the well mixed ones.
+        slot = np.int64((np.uint64(keys[e]) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) & (size - 1)
+        while table[slot] >= 0 and keys[first[table[slot]]] != keys[e]:
+            slot = (slot + 1) & (size - 1)
+        if table[slot] < 0:
+            table[slot] = known
+            first[known] = e
+            known += 1
+        group[e] = table[slot]
+    return group, first[:known].copy()
+
+
+@njit(cache=True)
+def _lower(least, group, residual, start, stop):  # type: ignore[no-untyped-def]
+    """Lower the least residual of each group by the draws start … stop − 1."""
+    for e in range(start, stop):
+        least[group[e]] = min(least[group[e]], residual[e])
+
+
+def nested_tensors(
+    stream: Stream,
+    indices: NDArray[np.int32],
+    residual: NDArray[np.float64],
+    weigh: Affinity,
+    shape: tuple[int, int],
+    sizes: tuple[int, ...],
+) -> Iterator[tuple[int, AffinityTensor]]:
+    """The tensors H_s of the first s draws, s ascending; ``indices`` are those of the stream, in the scene's own order.
+
+    A hyper-edge drawn again is the same entry; the order of its points may be another, and with it the minimal sets
+    that are compared, so the lesser residual counts, as in `AffinityTensor.merged`. Weights below 10⁻¹² are left out
+    (`Affinity.gate`).
+    """
+    least = np.full(len(indices), np.inf)
+    start = 0
+    for size in sorted(sizes):
+        _lower(least, stream.group, residual, start, size)
+        start = size
+        known = least[: stream.seen[size - 1]]
+        keep = np.flatnonzero(known <= weigh.gate)
+        yield size, AffinityTensor.unchecked(indices[keep], weigh.weights(known[keep]), shape)
+
+
+def evaluate(unit: Unit) -> list[Row]:
+    """All rows of a unit; they depend on the unit alone, not on threads, processes or what else is in it."""
+    with _ONE_AT_A_TIME:
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1)
+        try:
+            return list(_evaluate(unit))
+        finally:
+            numba.set_num_threads(threads)
+
+
+def _evaluate(unit: Unit) -> Iterator[Row]:
+    streams: dict[tuple[tuple[int, int], int], Stream] = {}
+    count = max(max(sizes) for task in unit.tasks for _, sizes in task.methods)
+    for task in unit.tasks:
+        scene = task.setting.scene(unit.seed)
+        shape = (len(scene.source), len(scene.target))
+        key = shape, scene.problem.order
+        if key not in streams:
+            streams.clear()  # tasks of one unit share a stream; should they not, one at a time is held
+            streams[key] = Stream(*key, -(-count // BLOCK) * BLOCK, unit.seed)
+        yield from _rows(unit.seed, task, scene, streams[key], shape)
+
+
+def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int, int]) -> Iterator[Row]:
+    """Rows of one task: each kind of residual is evaluated once, as far as any method needs it.
+
+    As in `rootmatch.match`, the stream counts the source points from those far apart on; so a row of the paper's method
+    is what `match(..., preset="paper", samples=s, rho=rho, solver=solver, seed=seed)` finds.
+    """
+    kinds = list(dict.fromkeys(method.residual for method, _ in task.methods))
+    order = wide_first(scene.source)
+    tables = scene.problem.prepare(scene.source[order], scene.target, max(scene.noise, NOISE_FLOOR))
+    own = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)[order].ravel()
+    indices = own[stream.indices]
+    for kind in kinds:
+        methods = [(method, sizes) for method, sizes in task.methods if method.residual == kind]
+        chosen = Residual(kind)
+        kernel = chosen.kernel_kind(scene.problem.pair_count)
+        starts = range(0, max(max(sizes) for _, sizes in methods), BLOCK)
+        blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
+        residual = np.concatenate([cpu.residuals(tables, kernel, *block) for block in blocks])
+        for rho in dict.fromkeys(method.rho for method, _ in methods):
+            same_rho = [(method, sizes) for method, sizes in methods if method.rho == rho]
+            sizes = tuple(sorted({size for _, sizes in same_rho for size in sizes}))
+            for size, tensor in nested_tensors(stream, indices, residual, affinity(chosen, rho), shape, sizes):
+                for method, wanted in same_rho:
+                    if size not in wanted:
+                        continue
+                    solution = SOLVERS[method.solver](tensor, seed=seed)
+                    yield Row(
+                        task.setting,
+                        method,
+                        seed,
+                        size,
+                        scene.accuracy(solution.assignment),
+                        float(solution.score),
+                        tensor.size,
+                        solution.iterations,
+                        solution.converged,
+                    )

@@ -1,0 +1,52 @@
+"""How a claim is judged: cases with a yes or no each, and the verdict that follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FULL = 0.99
+"""Mean accuracy that counts as "100 %": at most ten of the thousand points of a hundred instances are wrong."""
+GOOD = 0.80
+"""Mean accuracy that counts as "good", "robust" or "handled": four points of five, enough for any robust estimate."""
+RAPID = 0.30
+"""Fall of the mean accuracy that counts as "rapid" between the noise-free case and the noise named in the rule."""
+EQUAL = 0.05
+"""Mean accuracies closer than this count as equal: half a point of ten."""
+FEW = 100_000
+"""Samples that count as "few": a tenth of the largest sample."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One instance of a claim.
+
+    Attributes
+    ----------
+    name : str
+        What it is about, such as ``"P3P, σ = 0.1"``.
+    holds : bool
+    figures : str
+        What decides it.
+    """
+
+    name: str
+    holds: bool
+    figures: str
+
+
+def verdict(cases: list[Case]) -> str:
+    """Say ``holds``, ``does not hold``, or ``holds only for …`` with the cases named.
+
+    Raises
+    ------
+    ValueError
+        If there is no case: nothing was looked at, so nothing can be said.
+    """
+    if not cases:
+        raise ValueError("no case to judge")
+    true = [case.name for case in cases if case.holds]
+    if len(true) == len(cases):
+        return "holds"
+    if not true:
+        return "does not hold"
+    return "holds only for " + "; ".join(true)
