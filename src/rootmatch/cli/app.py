@@ -20,6 +20,7 @@ from rootmatch.errors import RootmatchError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+STOPPED = "interrupted; nothing half-written is left"
 
 COMMANDS: dict[str, Callable[..., None]] = {"match": match, "simulate": simulate}
 """The commands by name. Their modules import what is heavy inside the function, so that help stays instant."""
@@ -33,20 +34,32 @@ class OneLineErrors(TyperGroup):
         extra["standalone_mode"] = False
         try:
             code = super().main(*args, **extra)
+            sys.stdout.flush()
         except (KeyboardInterrupt, typer.Abort):
-            sys.exit(_fail("interrupted; nothing half-written is left", INTERRUPTED))
+            sys.exit(_fail(STOPPED, INTERRUPTED))
         except RootmatchError as error:
             sys.exit(_fail(str(error), BAD_INPUT))
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # whoever read it has gone; no more is said
             sys.exit(BAD_INPUT)
         except Exception as error:
+            if _interrupted(error):
+                sys.exit(_fail(STOPPED, INTERRUPTED))
             # The parser's own errors of usage; everything else is a fault of the program and shows where it is.
             if not hasattr(error, "format_message"):
                 raise
             # Without a text the parser has shown the help instead.
             sys.exit(_fail(_usage(error), BAD_INPUT) if error.format_message() else BAD_INPUT)
-        sys.exit(_fail("interrupted; nothing half-written is left", code) if code == INTERRUPTED else code or 0)
+        sys.exit(_fail(STOPPED, code) if code == INTERRUPTED else code or 0)
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C lies behind an error: met while a compiled function returns, it comes out as a SystemError."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _usage(error: Any) -> str:

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rootmatch.cli.progress import shown
 from rootmatch.cli.texts import in_words_of_the_command
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rootmatch.affinity import Progress
     from rootmatch.io import Calibration, PointSet
     from rootmatch.match import Match
     from rootmatch.problems.problem import Problem
 
 NOT_TRUSTED = 1
-PROGRESS_AFTER = 2.0
-"""Seconds of work after which progress shows."""
 
 
 class ProblemName(StrEnum):
@@ -182,7 +178,10 @@ def match(
     }
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: f"--{name.replace('_', '-')}" for name in (*options, "noise", "motions", "seed")}
-    with in_words_of_the_command({"source": str(model), "target": str(image), **subjects}), _shown(progress) as show:
+    with (
+        in_words_of_the_command({"source": str(model), "target": str(image), **subjects}),
+        shown("hyper-edges", progress) as show,
+    ):
         from rootmatch.match import match as find
 
         found = find(
@@ -260,35 +259,6 @@ def _motions(text: str) -> Any:
         return int(text)
     except ValueError:
         raise InputError(f"motions: {text!r} given; give a whole number of at least 1, or auto") from None
-
-
-@contextmanager
-def _shown(wanted: bool | None) -> Iterator[Progress | None]:
-    """A callback that draws a bar on standard error, or None; by default only in a terminal, and only on long work."""
-    if wanted is False or (wanted is None and not sys.stderr.isatty()):
-        yield None
-        return
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = TextColumn("hyper-edges"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    bar = Progress(*columns, console=console, transient=wanted is None)
-    task = bar.add_task("hyper-edges", total=None)
-    started = time.monotonic()
-
-    def show(done: int, total: int) -> None:
-        if not bar.live.is_started and (wanted or time.monotonic() - started > PROGRESS_AFTER):
-            bar.start()
-        bar.update(task, completed=done, total=total)
-
-    try:
-        yield show
-    finally:
-        if bar.live.is_started:
-            bar.stop()
 
 
 def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:

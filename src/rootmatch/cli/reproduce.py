@@ -1,0 +1,49 @@
+"""The command ``rootmatch reproduce``: the paper's experiments, figures and claims."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Which(StrEnum):
+    """What is reproduced."""
+
+    P3P = "p3p"
+    THREE_PLUS_ONE = "3p1"
+    UP2P = "up2p"
+    ALL = "all"
+
+
+def reproduce(
+    which: Annotated[Which, typer.Argument(help="A problem of the paper, or all of them.")],
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results; one that holds some is gone on with.")
+    ],
+    instances: Annotated[int, typer.Option(metavar="N", help="Scenes of each setting.")] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of the first scene.")] = 0,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; -1 for one a processor.")] = -1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT, whose workers are used.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+) -> None:
+    """Run the paper's experiments, draw its figures and judge its claims.
+
+    Results are kept as they come: after an interruption, however rough, the same command goes on. The same seed gives
+    the same results whatever the number of processes.
+    """
+    from contextlib import nullcontext
+
+    from rootmatch.experiments.progress import Console
+    from rootmatch.experiments.reproduce import reproduce as run
+    from rootmatch.experiments.settings import PROBLEMS
+
+    problems = PROBLEMS if which is Which.ALL else (which.value,)
+    with nullcontext() if quiet else Console() as progress:
+        done = run(problems, output, instances=instances, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress)
+    for path in done.files:
+        typer.echo(path)
