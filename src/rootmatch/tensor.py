@@ -75,7 +75,8 @@ class AffinityTensor:
         if weights.shape != (indices.shape[0],):
             raise InputError(f"weights: got shape {weights.shape}; expected ({indices.shape[0]},), one a hyper-edge")
         chunks = contraction.chunk_count(weights.size, 1)
-        fault, edge = contraction.first_fault(indices, weights, n, n_target, chunks)
+        with contraction.threads_for(chunks):
+            fault, edge = contraction.first_fault(indices, weights, n, n_target, chunks)
         if fault != contraction.VALID:
             pairs = [divmod(int(a), n_target) for a in indices[edge]]
             raise InputError(f"hyper-edge {edge}, (i, i') = {pairs}, weight {weights[edge]:g}: {_FAULTS[fault]}")
@@ -158,7 +159,8 @@ class AffinityTensor:
         """Objective of an assignment (n,): the target of each source point, each once at most; −1 where unmatched."""
         chosen = self._indicator(assignment)
         chunks = contraction.chunk_count(self.size, 1)
-        score = float(contraction.inside_score(self.indices, self.weights, chosen.ravel(), chunks))
+        with contraction.threads_for(chunks):
+            score = float(contraction.inside_score(self.indices, self.weights, chosen.ravel(), chunks))
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
     def _indicator(self, assignment: ArrayLike) -> NDArray[np.bool_]:

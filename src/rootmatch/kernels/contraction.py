@@ -10,8 +10,11 @@ own and the tables are summed in order, so the result is the same to the last bi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import numba
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -28,6 +31,20 @@ VALID, OUT_OF_RANGE, SHARED_SOURCE, SHARED_TARGET, BAD_WEIGHT = 0, 1, 2, 3, 4
 def chunk_count(edges: int, correspondences: int) -> int:
     """Chunks for a tensor: enough to share among threads, few enough that clearing their tables costs nothing."""
     return max(1, min(edges // CHUNK, MOST_CHUNKS, edges // max(1, correspondences)))
+
+
+@contextmanager
+def threads_for(tasks: int) -> Iterator[None]:
+    """Let parallel functions inside use as many threads as there are tasks worth one, and no more than allowed.
+
+    Waking threads for a few microseconds of work costs more than the work, and far more on a busy machine.
+    """
+    allowed = numba.get_num_threads()
+    numba.set_num_threads(max(1, min(allowed, tasks)))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(allowed)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,9 +8,17 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from rootmatch.kernels.contraction import CHUNK, threads_for
+
+
+def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
+    """Copy of the rows (E, d) with the entries of each in ascending order."""
+    with threads_for(len(indices) // CHUNK):
+        return np.asarray(_sorted_rows(indices))
+
 
 @njit(cache=True, parallel=True)
-def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
+def _sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
     """Copy of the rows with the entries of each in ascending order (insertion sort: d is small)."""
     out = indices.copy()
     for e in prange(out.shape[0]):

@@ -216,16 +216,13 @@ def climb_from(
 
 
 @njit(cache=True)
-def modifications(
-    index: SubsetIndex, image: NDArray[Any], penalty: float, keep: int
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Best `keep` changes of an assignment: a point to a free target, a target to a free point, or an exchange.
+def _changes(index: SubsetIndex, state: State) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """All changes of an assignment by a point to a free target, a target to a free point, or an exchange.
 
-    Returns the assignments (keep or fewer, n) and their objectives, best first.
+    Returns rows (source, its new target, other source, its new target), −1 where nothing changes or a point becomes
+    free; the change of f; and for exchanges what the term Q, not yet in it, may add.
     """
-    n, n_target = index.n, index.n_target
-    state = state_of(index, image)
-    # Rows: source, its new target, other source, its new target; −1 where nothing changes or becomes free.
+    n, n_target, image = index.n, index.n_target, state.image
     most = n * n_target + n * n
     rows, change, slack = np.full((most, 4), -1, np.int64), np.empty(most), np.zeros(most)
     count = 0
@@ -250,25 +247,35 @@ def modifications(
                 rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = i, image[j], j, image[i]
                 change[count], slack[count] = _exchange_terms(index, state, i, j)
                 count += 1
-    change, slack = change[:count], slack[:count]
-    if count > keep:
-        # The term Q of an exchange is looked up where it could decide who is among the best.
-        enough = np.sort(change)[count - keep]
-        for r in range(count):
-            if slack[r] > 0 and change[r] + slack[r] >= enough:
-                change[r] = _exchange_change(index, state, rows[r, 0], rows[r, 2])
-    else:
-        for r in range(count):
-            if slack[r] > 0:
-                change[r] = _exchange_change(index, state, rows[r, 0], rows[r, 2])
-    chosen = np.argsort(-change, kind="mergesort")[:keep]
-    images, values = np.empty((chosen.size, n), np.int64), np.empty(chosen.size)
-    value = objective(index, state, penalty)
-    for s in range(chosen.size):
-        r = chosen[s]
-        images[s] = image
-        images[s, rows[r, 0]] = rows[r, 1]
-        if rows[r, 2] >= 0:
-            images[s, rows[r, 2]] = rows[r, 3]
-        values[s] = value + change[r]
-    return images, values
+    return rows[:count], change[:count], slack[:count]
+
+
+@njit(cache=True)
+def _complete_exchanges(index: SubsetIndex, state: State, rows: NDArray[Any], change: NDArray[Any]) -> None:
+    """Put the exact change of f for exchanges."""
+    for r in range(rows.shape[0]):
+        change[r] = _exchange_change(index, state, rows[r, 0], rows[r, 2])
+
+
+def modifications(
+    index: SubsetIndex, image: NDArray[np.int64], penalty: float, keep: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Best `keep` changes of an assignment (n,): a point to a free target, a target to a free point, or an exchange.
+
+    Returns the assignments (keep or fewer, n) and their objectives, best first.
+    """
+    state = state_of(index, image)
+    rows, change, slack = _changes(index, state)
+    # The term Q of an exchange is looked up where it could decide who is among the best.
+    enough = np.partition(change, -keep)[-keep] if 0 < keep < change.size else -np.inf
+    open_ = np.flatnonzero((slack > 0) & (change + slack >= enough))
+    exact = change[open_]
+    _complete_exchanges(index, state, rows[open_], exact)
+    change[open_] = exact
+    chosen = np.argsort(-change, kind="stable")[:keep]
+    images = np.repeat(image[None], chosen.size, axis=0)
+    every = np.arange(chosen.size)
+    source, target, other, theirs = rows[chosen].T
+    images[every, source] = target
+    images[every[other >= 0], other[other >= 0]] = theirs[other >= 0]
+    return images, objective(index, state, penalty) + change[chosen]

@@ -19,6 +19,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.kernels.contraction import CHUNK, threads_for
 from rootmatch.tensor import AffinityTensor
 
 
@@ -63,9 +64,10 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     edge_bits = max(1, (tensor.size - 1).bit_length())
     tag_bits = min(32 - edge_bits, 64 - bits)
     keys = _random_keys(tensor.shape[0] * tensor.shape[1])
-    ranges = min(numba.get_num_threads(), 1 << bits)
     shifts = (64 - bits, 64 - bits - tag_bits)
-    start, entries = _sort_into_buckets(tensor.indices, keys, bits, *shifts, edge_bits, ranges)
+    with threads_for(tensor.size // CHUNK):
+        ranges = min(numba.get_num_threads(), 1 << bits)
+        start, entries = _sort_into_buckets(tensor.indices, keys, bits, *shifts, edge_bits, ranges)
     unary = np.zeros(keys.size) if tensor.unary is None else tensor.unary.reshape(-1)
     marginals = tensor.marginals().reshape(-1)
     return SubsetIndex(
@@ -128,17 +130,19 @@ def _sort_into_buckets(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _sort_entries(entries, first, last):  # type: ignore[no-untyped-def]
-    """Ascending order of one bucket: by insertion when short, as nearly all are."""
-    if last - first > 32:
-        entries[first:last] = np.sort(entries[first:last])
-        return
-    for t in range(first + 1, last):
-        entry = entries[t]
-        s = t - 1
-        while s >= first and entries[s] > entry:
-            entries[s + 1] = entries[s]
-            s -= 1
-        entries[s + 1] = entry
+    """Ascending order of one bucket, by insertion; Shell's steps first where a popular subset makes it long."""
+    gap = 1
+    while 9 * gap < last - first:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for t in range(first + gap, last):
+            entry = entries[t]
+            s = t
+            while s - gap >= first and entries[s - gap] > entry:
+                entries[s] = entries[s - gap]
+                s -= gap
+            entries[s] = entry
+        gap //= 3
 
 
 @njit(cache=True)
