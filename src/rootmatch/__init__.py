@@ -7,6 +7,7 @@ from rootmatch.errors import InputError, RootmatchError
 from rootmatch.match import Match, Status, match, residuals
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.problem import Problem
+from rootmatch.problems.three_plus_one import ThreePlusOne
 from rootmatch.problems.up2p import UP2P
 from rootmatch.tensor import AffinityTensor
 
@@ -22,6 +23,7 @@ __all__ = [
     "Residual",
     "RootmatchError",
     "Status",
+    "ThreePlusOne",
     "__version__",
     "match",
     "residuals",

@@ -29,7 +29,7 @@ EXHAUSTIVE_LIMIT = 4_000_000_000
 """Hyper-edges that are evaluated without asking: about a minute on two cores."""
 AMBIGUOUS_MARGIN = 0.1
 """Lead below which a different answer is nearly as good."""
-SUPPORT = 0.25
+SUPPORT = 0.1
 """Share of the median support below which a matched point is left unmatched."""
 TRUSTED_CONSISTENCY = 0.12
 """Share of the hyper-edges inside the answer that must agree: chance reaches half of it, two equal motions 0.17."""
