@@ -78,8 +78,9 @@ def largest_root_cubic(a2, a1, a0):  # type: ignore[no-untyped-def]
         x = max(x, math.sqrt(max(q, 0.0)) - shift) if r * r == q3 else x
     for _ in range(2):
         slope = (3.0 * x + 2.0 * a2) * x + a1
-        step = (((x + a2) * x + a1) * x + a0) / (slope if slope != 0.0 else math.inf)
-        x -= step if abs(step) <= 0.1 * abs(x) else 0.0
+        value = ((x + a2) * x + a1) * x + a0
+        y = x - value / (slope if slope != 0.0 else math.inf)
+        x = y if abs(((y + a2) * y + a1) * y + a0) < abs(value) else x
     return x
 
 
@@ -120,17 +121,15 @@ def roots_quartic(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     q = d - 2.0 * shift * c + 8.0 * b2 * shift
     r = e - shift * d + b2 * c - 3.0 * b2 * b2
     z = largest_root_cubic(2.0 * p, p * p - 4.0 * r, -q * q)
-    if z > 0.0:
-        u = math.sqrt(z)
-        half = 0.5 * (p + z)
+    u = math.sqrt(max(z, 0.0))
+    half = 0.5 * (p + u * u)
+    if u * u > 0.01 * abs(p):
         split = 0.5 * q / u
-        s = half - split
-        t = half + split
-    else:  # q = 0: a quadratic in y²
-        u = 0.0
-        split = math.sqrt(max(0.25 * p * p - r, 0.0))
-        s = 0.5 * p - split
-        t = 0.5 * p + split
+    else:  # nearly a quadratic in y², where q and u both vanish
+        split = math.sqrt(max(half * half - r, 0.0))
+        split = split if q >= 0.0 else -split
+    s = half - split
+    t = half + split
     r0, r1, i01 = roots_quadratic(1.0, u, s)
     r2, r3, i23 = roots_quadratic(1.0, -u, t)
     r0 -= shift

@@ -106,12 +106,10 @@ def tilt(t, u, p):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
-    """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
+def look(y, sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """Geometry of three correspondences a ↔ k, b ↔ l, c ↔ m, with their deviations, at one root y of h.
 
-    Returns whether the root counts at all, t, whether the three points lie in front for t and for −t, and what
-    `prediction` needs: the angle, det J₃, its square raised by BLUR, and of each of the three the row (s, w) of the
-    adjugate of J₃ (in θ, and across t), variance and tilt.
+    Returns t, whether the three points lie in front for t and for −t, and (cosine, sine, u₁, u₂, u₃, n₁, n₂, n₃).
     """
     inverse = 1.0 / (1.0 + y * y)
     cosine = sign * (1.0 - y * y) * inverse
@@ -125,6 +123,18 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     margin1, margin2, margin3 = TOLERANCE * (da + dk), TOLERANCE * (db + dl), TOLERANCE * (dc + dm)
     front = min(min(near1, far1) + margin1, min(near2, far2) + margin2, min(near3, far3) + margin3) > 0.0
     back = max(max(near1, far1) - margin1, max(near2, far2) - margin2, max(near3, far3) - margin3) < 0.0
+    return t, front, back, (cosine, sine, u1, u2, u3, n1, n2, n3)
+
+
+@scalar
+def linearised(y, h, t, view, k, l, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """First-order propagation of the noise of the three correspondences at one root.
+
+    Returns whether the root is real within noise, and what `prediction` needs: cosine and sine, det J₃, its square
+    raised by BLUR, and of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and
+    tilt.
+    """
+    cosine, sine, u1, u2, u3, n1, n2, n3 = view
     j1 = inner(wedge(slope(u1), k), t)
     j2 = inner(wedge(slope(u2), l), t)
     j3 = inner(wedge(slope(u3), m), t)
@@ -137,12 +147,14 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     # d²D/dθ² is h''/4 up to terms in h and h', which are small where it matters
     curvature = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y))
     square = det * det + BLUR * curvature * math.sqrt(variance)
-    value = value_quartic(h[0], h[1], h[2], h[3], h[4], y) * inverse * inverse
-    counts = (front or back) and value * value < GATE * GATE * variance and square > 0.0
+    # D = h / (1 + x²)²
+    scale = 1.0 + y * y
+    value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
+    real = value * value < GATE * GATE * variance * scale * scale * scale * scale and square > 0.0
     one = (s1, combined(j3, n2, -j2, n3), v1, tilt(t, u1, k))
     two = (s2, combined(j1, n3, -j3, n1), v2, tilt(t, u2, l))
     three = (s3, combined(j2, n1, -j1, n2), v3, tilt(t, u3, m))
-    return counts, t, front, back, (cosine, sine, det, square, one, two, three)
+    return real, (cosine, sine, det, square, one, two, three)
 
 
 @scalar
@@ -214,12 +226,15 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     a, b, c = bearing(q, i0), bearing(q, i1), bearing(q, i2)
     k, l, m = bearing(p, j0), bearing(p, j1), bearing(p, j2)  # noqa: E741
     angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    da, db, dc = dq[i0], dq[i1], dq[i2]
+    dk, dl, dm = dp[j0], dp[j1], dp[j2]
     least = LARGE * LARGE
     for index in range(4):
-        counts, t, front, back, state = at_root(
-            angles[index], sign, h, a, k, b, l, c, m, dq[i0], dp[j0], dq[i1], dp[j1], dq[i2], dp[j2]
-        )
-        if counts:
+        t, front, back, view = look(angles[index], sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if not (front or back):
+            continue
+        real, state = linearised(angles[index], h, t, view, k, l, m, da, dk, db, dl, dc, dm)
+        if real:
             line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
             least = min(least, squared_residual(t, front, back, line, dq[i3], bearing(p, j3), dp[j3]))
     return least
@@ -250,13 +265,16 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     a, b, c = bearing(q, i[0]), bearing(q, i[1]), bearing(q, i[2])
     k, l, m = bearing(p, j[0]), bearing(p, j[1]), bearing(p, j[2])  # noqa: E741
     angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    da, db, dc = dq[i[0]], dq[i[1]], dq[i[2]]
+    dk, dl, dm = dp[j[0]], dp[j[1]], dp[j[2]]
     x, y, z = p[0], p[1], p[2]
     found = False
     for index in range(4):
-        counts, t, front, back, state = at_root(
-            angles[index], sign, h, a, k, b, l, c, m, dq[i[0]], dp[j[0]], dq[i[1]], dp[j[1]], dq[i[2]], dp[j[2]]
-        )
-        if not counts:
+        t, front, back, view = look(angles[index], sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if not (front or back):
+            continue
+        real, state = linearised(angles[index], h, t, view, k, l, m, da, dk, db, dl, dc, dm)
+        if not real:
             continue
         for r in range(rows):
             to = out[r]
