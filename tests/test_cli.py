@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -107,6 +108,16 @@ class TestMatch:
         )
         assert (again["assignment"], again["score"]) == (first["assignment"], first["score"])
 
+    def test_candidates_narrow_the_search(self, scene: Path, tmp_path: Path) -> None:
+        """Each source point may be its own image point or the next one: a fiftieth of the work is left."""
+        truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
+        candidates = tmp_path / "candidates.csv"
+        rows = [f"{i},{(j + step) % 10}" for i, j in enumerate(truth) for step in (0, 1)]
+        candidates.write_text("\n".join(["source,target", *rows]))
+        record = json.loads(run(*of(scene, "--candidates", candidates, "--json")).stdout)
+        assert record["assignment"] == truth
+        assert record["hyperedges"] < 70 * 5040 / 50
+
     def test_no_trustworthy_match_is_printed_all_the_same(self, scene: Path, tmp_path: Path) -> None:
         rng = np.random.default_rng(0)
         image, output = tmp_path / "image.csv", tmp_path / "matches.csv"
@@ -157,6 +168,10 @@ class TestOtherProblems:
         assert result.exit_code == 0, result.output
         assert "truth: 10 of 10 right, 0 wrong" in result.stdout
         assert ("motion" in result.stdout) == (problem == "up2p")
+        advised = made.stdout.splitlines()[-1].split()
+        assert advised[:2] == ["rootmatch", "match"]
+        again = run(*advised[1:])
+        assert again.stdout.splitlines()[:-2] == result.stdout.splitlines()[:-2]  # all but the seconds and the verdict
 
     def test_directions_come_from_the_options_or_the_camera_file(self, tmp_path: Path) -> None:
         """A world turned on its side: only with its own vertical are its points matched."""
@@ -175,6 +190,20 @@ class TestOtherProblems:
         (folder / "camera.json").write_text(json.dumps(camera | {"vertical_world": [2.0, 0.0, 0.0]}))
         from_file = run(*of(folder, *truth, problem="up2p", camera=folder / "camera.json"))
         assert "truth: 10 of 10 right" in from_file.stdout
+
+    @pytest.mark.parametrize(
+        ("problem", "tilted", "stated"),
+        [("up2p", "--vertical-camera", "--vertical-noise"), ("3p1", "--axis2", "--axis-noise")],
+    )
+    def test_the_noise_of_a_direction_widens_the_affinity(
+        self, tmp_path: Path, problem: str, tilted: str, stated: str
+    ) -> None:
+        """With a vertical that is half a degree off, more hyper-edges agree once that is said."""
+        folder = tmp_path / "scene"
+        assert run("simulate", problem, "--seed", 6, "--noise", 0.2, "--output", folder).exit_code == 0
+        arguments = of(folder, tilted, "0.0087,1,0", "--json", problem=problem, camera=folder / "camera.json")
+        silent, said = (json.loads(run(*arguments, *more).stdout) for more in ([], [stated, 0.5]))
+        assert said["score"] > silent["score"]
 
     def test_normals_are_used_unless_refused(self, scene: Path, tmp_path: Path) -> None:
         """Normals that all face away leave nothing to match."""
@@ -267,6 +296,8 @@ class TestBadInput:
             (["--residual", "l2"], ["--residual", "qr-both"]),
             (["--solver", "magic"], ["--solver", "ascent"]),
             (["--hyperedges", "few"], ["--hyperedges", "exhaustive"]),
+            (["--backend", "abacus"], ["--backend", "cpu"]),
+            (["--candidates", "missing.csv"], ["missing.csv", "no such file"]),
             (["--preset", "magic"], ["--preset", "paper"]),
             (
                 ["--limit", "100"],
@@ -274,6 +305,7 @@ class TestBadInput:
             ),
             (["--vertical-camera", "0,1,0"], ["--vertical-camera", "up2p"]),
             (["--axis", "0,1,0"], ["--axis", "3p1"]),
+            (["--axis-noise", "0.1"], ["--axis-noise", "3p1"]),
             (["--plot", "match.bmp"], [".png, .svg or .pdf"]),
             (["--output", "missing/matches.csv"], ["--output", "does not exist"]),
             (["--frobnicate"], ["--frobnicate", "rootmatch match --help"]),
@@ -302,6 +334,10 @@ class TestBadInput:
         line = self.match(tmp_path, option, vector, problem="up2p")
         assert f"rootmatch: {option}: " in line
         assert words in line
+
+    @pytest.mark.parametrize("degrees", ["-1", "46", "nan"])
+    def test_noise_of_a_vertical(self, tmp_path: Path, degrees: str) -> None:
+        assert "give degrees from 0 to 45" in self.match(tmp_path, "--vertical-noise", degrees, problem="up2p")
 
     def test_an_output_is_never_an_input(self, tmp_path: Path) -> None:
         (tmp_path / "model.csv").write_text(GOOD_MODEL)
@@ -462,3 +498,13 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     assert "truth: 1 of 2 right, 1 wrong, 1 missed" in lines
     assert "other answer 1, score inf: a→0, c→1" in lines
     assert any("1,234,567 hyper-edges" in line for line in lines)
+
+
+def test_every_option_is_documented() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "cli.md").read_text(encoding="utf-8")
+    for command in ("match", "simulate"):
+        section = text.split(f"## rootmatch {command}\n")[1].split("\n## ")[0]
+        screen = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"}).invoke(app, [command, "--help"]).stdout
+        options = set(re.findall(r"--[a-z][a-z0-9-]*", screen)) - {"--help"}
+        assert len(options) > 5
+        assert not {option for option in options if f"`{option}" not in section}

@@ -23,6 +23,7 @@ from rootmatch.io import (
     parse_camera,
     parse_direction,
     read_camera,
+    read_candidates,
     read_points,
     read_truth,
     write_camera,
@@ -166,6 +167,26 @@ def test_a_truth_that_names_no_point_or_one_twice_is_refused(tmp_path: Path) -> 
         write_table(path, ("source", "target"), rows)
         with pytest.raises(InputError, match=words):
             read_truth(path, source, target)
+
+
+def test_candidates_are_a_mask_or_weights(tmp_path: Path) -> None:
+    source, target = PointSet(np.zeros((2, 3)), ("a", "b")), PointSet(np.zeros((3, 2)))
+    path = tmp_path / "candidates.csv"
+    write_table(path, ("source", "target"), [("a", 2), ("a", 0), ("b", 2)])
+    mask = read_candidates(path, source, target)
+    assert mask.dtype == np.bool_
+    np.testing.assert_array_equal(mask, [[True, False, True], [False, False, True]])
+    write_table(path, ("weight", "source", "target"), [(0.5, "a", 2), (2, "b", 0)])
+    np.testing.assert_array_equal(read_candidates(path, source, target), [[0.0, 0.0, 0.5], [2.0, 0.0, 0.0]])
+    for rows, words in [
+        ([(1, "a", 2), (1, "a", 2)], "row 3: the same correspondence as in row 2"),
+        ([(-1, "a", 2)], "row 2: weight is -1"),
+        ([("much", "a", 2)], "row 2: weight is 'much'"),
+        ([(1, "c", 2)], "row 2: no source point is called 'c'"),
+    ]:
+        write_table(path, ("weight", "source", "target"), rows)
+        with pytest.raises(InputError, match=words):
+            read_candidates(path, source, target)
 
 
 def test_camera_files(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 
 from rootmatch._version import __version__
 from rootmatch.cli.match import match
+from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
 from rootmatch.errors import RootmatchError
 
@@ -22,7 +23,7 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 STOPPED = "interrupted; nothing half-written is left"
 
-COMMANDS: dict[str, Callable[..., None]] = {"match": match, "simulate": simulate}
+COMMANDS: dict[str, Callable[..., None]] = {"match": match, "simulate": simulate, "reproduce": reproduce}
 """The commands by name. Their modules import what is heavy inside the function, so that help stays instant."""
 
 

@@ -11,32 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rootmatch.cli.geometry import ProblemName, flag, posed_problem
 from rootmatch.cli.progress import shown
 from rootmatch.cli.texts import in_words_of_the_command
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
-    from rootmatch.io import Calibration, PointSet
+    from rootmatch.io import PointSet
     from rootmatch.match import Match
-    from rootmatch.problems.problem import Problem
 
 NOT_TRUSTED = 1
-
-
-class ProblemName(StrEnum):
-    """The problems by their short names."""
-
-    P3P = "p3p"
-    UP2P = "up2p"
-    THREE_PLUS_ONE = "3p1"
-
-
-class HyperedgeChoice(StrEnum):
-    """Which hyper-edges are looked at."""
-
-    AUTO = "auto"
-    EXHAUSTIVE = "exhaustive"
-    RANDOM = "random"
 
 
 class Preset(StrEnum):
@@ -44,13 +28,6 @@ class Preset(StrEnum):
 
     PAPER = "paper"
 
-
-OWN_OPTIONS = {
-    ProblemName.P3P: (),
-    ProblemName.UP2P: ("vertical_camera", "vertical_world"),
-    ProblemName.THREE_PLUS_ONE: ("camera2", "axis", "axis2"),
-}
-"""Options that only one problem has a use for."""
 
 INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
 
@@ -69,29 +46,65 @@ def match(
         float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.", rich_help_panel=INPUT)
     ] = 1.0,
     vertical_camera: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="up2p: down in the camera frame. [0,1,0]", rich_help_panel=INPUT)
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="up2p: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
+        ),
     ] = None,
     vertical_world: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="up2p: down in the model's frame. [0,1,0]", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="X,Y,Z", help="up2p: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
+        ),
+    ] = None,
+    vertical_noise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="up2p: standard deviation of the measured vertical.",
+            show_default="0",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     camera2: Annotated[
         str | None,
-        typer.Option(metavar="FX,FY,CX,CY", help="3p1: the second camera. [as the first]", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="FX,FY,CX,CY", help="3p1: the second camera.", show_default="as the first", rich_help_panel=INPUT
+        ),
     ] = None,
     axis: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="3p1: the common direction in the first camera. [0,1,0]", rich_help_panel=INPUT
+            metavar="X,Y,Z",
+            help="3p1: the common direction in the first camera.",
+            show_default="0,1,0",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     axis2: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="3p1: the same in the second camera. [0,1,0]", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="X,Y,Z", help="3p1: the same in the second camera.", show_default="0,1,0", rich_help_panel=INPUT
+        ),
+    ] = None,
+    axis_noise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="3p1: standard deviation of the measured directions.",
+            show_default="0",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     normals: Annotated[
         bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
     ] = True,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV", help="The only possible source,target, perhaps with a prior weight.", rich_help_panel=INPUT
+        ),
+    ] = None,
     motions: Annotated[
         str,
         typer.Option(metavar="K|auto", help="Divide the matches into that many rigid motions.", rich_help_panel=METHOD),
@@ -101,14 +114,22 @@ def match(
         typer.Option(help="The method as the paper has it; other options override.", rich_help_panel=METHOD),
     ] = None,
     hyperedges: Annotated[
-        HyperedgeChoice | None, typer.Option(help="Which hyper-edges are looked at. [auto]", rich_help_panel=METHOD)
+        str | None,
+        typer.Option(
+            metavar="WHICH",
+            help="Which are looked at: auto, exhaustive or random.",
+            show_default="auto",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
     samples: Annotated[
         int | None, typer.Option(metavar="N", help="How many random hyper-edges.", rich_help_panel=METHOD)
     ] = None,
     residual: Annotated[
         str | None,
-        typer.Option(metavar="KIND", help="joint, normalised, svd, qr or qr-both. [joint]", rich_help_panel=METHOD),
+        typer.Option(
+            metavar="KIND", help="joint, normalised, svd, qr or qr-both.", show_default="joint", rich_help_panel=METHOD
+        ),
     ] = None,
     rho: Annotated[
         float | None, typer.Option(metavar="R", help="Spread of the affinity.", rich_help_panel=METHOD)
@@ -116,7 +137,10 @@ def match(
     solver: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="ascent, power-l1 or power-dense, among others. [ascent]", rich_help_panel=METHOD
+            metavar="NAME",
+            help="ascent, power-l1 or power-dense, among others.",
+            show_default="ascent",
+            rich_help_panel=METHOD,
         ),
     ] = None,
     limit: Annotated[
@@ -127,6 +151,10 @@ def match(
     ] = None,
     max_hyperedges: Annotated[
         int | None, typer.Option(metavar="N", help="Most hyper-edges kept in memory.", rich_help_panel=METHOD)
+    ] = None,
+    backend: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="What computes: auto or cpu.", show_default="auto", rich_help_panel=METHOD),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.", rich_help_panel=METHOD)] = 0,
     output: Annotated[
@@ -145,39 +173,44 @@ def match(
         ),
     ] = None,
     progress: Annotated[
-        bool | None, typer.Option(help="Show progress. [on long work in a terminal]", rich_help_panel=OUTPUT)
+        bool | None,
+        typer.Option(help="Show progress.", show_default="on long work in a terminal", rich_help_panel=OUTPUT),
     ] = None,
 ) -> None:
     """Find which point is which.
 
     Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input.
     """
-    given = {
+    given: dict[str, str | float | None] = {
         "vertical_camera": vertical_camera,
         "vertical_world": vertical_world,
+        "vertical_noise": vertical_noise,
         "camera2": camera2,
         "axis": axis,
         "axis2": axis2,
+        "axis_noise": axis_noise,
     }
-    _check_outputs(output, plot, [model, image, *([truth] if truth else [])])
-    posed = _problem(problem, camera, given)
+    _check_outputs(output, plot, [model, image, *(path for path in (truth, candidates) if path)])
+    posed = posed_problem(problem, camera, given)
     from rootmatch import io
 
     source = io.read_points(model, posed.source_dimension, posed.order)
     target = io.read_points(image, posed.target_dimension, posed.order)
     true = io.read_truth(truth, source, target) if truth else None
     options: dict[str, Any] = {
-        "hyperedges": hyperedges.value if hyperedges else None,
+        "hyperedges": hyperedges,
         "samples": samples,
         "residual": residual,
         "rho": rho,
         "solver": solver,
         "limit": limit,
         "max_hyperedges": max_hyperedges,
+        "backend": backend,
+        "candidates": io.read_candidates(candidates, source, target) if candidates else None,
         "preset": preset.value if preset else None,
     }
     options = {name: value for name, value in options.items() if value is not None}
-    subjects = {name: f"--{name.replace('_', '-')}" for name in (*options, "noise", "motions", "seed")}
+    subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (
         in_words_of_the_command({"source": str(model), "target": str(image), **subjects}),
         shown("hyper-edges", progress) as show,
@@ -212,43 +245,6 @@ def _check_outputs(output: Path | None, plot: Path | None, inputs: list[Path]) -
 
         check_picture(plot)
         check_output(plot, "--plot", [*inputs, *([output] if output else [])])
-
-
-def _problem(name: ProblemName, camera: str, given: dict[str, str | None]) -> Problem:
-    """The problem of the options; what is not given is taken from the camera file, else left at its default."""
-    from rootmatch.io import parse_camera, parse_direction
-
-    for option, asked in given.items():
-        if asked is not None and option not in OWN_OPTIONS[name]:
-            owner = next(one for one, options in OWN_OPTIONS.items() if option in options)
-            raise InputError(
-                f"--{option.replace('_', '-')}: it belongs to --problem {owner}, not to {name}; leave it out"
-            )
-    calibration: Calibration = parse_camera(camera, "--camera")
-    settings: dict[str, Any] = {}
-    for option in OWN_OPTIONS[name]:
-        text = given[option]
-        shown = f"--{option.replace('_', '-')}"
-        if text is None:
-            value: Any = getattr(calibration, option)
-        elif option == "camera2":
-            value = parse_camera(text, shown).camera
-        else:
-            value = parse_direction(text, shown)
-        if value is not None:
-            settings[option] = value if option == "camera2" else tuple(value.tolist())
-    if name is ProblemName.P3P:
-        from rootmatch.problems.p3p import P3P
-
-        return P3P(calibration.camera)
-    if name is ProblemName.UP2P:
-        from rootmatch.problems.up2p import UP2P
-
-        return UP2P(calibration.camera, **settings)
-    from rootmatch.problems.three_plus_one import ThreePlusOne
-
-    settings.setdefault("camera2", calibration.camera)
-    return ThreePlusOne(calibration.camera, **settings)
 
 
 def _motions(text: str) -> Any:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rootmatch.cli.geometry import ProblemName
 from rootmatch.cli.texts import in_words_of_the_command
 from rootmatch.errors import InputError
 
@@ -15,24 +16,23 @@ if TYPE_CHECKING:
     from rootmatch.simulation import Scene
 
 
-class SceneName(StrEnum):
-    """The problems whose scenes can be simulated."""
-
-    P3P = "p3p"
-    UP2P = "up2p"
-    THREE_PLUS_ONE = "3p1"
+EXACT = 0.1
+"""Noise in pixels that is stated for a scene without any: rounding alone would be measured against 0."""
 
 
 def simulate(
-    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.")],
+    problem: Annotated[ProblemName, typer.Argument(help="Which scene of the paper.")],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
     points: Annotated[int, typer.Option(metavar="N", help="Source points that have an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
     hidden: Annotated[int, typer.Option(metavar="N", help="Further source points without an image.")] = 0,
     noise: Annotated[float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.")] = 0.0,
-    motions: Annotated[int | None, typer.Option(metavar="K", help="p3p, up2p: number of rigid motions. [1]")] = None,
+    motions: Annotated[
+        int | None, typer.Option(metavar="K", help="p3p, up2p: number of rigid motions.", show_default="1")
+    ] = None,
     baseline: Annotated[
-        float | None, typer.Option(metavar="B", help="3p1: distance of the two cameras; the cube is 4 wide. [1]")
+        float | None,
+        typer.Option(metavar="B", help="3p1: distance of the two cameras; the cube is 4 wide.", show_default="1"),
     ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of a folder that is not empty.")] = False,
@@ -43,7 +43,7 @@ def simulate(
     check_output_folder(output, force)
     options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
     own = {"motions": motions, "baseline": baseline}
-    allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
+    allowed = "baseline" if problem is ProblemName.THREE_PLUS_ONE else "motions"
     for name, value in own.items():
         if value is not None:
             if name != allowed:
@@ -53,17 +53,18 @@ def simulate(
         from rootmatch import simulation
 
         make = {
-            SceneName.P3P: simulation.p3p_scene,
-            SceneName.UP2P: simulation.up2p_scene,
-            SceneName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
+            ProblemName.P3P: simulation.p3p_scene,
+            ProblemName.UP2P: simulation.up2p_scene,
+            ProblemName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
         }[problem]
         scene = make(points, **options)
     _write(scene, output, force)
     typer.echo(f"{output}: {len(scene.source)} source points, {len(scene.target)} target points")
-    typer.echo(
-        f"rootmatch match {output}/model.csv {output}/image.csv --problem {problem} --camera {output}/camera.json "
-        f"--noise {noise:g} --truth {output}/truth.csv"
-    )
+    folder = str(output)
+    match = ["rootmatch", "match", f"{folder}/model.csv", f"{folder}/image.csv", "--problem", problem.value]
+    match += ["--camera", f"{folder}/camera.json", "--noise", f"{noise or EXACT:g}", "--truth", f"{folder}/truth.csv"]
+    match += ["--motions", str(motions)] if motions and motions > 1 else []
+    typer.echo(shlex.join(match))
 
 
 def _write(scene: Scene, output: Path, force: bool) -> None:

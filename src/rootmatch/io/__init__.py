@@ -12,7 +12,7 @@ from rootmatch.io.calibration import (
     write_camera,
 )
 from rootmatch.io.outputs import check_output, check_output_folder, folder_written_whole, written_whole
-from rootmatch.io.points import PointSet, read_points, read_truth, write_matches, write_points
+from rootmatch.io.points import PointSet, read_candidates, read_points, read_truth, write_matches, write_points
 from rootmatch.io.tables import write_table
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "parse_direction",
     "parse_numbers",
     "read_camera",
+    "read_candidates",
     "read_points",
     "read_truth",
     "write_camera",

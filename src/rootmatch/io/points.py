@@ -95,20 +95,48 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int
     (n,) array
         Index into the target, −1 for source points that the file does not name or whose target is empty.
     """
-    places = {"source": {name: i for i, name in enumerate(source.names)}}
-    places["target"] = {name: i for i, name in enumerate(target.names)}
     truth = np.full(len(source.points), -1, dtype=np.int64)
     rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion"))
     refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
-    refuse_repeats(path, [(row, cells["target"]) for row, cells in rows if cells["target"]], "target")
-    for row, cells in rows:
-        if not cells["target"]:
-            continue
-        for name, of in places.items():
-            if cells[name] not in of:
-                raise InputError(f"{path}, row {row}: no {name} point is called {cells[name]!r}; give its id or number")
-        truth[places["source"][cells["source"]]] = places["target"][cells["target"]]
+    seen = [(row, cells) for row, cells in rows if cells["target"]]
+    refuse_repeats(path, [(row, cells["target"]) for row, cells in seen], "target")
+    for i, j in _places(path, seen, source, target):
+        truth[i] = j
     return truth
+
+
+def read_candidates(path: Path, source: PointSet, target: PointSet) -> NDArray[np.bool_] | NDArray[np.float64]:
+    """Read which correspondences are possible: columns ``source,target`` and optionally ``weight``, a row each.
+
+    Returns
+    -------
+    (n, n') array
+        Bool without weights; with them the weights, 0 for correspondences that the file does not name.
+    """
+    rows = read_table(path, ("source", "target"), ("source", "target", "weight"))
+    refuse_repeats(path, [(row, (cells["source"], cells["target"])) for row, cells in rows], "correspondence")
+    weighted = "weight" in rows[0][1]
+    weights = np.zeros((len(source.points), len(target.points)))
+    for (i, j), (row, cells) in zip(_places(path, rows, source, target), rows, strict=True):
+        weights[i, j] = number(path, row, "weight", cells["weight"]) if weighted else 1.0
+        if weights[i, j] < 0.0:
+            raise InputError(f"{path}, row {row}: weight is {cells['weight']}; give a positive number, or 0 to forbid")
+    return weights if weighted else weights > 0.0
+
+
+def _places(
+    path: Path, rows: Sequence[tuple[int, dict[str, str]]], source: PointSet, target: PointSet
+) -> list[tuple[int, int]]:
+    """Indices of the source and the target point that each row names."""
+    sides = {
+        "source": {name: i for i, name in enumerate(source.names)},
+        "target": {name: j for j, name in enumerate(target.names)},
+    }
+    for row, cells in rows:
+        for side, places in sides.items():
+            if cells[side] not in places:
+                raise InputError(f"{path}, row {row}: no {side} point is called {cells[side]!r}; give its id or number")
+    return [(sides["source"][cells["source"]], sides["target"][cells["target"]]) for _, cells in rows]
 
 
 def write_points(path: Path, points: PointSet) -> None:
