@@ -102,11 +102,13 @@ class TestMatch:
         assert result.exit_code in (0, 1)
         first = json.loads(result.stdout)
         assert first["hyperedges"] == 20_000
-        parts = ("--hyperedges", "random", "--residual", "qr", "--solver", "power-l1", "--rho", 0.01)
+        parts = ("--hyperedges", "random", "--residual", "qr", "--solver", "power-l1")
         again = json.loads(
             run(*of(scene, "--preset", "paper", *parts, "--samples", 20_000, "--seed", 5, "--json")).stdout
         )
         assert (again["assignment"], again["score"]) == (first["assignment"], first["score"])
+        wider = run(*of(scene, "--preset", "paper", "--rho", 10, "--samples", 20_000, "--seed", 5, "--json")).stdout
+        assert json.loads(wider)["score"] != first["score"]
 
     def test_candidates_narrow_the_search(self, scene: Path, tmp_path: Path) -> None:
         """Each source point may be its own image point or the next one: a fiftieth of the work is left."""
