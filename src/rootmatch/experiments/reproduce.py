@@ -16,7 +16,8 @@ from rootmatch.experiments.progress import Progress
 from rootmatch.experiments.rho import SCAN_SEEDS, Rhos, choose, scan_plan
 from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
 from rootmatch.experiments.store import Store
-from rootmatch.experiments.sweep import Plan, run, units
+from rootmatch.experiments.sweep import Evaluate, Plan, run, units
+from rootmatch.experiments.unit import evaluate
 
 STORE_NAME = "results.sqlite"
 
@@ -38,6 +39,7 @@ def reproduce(
     jobs: int = -1,
     scheduler: str | None = None,
     progress: Progress | None = None,
+    function: Evaluate = evaluate,
 ) -> Reproduction:
     """Run what is missing of the experiments, then draw the figures and judge the claims.
 
@@ -52,7 +54,7 @@ def reproduce(
         Scenes of each setting.
     seed : int
         Of the first scene; the others follow.
-    jobs, scheduler, progress
+    jobs, scheduler, progress, function
         See `rootmatch.experiments.sweep.run`.
 
     Raises
@@ -76,7 +78,7 @@ def reproduce(
             work = units(plan, stage_seeds, store)
             if progress is not None and work:
                 progress.begin(title, sum(unit.rows for unit in work))
-            run(work, store, jobs=jobs, scheduler=scheduler, progress=progress)
+            run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
 
         complete("choosing ρ", scan_plan(), SCAN_SEEDS)
         rhos = choose(store)

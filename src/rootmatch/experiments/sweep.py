@@ -25,6 +25,9 @@ Evaluate = Callable[[Unit], list[Row]]
 IN_FLIGHT = 2
 """Units sent ahead to each thread of a cluster, so that none waits for the next."""
 
+CONNECT_SECONDS = 10.0
+"""How long a scheduler may take to answer."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -121,7 +124,7 @@ def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterato
     except ImportError:
         raise InputError("a scheduler needs Dask: pip install 'rootmatch[cluster]', or use --jobs") from None
     try:
-        client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
+        client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"scheduler: {scheduler} does not answer ({error}); start one with `dask scheduler`") from None
     with client:
@@ -134,7 +137,9 @@ def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterato
             # Not pure: Dask would otherwise look the unit's result up by a hash of its input.
             return client.submit(_timed, function, unit, pure=False)
 
-        finished = distributed.as_completed([send(unit) for unit in islice(waiting, IN_FLIGHT * threads)])
+        finished = distributed.as_completed(
+            [send(unit) for unit in islice(waiting, IN_FLIGHT * threads)], loop=client.loop
+        )
         for future in finished:
             try:
                 result = future.result()

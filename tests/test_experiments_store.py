@@ -1,0 +1,87 @@
+"""The store keeps whole batches, each row once, and refuses files that are not its own."""
+
+import sqlite3
+
+import pytest
+
+from rootmatch.errors import InputError
+from rootmatch.experiments.settings import Method, Setting
+from rootmatch.experiments.store import Row, Store
+
+UP2P = Setting("up2p", 5, 0.25)
+QR = Method("qr", "power-l1", 1e-2)
+
+
+def row(seed=0, samples=100, accuracy=0.5, setting=UP2P, method=QR):
+    return Row(setting, method, seed, samples, accuracy, 1.25, 42, 7, True)
+
+
+def test_rows_come_back_as_they_were(tmp_path):
+    with Store(tmp_path / "new folder" / "results.sqlite") as store:
+        store.add([row(seed=1, accuracy=0.1 + 0.2), row(seed=0)], "versions")
+        assert store.rows() == [
+            ("up2p", 5, 0.25, 0.0, 1, "qr", "power-l1", 0.01, 0, 100, 0.5, 1.25, 42, 7, 1, "versions"),
+            ("up2p", 5, 0.25, 0.0, 1, "qr", "power-l1", 0.01, 1, 100, 0.1 + 0.2, 1.25, 42, 7, 1, "versions"),
+        ]
+
+
+def test_the_first_row_of_a_key_stays(tmp_path):
+    with Store(tmp_path / "results.sqlite") as store:
+        store.add([row(accuracy=0.5)], "one")
+        store.add([row(accuracy=0.9), row(samples=200)], "two")
+        assert [(r[9], r[10], r[15]) for r in store.rows()] == [(100, 0.5, "one"), (200, 0.5, "two")]
+        assert store.versions() == ["one", "two"]
+
+
+def test_done_and_accuracies(tmp_path):
+    other = Setting("3p1", 0, 0.25, 5.0)
+    with Store(tmp_path / "results.sqlite") as store:
+        store.add([row(seed=s, samples=n, accuracy=s / 10) for s in range(5) for n in (100, 200)], "v", 1.5)
+        store.add([row(setting=other)], "v", 2.0)
+        assert store.done()[UP2P, QR, 3] == {100, 200}
+        assert store.done()[other, QR, 0] == {100}
+        assert store.accuracies(UP2P, QR, range(1, 3)) == {
+            100: {1: 0.1, 2: 0.2},
+            200: {1: 0.1, 2: 0.2},
+        }
+        assert store.accuracies(other, Method("svd", "power-l1", 1e-2), range(9)) == {}
+        assert store.seconds() == 3.5
+
+
+def test_a_batch_that_breaks_leaves_nothing(tmp_path):
+    def broken():
+        yield row(seed=0)
+        raise RuntimeError("broken")
+
+    with Store(tmp_path / "results.sqlite") as store:
+        with pytest.raises(RuntimeError, match="broken"):
+            store.add(broken(), "v")
+        assert store.rows() == []
+        assert store.versions() == []
+        store.add([row()], "v")
+        assert len(store.rows()) == 1
+
+
+def test_two_runs_may_write_to_one_store(tmp_path):
+    with Store(tmp_path / "results.sqlite") as first, Store(tmp_path / "results.sqlite") as second:
+        first.add([row(seed=0)], "v")
+        second.add([row(seed=0), row(seed=1)], "v")
+        assert first.rows() == second.rows()
+        assert len(first.rows()) == 2
+
+
+def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path):
+    path = tmp_path / "results.sqlite"
+    path.write_text("a letter to a friend, long enough to be no empty file\n" * 20)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="not a store"):
+        Store(path)
+    assert path.read_bytes() == before
+
+
+def test_another_layout_is_refused(tmp_path):
+    path = tmp_path / "results.sqlite"
+    with sqlite3.connect(path) as connection:
+        connection.execute("PRAGMA user_version=99")
+    with pytest.raises(InputError, match="layout 99, expected 1"):
+        Store(path)

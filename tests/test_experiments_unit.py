@@ -1,0 +1,114 @@
+"""A unit's rows are what the road finds on the first draws of the stream, whatever else is in the unit."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import rootmatch as rm
+from rootmatch.affinity import affinity
+from rootmatch.experiments.settings import DEFAULT_ROAD, Method, Setting
+from rootmatch.experiments.unit import Stream, Task, Unit, evaluate, nested_tensors
+from rootmatch.hyperedges import random_hyperedges
+
+RHO = {"p3p": 1e-8, "up2p": 1e-2, "3p1": 1e-6}
+SETTINGS = [Setting("p3p", 0, 0.1), Setting("up2p", 5, 0.5), Setting("3p1", 0, 0.1, 1.0), Setting("up2p", motions=2)]
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return Stream((6, 7), 3, 5000, seed=3)
+
+
+def test_stream_is_the_one_of_the_library_and_repeats_are_known(stream):
+    blocks = list(random_hyperedges(6, 7, 3, 5000, 3))
+    source, target = (np.concatenate([block[k] for block in blocks]) for k in (0, 1))
+    assert_array_equal(stream.source, source)
+    assert_array_equal(stream.target, target)
+    numbers = {}
+    for e in range(5000):
+        key = frozenset(zip(source[e].tolist(), target[e].tolist(), strict=True))
+        assert stream.group[e] == numbers.setdefault(key, len(numbers))
+        assert stream.seen[e] == len(numbers)
+    assert len(numbers) < 5000 / 1.2  # there are repeats: 4200 different ones exist
+    assert [frozenset(divmod(a, 7) for a in row) for row in stream.indices.tolist()] == list(numbers)
+
+
+def test_tensors_of_growing_samples_against_a_dictionary(stream):
+    rng = np.random.default_rng(0)
+    residual = rng.exponential(size=5000)
+    weigh = affinity("qr", rho=0.05)
+    tensors = dict(nested_tensors(stream, stream.indices, residual, weigh, (6, 7), (3000, 10, 5000)))
+    assert list(tensors) == [10, 3000, 5000]
+    for size, tensor in tensors.items():
+        least = {}
+        for e in range(size):
+            key = frozenset((stream.source[e] * 7 + stream.target[e]).tolist())
+            least[key] = min(least.get(key, math.inf), residual[e])
+        expected = {key: math.exp(-r / 0.05) for key, r in least.items() if r <= 28 * 0.05}
+        found = dict(zip(map(frozenset, tensor.indices.tolist()), tensor.weights.tolist(), strict=True))
+        assert found.keys() == expected.keys()
+        assert len(found) == tensor.size
+        assert_allclose([found[key] for key in expected], list(expected.values()), rtol=1e-12)
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=str)
+@pytest.mark.parametrize("solver", ["power-l1", "power-dense"])
+def test_a_row_of_the_papers_method_is_what_match_finds(setting, solver):
+    method = Method("qr", solver, RHO[setting.problem])
+    rows = evaluate(Unit(5, (Task(setting, ((method, (2000, 20_000)),)),)))
+    scene = setting.scene(5)
+    for row in rows:
+        match = rm.match(
+            scene.source,
+            scene.target,
+            scene.problem,
+            preset="paper",
+            samples=row.samples,
+            rho=method.rho,
+            solver=solver,
+            seed=5,
+        )
+        assert row.accuracy == scene.accuracy(match.assignment)
+        assert row.hyperedges == match.tensor.size
+        assert row.score == pytest.approx(match.score, rel=1e-9)
+
+
+def test_more_samples_find_what_fewer_do_not():
+    method = Method("qr", "power-l1", 1e-2)
+    rows = evaluate(Unit(1, (Task(Setting("up2p"), ((method, (30, 30_000)), (DEFAULT_ROAD, (30_000,)))),)))
+    few, many, road = (row.accuracy for row in rows)
+    assert few < 0.5
+    assert many == road == 1.0
+
+
+def test_rows_do_not_depend_on_what_else_is_in_the_unit():
+    sizes = (700, 20_000)
+    methods = tuple(
+        (m, sizes) for m in (Method("qr", "power-l1", 1e-2), Method("svd", "power-dense", 0.1), DEFAULT_ROAD)
+    )
+    settings = (Setting("up2p", 0, 0.5), Setting("up2p", 0, 0.5, motions=2))
+    together = evaluate(Unit(2, tuple(Task(s, methods) for s in settings)))
+    alone = [
+        row
+        for s in settings
+        for method, _ in methods
+        for size in sizes
+        for row in evaluate(Unit(2, (Task(s, ((method, (size,)),)),)))
+    ]
+    key = lambda row: (row.setting, row.method, row.samples)  # noqa: E731
+    assert sorted(together, key=key) == sorted(alone, key=key)
+    assert len(together) == 12
+
+
+def test_the_number_of_threads_is_given_back():
+    before = numba.get_num_threads()
+    evaluate(Unit(0, (Task(Setting("up2p"), ((Method("qr", "power-l1", 1e-2), (100,)),)),)))
+    assert numba.get_num_threads() == before
+
+
+def test_no_hyperedge_above_the_weight_that_counts_matches_nothing():
+    (row,) = evaluate(Unit(0, (Task(Setting("up2p", 0, 1.0), ((Method("qr", "power-l1", 1e-12), (100,)),)),)))
+    assert (row.hyperedges, row.accuracy, row.score) == (0, 0.0, 0.0)

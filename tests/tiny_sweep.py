@@ -1,0 +1,38 @@
+"""A sweep of seconds, run as a program by the tests that kill it: python tiny_sweep.py STORE JOBS PAUSE."""
+
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+from rootmatch.experiments.settings import DEFAULT_ROAD, Method, Setting
+from rootmatch.experiments.store import Store
+from rootmatch.experiments.sweep import run, units
+from rootmatch.experiments.unit import evaluate
+
+SIZES = (500, 1000, 3000)
+METHODS = (
+    (Method("qr", "power-l1", 1e-2), SIZES),
+    (Method("qr", "power-dense", 1e-2), SIZES),
+    (Method("qr-both", "power-l1", 1e-2), SIZES[1:]),
+    (DEFAULT_ROAD, SIZES),
+)
+PLAN = dict.fromkeys((Setting("up2p", 0, 0.0), Setting("up2p", 0, 0.5, motions=2), Setting("up2p", 5, 0.5)), METHODS)
+SEEDS = range(3, 9)
+UNITS = 12  # two numbers of outliers, six seeds
+
+
+def paused(unit, pause):
+    time.sleep(pause)
+    return evaluate(unit)
+
+
+def sweep(path, jobs=1, pause=0.0, scheduler=None, progress=None):
+    with Store(Path(path)) as store:
+        work = units(PLAN, SEEDS, store)
+        run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=partial(paused, pause=pause))
+        return store.rows()
+
+
+if __name__ == "__main__":
+    sweep(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
