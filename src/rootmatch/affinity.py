@@ -108,7 +108,8 @@ def affinity(residual: Residual | str = "joint", rho: float | None = None, gate:
     limit = (3.5 * spread if in_noise else 28.0 * spread) if gate is None else float(gate)
     if not limit > 0.0:
         raise InputError(f"gate: {gate} given; give a positive residual")
-    return Affinity(chosen, spread, limit)
+    # entries of a row that are no hyper-edge are infinite: a gate stays below that
+    return Affinity(chosen, spread, min(limit, 1e300))
 
 
 class _Strongest:

@@ -118,7 +118,10 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     InputError
         If it has not three finite numbers, or its length is 0.
     """
-    direction = np.asarray(vector, dtype=float)
+    try:
+        direction = np.asarray(vector, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {vector!r} given, three numbers x,y,z expected") from None
     if direction.shape != (3,):
         raise InputError(f"{name}: shape {direction.shape} given, three numbers x,y,z expected")
     if not np.all(np.isfinite(direction)):
@@ -133,9 +136,12 @@ def turn_to_y(direction: ArrayLike, name: str = "direction") -> NDArray[np.float
     """The smallest rotation (3, 3) that turns ``direction`` onto (0, 1, 0); half a turn about x for (0, −1, 0)."""
     d = unit_direction(direction, name)
     cosine = d[1]
-    if cosine < -1.0 + 1e-12:
+    across2 = d[0] * d[0] + d[2] * d[2]
+    if cosine < 0.0 and across2 == 0.0:
         return np.diag([1.0, -1.0, -1.0])
     axis = np.array([-d[2], 0.0, d[0]])  # d × y
     cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    rotation: NDArray[np.float64] = np.eye(3) + cross + cross @ cross / (1.0 + cosine)
+    # 1 / (1 + cos); near -y that sum cancels, so there it is (1 - cos) / sin^2
+    factor = 1.0 / (1.0 + cosine) if cosine > 0.0 else (1.0 - cosine) / across2
+    rotation: NDArray[np.float64] = np.eye(3) + cross + factor * cross @ cross
     return rotation

@@ -6,20 +6,22 @@ import math
 import time
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch import arguments
 from rootmatch import hyperedges as edges
-from rootmatch.affinity import Affinity, Progress, Residual, affinity, exhaustive_tensor, random_tensor
+from rootmatch.affinity import NOISE_KINDS, Affinity, Progress, Residual, affinity, exhaustive_tensor, random_tensor
 from rootmatch.assignment import drop_unsupported
 from rootmatch.assignment import margin as lead
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.motions import check_motions, label_motions
 from rootmatch.poses import Pose, poses_of
-from rootmatch.problems.problem import Problem, check_points
+from rootmatch.problems.problem import Problem, check_normals, check_points
+from rootmatch.significance import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.solvers import Solver, get_solver
 from rootmatch.tensor import AffinityTensor
 
@@ -31,8 +33,8 @@ AMBIGUOUS_MARGIN = 0.1
 """Lead below which a different answer is nearly as good."""
 SUPPORT = 0.1
 """Share of the median support below which a matched point is left unmatched."""
-TRUSTED_CONSISTENCY = 0.12
-"""Share of the hyper-edges inside the answer that must agree: chance reaches half of it, two equal motions 0.17."""
+TRUSTED_FALSE_ALARMS = -2.0
+"""Decimal logarithm of the number of answers as good that chance may be expected to find in a trusted match."""
 
 
 class Status(Enum):
@@ -135,8 +137,8 @@ def residuals(
     """
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
-    first = _checked_indices(source_index, n, problem.order, "source_index")
-    second = _checked_indices(target_index, n_target, problem.order, "target_index")
+    first = arguments.checked_indices(source_index, n, problem.order, "source_index")
+    second = arguments.checked_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
         raise InputError(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
@@ -189,7 +191,8 @@ def match(
         How many random hyper-edges.
     residual : str or Residual
     rho : float
-        Spread of the affinity; see `rootmatch.affinity.Affinity`.
+        Spread of the affinity; see `rootmatch.affinity.Affinity`. Default: 1 for residuals in units of the noise, else
+        `Problem.paper_rho`.
     solver : str or Solver
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.
@@ -215,22 +218,24 @@ def match(
         If the input cannot be used or is larger than the limits; the text says what to do.
     """
     started = time.perf_counter()
-    paper = _check_preset(preset)
+    paper = arguments.is_paper(preset)
     check_motions(motions)
-    _check_choice("backend", backend, ("auto", "cpu"))
+    arguments.check_choice("backend", backend, ("auto", "cpu"))
     points = check_points(source, problem.source_dimension, "source", problem.order)
     pixels = check_points(target, problem.target_dimension, "target", problem.order)
     n, n_target = len(points), len(pixels)
-    weigh = affinity(residual or ("qr" if paper else "joint"), rho)
+    residual = residual or ("qr" if paper else "joint")
+    in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
+    weigh = affinity(residual, rho if rho is not None or in_noise else problem.paper_rho)
     kind = weigh.residual.kernel_kind(problem.pair_count)
     solve = get_solver(solver or ("power-l1" if paper else "ascent"))
-    allowed, unary = _candidates(candidates, n, n_target)
+    allowed, unary = arguments.split_candidates(candidates, n, n_target)
 
     way = hyperedges or ("random" if paper or samples is not None else "auto")
-    _check_choice("hyperedges", way, ("auto", "exhaustive", "random"))
+    arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random"))
     order = edges.wide_first(points)
-    facing = None if normals is None else np.asarray(normals, dtype=float)[order]
-    tables = problem.prepare(points[order], pixels, noise, **({} if facing is None else {"normals": facing}))
+    facing = None if normals is None else check_normals(normals, n)[order]
+    tables = problem.prepare(points[order], pixels, noise, facing)
     mask = None if allowed is None else allowed[order]
     if way == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
@@ -238,7 +243,7 @@ def match(
             tables, kind, weigh, (n, n_target), problem.order, count, seed, candidates=mask, progress=progress
         )
     else:
-        _check_size(n, n_target, problem.order, limit, mask)
+        arguments.check_size(n, n_target, problem.order, limit, mask)
         tensor, evaluated = exhaustive_tensor(
             tables, kind, weigh, (n, n_target), problem.order,
             max_hyperedges=max_hyperedges, candidates=mask, progress=progress,
@@ -260,7 +265,7 @@ def match(
         soft=solution.soft,
         tensor=tensor,
         motions=labels,
-        status=_status(assignment, lead_over, score, tensor, weigh),
+        status=_status(problem, score, lead_over, tensor, weigh, evaluated, way == "random"),
         hyperedges=evaluated,
         seconds=time.perf_counter() - started,
         source=points,
@@ -285,11 +290,24 @@ def _supported(
 
 
 def _status(
-    assignment: NDArray[np.int64], margin: float, score: float, tensor: AffinityTensor, weigh: Affinity
+    match_of: Problem,
+    score: float,
+    margin: float,
+    tensor: AffinityTensor,
+    weigh: Affinity,
+    evaluated: int,
+    sampled: bool,
 ) -> Status:
-    matched = int((assignment >= 0).sum())
-    tuples = math.comb(matched, tensor.order)
-    if matched <= tensor.order or score < TRUSTED_CONSISTENCY * 0.5 * tuples:
+    """Whether chance could have found as good an answer, and whether another answer is nearly as good."""
+    n, n_target = tensor.shape
+    true_weight = TRUE_WEIGHT[match_of.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
+    whole = edges.exhaustive_count(n, n_target, match_of.order)
+    # a random sample sees each hyper-edge with this probability; candidates leave out none that could be right
+    seen = -math.expm1(-evaluated / whole) if sampled else 1.0
+    others = max(float(tensor.weights.sum()) - score, true_weight)
+    chance = others / (true_weight * evaluated)
+    alarms = log10_false_alarms(match_of, n, n_target, score / seen, true_weight, chance)
+    if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
         return Status.UNTRUSTED
     return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED
 
@@ -300,63 +318,3 @@ def _restored(tensor: AffinityTensor, order: NDArray[np.int64], unary: NDArray[n
     source, target = np.divmod(tensor.indices, np.int32(n_target))
     indices = (order.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
     return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, unary)
-
-
-def _candidates(
-    candidates: ArrayLike | None, n: int, n_target: int
-) -> tuple[NDArray[np.bool_] | None, NDArray[np.float64] | None]:
-    """Mask and prior weights of the candidates argument."""
-    if candidates is None:
-        return None, None
-    given = np.asarray(candidates)
-    if given.shape != (n, n_target):
-        raise InputError(f"candidates: shape {given.shape} given, (n, n') = ({n}, {n_target}) expected")
-    if given.dtype == np.bool_:
-        mask, unary = given, None
-    else:
-        try:
-            unary = np.ascontiguousarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError("candidates: neither booleans nor numbers; give a mask or prior weights") from None
-        if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
-            raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
-        mask = unary > 0.0
-    if not mask.any():
-        raise InputError("candidates: none is allowed; allow at least the order of the problem")
-    return mask, unary
-
-
-def _checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
-    array = np.asarray(indices)
-    if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"{name}: {array.dtype} of shape {array.shape} given, integers of shape (E, {order}) expected")
-    if array.size and (array.min() < 0 or array.max() >= points):
-        raise InputError(
-            f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}"
-        )
-    ordered = np.sort(array, axis=1)
-    if np.any(ordered[:, 1:] == ordered[:, :-1]):
-        raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")
-    return np.ascontiguousarray(array, dtype=np.int64)
-
-
-def _check_size(n: int, n_target: int, order: int, limit: int, mask: NDArray[np.bool_] | None) -> None:
-    count = edges.exhaustive_count(n, n_target, order)
-    if mask is not None:
-        count = int(count * float(mask.mean()) ** order)
-    if count > limit:
-        raise InputError(
-            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g} "
-            '(about a minute); use hyperedges="random" with samples=…, name candidates, or raise limit='
-        )
-
-
-def _check_preset(preset: str | None) -> bool:
-    if preset not in (None, "paper"):
-        raise InputError(f'preset: {preset!r} given; give "paper" or nothing')
-    return preset == "paper"
-
-
-def _check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")

@@ -77,7 +77,8 @@ def normalised2(p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd, hda, hcd
     variance += vc * variance_of_two(hca, hbc, hab, g_ca, g_bc)
     variance += vd * variance_of_two(hda, hbd, hab, g_da, g_bd)
     ratio = f * f / variance
-    return ratio if ratio < LARGE * LARGE else LARGE * LARGE
+    # collinear triples cancel to a variance below 0: no information
+    return ratio if 0.0 <= ratio < LARGE * LARGE else LARGE * LARGE
 
 
 @kernel

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.kernels.bezout import (
+    NO_INFORMATION,
     lesser_unit_last_entry_quadratic,
     smallest_singular_value_quadratic,
     unit_last_entry_quadratic,
@@ -262,7 +263,8 @@ def singular_value(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
     i = 1.0 / np.sqrt(p2 * p2 + p1 * p1 + p0 * p0)
     j = 1.0 / np.sqrt(q2 * q2 + q1 * q1 + q0 * q0)
     least = smallest_singular_value_quadratic(i * p2, i * p1, i * p0, j * q2, j * q1, j * q0)
-    return least if least < LARGE else LARGE
+    # a zero polynomial has no unit form: no information
+    return least if i < LARGE * LARGE and j < LARGE * LARGE else NO_INFORMATION
 
 
 @scalar

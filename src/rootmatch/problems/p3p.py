@@ -40,6 +40,7 @@ class P3P(Problem):
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
+    paper_rho: ClassVar[float] = 1e-9
 
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None

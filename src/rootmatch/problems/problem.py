@@ -33,6 +33,9 @@ class Problem(ABC):
     source_dimension: ClassVar[int]
     """3 where the source is points in space, 2 where it is an image."""
     target_dimension: ClassVar[int] = 2
+    paper_rho: ClassVar[float] = 1e-6
+    """ρ of the paper's preset. The scale of |R₂ₙ,₂ₙ| differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
+    medians of false hyper-edges in the paper's scenes."""
 
     @abstractmethod
     def prepare(

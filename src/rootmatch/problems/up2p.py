@@ -47,6 +47,7 @@ class UP2P(Problem):
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
+    paper_rho: ClassVar[float] = 1e-2
 
     def __post_init__(self) -> None:
         unit_direction(self.vertical_camera, "vertical_camera")

@@ -1,0 +1,75 @@
+"""What `match` and `residuals` were asked for, checked: one clear error for each mistake."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch import hyperedges as edges
+from rootmatch.errors import InputError
+
+
+def split_candidates(
+    candidates: ArrayLike | None, n: int, n_target: int
+) -> tuple[NDArray[np.bool_] | None, NDArray[np.float64] | None]:
+    """Mask and prior weights of the candidates argument."""
+    if candidates is None:
+        return None, None
+    given = np.asarray(candidates)
+    if given.shape != (n, n_target):
+        raise InputError(f"candidates: shape {given.shape} given, (n, n') = ({n}, {n_target}) expected")
+    if given.dtype == np.bool_:
+        mask, unary = given, None
+    else:
+        try:
+            unary = np.ascontiguousarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("candidates: neither booleans nor numbers; give a mask or prior weights") from None
+        if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
+            raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
+        mask = unary > 0.0
+    if not mask.any():
+        raise InputError("candidates: none is allowed; allow at least the order of the problem")
+    return mask, unary
+
+
+def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
+    """Indices (E, order) of points, distinct within each hyper-edge."""
+    array = np.asarray(indices)
+    if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name}: {array.dtype} of shape {array.shape} given, integers of shape (E, {order}) expected")
+    if array.size and (array.min() < 0 or array.max() >= points):
+        raise InputError(
+            f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}"
+        )
+    ordered = np.sort(array, axis=1)
+    if np.any(ordered[:, 1:] == ordered[:, :-1]):
+        raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")
+    return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def check_size(n: int, n_target: int, order: int, limit: int, mask: NDArray[np.bool_] | None) -> None:
+    """Refuse an exhaustive search beyond the limit, saying its size and the alternatives."""
+    count = edges.exhaustive_count(n, n_target, order)
+    if mask is not None:
+        count = int(count * float(mask.mean()) ** order)
+    if count > limit:
+        raise InputError(
+            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g} "
+            '(about a minute); use hyperedges="random" with samples=…, name candidates, or raise limit='
+        )
+
+
+def is_paper(preset: str | None) -> bool:
+    """Whether the paper's preset was asked for."""
+    if preset not in (None, "paper"):
+        raise InputError(f'preset: {preset!r} given; give "paper" or nothing')
+    return preset == "paper"
+
+
+def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Refuse a value that is none of the choices."""
+    if value not in choices:
+        raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
