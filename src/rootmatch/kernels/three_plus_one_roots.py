@@ -34,11 +34,15 @@ from rootmatch.kernels.three_plus_one import (
 
 GATE = 6.0
 """A complex pair counts, by its real part, while D there is below so many of its standard deviations."""
-TOLERANCE = math.sqrt(2.0)
-"""A point is behind a camera beyond so many times the sum of the deviations of its two bearings (2σ of their angle)."""
+FAR = 4.0
+"""A point may lie behind a camera by so many variances of what tells the side (2σ): it may be at infinity."""
 BLUR = 0.03
 """Near a double root σ_θ = σ_D / |D'| grows without bound, yet the two roots enclose what may be: D'² is raised by
 BLUR · |D''| σ_D. Full strength would be ½; measured, 0.03 keeps the calibration and stops false agreement."""
+FULL_BLUR = 0.5
+"""The same where the roots' spread only widens a tolerance."""
+SAME = 1e-4
+"""Normals whose vector product is below the root of this times their noise, squared, span no plane: t is unknown."""
 VAGUE = 0.01
 """Square of the deviation (radians) of the predicted epipolar distance beyond which the prediction says nothing."""
 
@@ -67,7 +71,7 @@ def roots(h):  # type: ignore[no-untyped-def]
 
 @scalar
 def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
-    """Unit vector along the longest of a × b, b × c, c × a: the direction across three vectors near one plane."""
+    """Unit vector across three vectors near one plane, the longest of their products, and its square before scaling."""
     p = wedge(a, b)
     q = wedge(b, c)
     r = wedge(c, a)
@@ -77,16 +81,7 @@ def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
     if rr > pp:
         best, pp = r, rr
     scale = 1.0 / math.sqrt(pp)
-    return scale * best[0], scale * best[1], scale * best[2]
-
-
-@scalar
-def depths(t, u, p):  # type: ignore[no-untyped-def]
-    """Depths along u and p, times |n|², for the baseline t: both positive in front, both negative for −t."""
-    a = inner(t, p)
-    k = inner(t, u)
-    m = inner(u, p)
-    return a * m - k, a - k * m
+    return (scale * best[0], scale * best[1], scale * best[2]), pp
 
 
 @scalar
@@ -106,35 +101,54 @@ def tilt(t, u, p):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def look(y, sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
-    """Geometry of three correspondences a ↔ k, b ↔ l, c ↔ m, with their deviations, at one root y of h.
+def sides(t, u, p):  # type: ignore[no-untyped-def]
+    """Two numbers, linear in p, that tell where two bearings that lie in one plane with t meet.
 
-    Returns t, whether the three points lie in front for t and for −t, and (cosine, sine, u₁, u₂, u₃, n₁, n₂, n₃).
+    λ u + t = λ' p has λ' > 0 where p · (t − (t·u) u) > 0, and then λ > 0 where p · (u − (t·u) t) > 0. For −t the first
+    changes sign. The first is the parallax, 0 for a point at infinity; the second is 0 where p looks along t.
     """
-    inverse = 1.0 / (1.0 + y * y)
-    cosine = sign * (1.0 - y * y) * inverse
-    sine = 2.0 * y * inverse
-    u1, u2, u3 = turned(cosine, sine, a), turned(cosine, sine, b), turned(cosine, sine, c)
-    n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
-    t = longest_wedge(n1, n2, n3)
-    near1, far1 = depths(t, u1, k)
-    near2, far2 = depths(t, u2, l)
-    near3, far3 = depths(t, u3, m)
-    margin1, margin2, margin3 = TOLERANCE * (da + dk), TOLERANCE * (db + dl), TOLERANCE * (dc + dm)
-    front = min(min(near1, far1) + margin1, min(near2, far2) + margin2, min(near3, far3) + margin3) > 0.0
-    back = max(max(near1, far1) - margin1, max(near2, far2) - margin2, max(near3, far3) - margin3) < 0.0
-    return t, front, back, (cosine, sine, u1, u2, u3, n1, n2, n3)
+    k = inner(t, u)
+    return inner(p, t) - k * inner(p, u), inner(p, u) - k * inner(p, t)
 
 
 @scalar
-def linearised(y, h, t, view, k, l, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
-    """First-order propagation of the noise of the three correspondences at one root.
+def side_variances(t, u, deviation, turn_variance, square, one, two, three):  # type: ignore[no-untyped-def]
+    """Variances of both `sides` where they are near 0, without that of p: by u itself, by θ, and by t."""
+    k = inner(t, u)
+    own = deviation * deviation * (1.0 - k * k)
+    by_turn = inner(t, slope(u))
+    normal = wedge(t, u)
+    d1, d2, d3 = inner(one[1], normal), inner(two[1], normal), inner(three[1], normal)
+    by_baseline = (d1 * d1 * one[2] + d2 * d2 * two[2] + d3 * d3 * three[2]) / square
+    return own + by_turn * by_turn * turn_variance, own + by_baseline, 1.0 - k * k
 
-    Returns whether the root is real within noise, and what `prediction` needs: cosine and sine, det J₃, its square
-    raised by BLUR, and of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and
-    tilt.
+
+@scalar
+def in_front(t, u, p, du, dp, turn_variance, square, one, two, three):  # type: ignore[no-untyped-def]
+    """Whether a point may lie in front of both cameras for t, and for −t."""
+    parallax, ahead = sides(t, u, p)
+    v, w, rest = side_variances(t, u, du, turn_variance, square, one, two, three)
+    v += rest * dp * dp
+    w += rest * dp * dp
+    unsure = parallax * parallax < FAR * v
+    possible = ahead > 0.0 or ahead * ahead < FAR * w
+    return possible and (parallax > 0.0 or unsure), possible and (parallax < 0.0 or unsure)
+
+
+@scalar
+def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
+
+    Returns whether the root is real within noise, t, whether the three points may lie in front for t and for −t, and
+    what `prediction` needs: cosine and sine, det J₃, its square raised by BLUR and by FULL_BLUR, the variance of θ, and
+    of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and tilt.
     """
-    cosine, sine, u1, u2, u3, n1, n2, n3 = view
+    scale = 1.0 + y * y
+    cosine = sign * (1.0 - y * y) / scale
+    sine = 2.0 * y / scale
+    u1, u2, u3 = turned(cosine, sine, a), turned(cosine, sine, b), turned(cosine, sine, c)
+    n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
+    t, plane = longest_wedge(n1, n2, n3)
     j1 = inner(wedge(slope(u1), k), t)
     j2 = inner(wedge(slope(u2), l), t)
     j3 = inner(wedge(slope(u3), m), t)
@@ -145,16 +159,24 @@ def linearised(y, h, t, view, k, l, m, da, dk, db, dl, dc, dm):  # type: ignore[
     v3 = own_variance(t, u3, m, dc, dm)
     variance = s1 * s1 * v1 + s2 * s2 * v2 + s3 * s3 * v3
     # d²D/dθ² is h''/4 up to terms in h and h', which are small where it matters
-    curvature = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y))
-    square = det * det + BLUR * curvature * math.sqrt(variance)
+    blur = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y)) * math.sqrt(variance)
+    square = det * det + BLUR * blur
+    wide = det * det + FULL_BLUR * blur
+    turn_variance = variance / wide
     # D = h / (1 + x²)²
-    scale = 1.0 + y * y
     value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
-    real = value * value < GATE * GATE * variance * scale * scale * scale * scale and square > 0.0
+    real = value * value < GATE * GATE * variance * scale * scale * scale * scale
+    noise = da * da + dk * dk
+    real = real and square > 0.0 and plane > SAME * noise * noise
     one = (s1, combined(j3, n2, -j2, n3), v1, tilt(t, u1, k))
     two = (s2, combined(j1, n3, -j3, n1), v2, tilt(t, u2, l))
     three = (s3, combined(j2, n1, -j1, n2), v3, tilt(t, u3, m))
-    return real, (cosine, sine, det, square, one, two, three)
+    front1, back1 = in_front(t, u1, k, da, dk, turn_variance, wide, one, two, three)
+    front2, back2 = in_front(t, u2, l, db, dl, turn_variance, wide, one, two, three)
+    front3, back3 = in_front(t, u3, m, dc, dm, turn_variance, wide, one, two, three)
+    front = front1 and front2 and front3
+    back = back1 and back2 and back3
+    return real, t, front, back, (cosine, sine, det, square, wide, turn_variance, one, two, three)
 
 
 @scalar
@@ -176,10 +198,10 @@ def added(form, f, v):  # type: ignore[no-untyped-def]
 def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untyped-def]
     """Where a fourth source bearing q must be seen, and how surely.
 
-    Returns u, the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
-    and that rest.
+    Returns the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
+    the vectors and variances of `sides`, and that rest, which is theirs too.
     """
-    cosine, sine, det, square, one, two, three = state
+    cosine, sine, det, square, wide, turn_variance, one, two, three = state
     u = turned(cosine, sine, q)
     turn = wedge(t, slope(u))
     k = inner(t, u)
@@ -198,20 +220,25 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
         own = combined(det * t[2 * axis], u, -det * u[2 * axis], t)
         passed = combined(1.0, combined(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
         form = added(form, inverse * tilt_variance, combined(1.0, own, -1.0, passed))
-    return u, wedge(t, u), form, 1.0 - k * k
+    parallax_variance, ahead_variance, rest = side_variances(t, u, deviation, turn_variance, wide, one, two, three)
+    across, ahead = combined(1.0, t, -k, u), combined(1.0, u, -k, t)
+    return wedge(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
 
 
 @scalar
-def squared_residual(t, front, back, line, deviation, p, dp):  # type: ignore[no-untyped-def]
+def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
     """z² of a fourth target bearing p; LARGE² where the point is behind a camera or the prediction is vague."""
-    u, normal, form, rest = line
+    normal, form, across, parallax_variance, forward, ahead_variance, rest = line
     xx, yy, zz, xy, xz, yz = form
     x, y, z = p
+    own = rest * dp * dp
     e = inner(normal, p)
-    variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + rest * dp * dp
-    near, far = depths(t, u, p)
-    margin = TOLERANCE * (deviation + dp)
-    seen = (front and min(near, far) > -margin) or (back and max(near, far) < margin)
+    variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + own
+    parallax = inner(across, p)
+    ahead = inner(forward, p)
+    unsure = parallax * parallax < FAR * (parallax_variance + own)
+    right = (front and parallax > 0.0) or (back and parallax < 0.0) or unsure
+    seen = right and (ahead > 0.0 or ahead * ahead < FAR * (ahead_variance + own))
     z2 = e * e / variance
     return z2 if seen and variance < VAGUE and z2 < LARGE * LARGE else LARGE * LARGE
 
@@ -230,13 +257,10 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     dk, dl, dm = dp[j0], dp[j1], dp[j2]
     least = LARGE * LARGE
     for index in range(4):
-        t, front, back, view = look(angles[index], sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
-        if not (front or back):
-            continue
-        real, state = linearised(angles[index], h, t, view, k, l, m, da, dk, db, dl, dc, dm)
-        if real:
+        real, t, front, back, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if real and (front or back):
             line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
-            least = min(least, squared_residual(t, front, back, line, dq[i3], bearing(p, j3), dp[j3]))
+            least = min(least, squared_residual(front, back, line, bearing(p, j3), dp[j3]))
     return least
 
 
@@ -270,18 +294,14 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     x, y, z = p[0], p[1], p[2]
     found = False
     for index in range(4):
-        t, front, back, view = look(angles[index], sign, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
-        if not (front or back):
-            continue
-        real, state = linearised(angles[index], h, t, view, k, l, m, da, dk, db, dl, dc, dm)
-        if not real:
+        real, t, front, back, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if not (real and (front or back)):
             continue
         for r in range(rows):
             to = out[r]
-            deviation = dq[first + r]
-            line = prediction(t, state, bearing(q, first + r), deviation, tables.tilt_variance[0])
+            line = prediction(t, state, bearing(q, first + r), dq[first + r], tables.tilt_variance[0])
             for n in range(targets):
-                z2 = squared_residual(t, front, back, line, deviation, (x[n], y[n], z[n]), dp[n])
+                z2 = squared_residual(front, back, line, (x[n], y[n], z[n]), dp[n])
                 to[n] = min(to[n], z2) if found else z2
         found = True
     for r in range(rows):
