@@ -190,9 +190,15 @@ def exhaustive_tensor(
     while rank < total:
         last = min(rank + step, total)
         while True:
-            codes, residuals, counts, looked = cpu.sweep(
-                tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, n_target, n, CHUNKS
-            )
+            try:
+                codes, residuals, counts, looked = cpu.sweep(
+                    tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, n_target, n, CHUNKS
+                )
+            except SystemError as error:
+                # Ctrl-C met while a compiled function returns
+                if isinstance(error.__cause__, KeyboardInterrupt):
+                    raise KeyboardInterrupt from None
+                raise
             if counts.max() <= capacity:
                 break
             capacity = 1 << int(counts.max()).bit_length()

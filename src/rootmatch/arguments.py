@@ -57,8 +57,8 @@ def check_size(n: int, n_target: int, order: int, limit: int, mask: NDArray[np.b
         count = int(count * float(mask.mean()) ** order)
     if count > limit:
         raise InputError(
-            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g} "
-            '(about a minute); use hyperedges="random" with samples=…, name candidates, or raise limit='
+            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g}; "
+            'use hyperedges="random" with samples=…, name candidates, or raise limit='
         )
 
 

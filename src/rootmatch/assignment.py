@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 
 from rootmatch.errors import InputError
 from rootmatch.tensor import AffinityTensor
@@ -28,6 +27,8 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     InputError
         If `soft` is not a finite, non-negative matrix.
     """
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     value = np.asarray(soft, dtype=np.float64)
     if value.ndim != 2 or not np.all((value >= 0) & np.isfinite(value)):
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")

@@ -265,7 +265,7 @@ def match(
         soft=solution.soft,
         tensor=tensor,
         motions=labels,
-        status=_status(problem, score, lead_over, tensor, weigh, evaluated, way == "random"),
+        status=_status(problem, score, lead_over, alternatives, tensor, weigh, evaluated, way == "random"),
         hyperedges=evaluated,
         seconds=time.perf_counter() - started,
         source=points,
@@ -293,6 +293,7 @@ def _status(
     match_of: Problem,
     score: float,
     margin: float,
+    alternatives: list[tuple[NDArray[np.int64], float]],
     tensor: AffinityTensor,
     weigh: Affinity,
     evaluated: int,
@@ -304,7 +305,9 @@ def _status(
     whole = edges.exhaustive_count(n, n_target, match_of.order)
     # a random sample sees each hyper-edge with this probability; candidates leave out none that could be right
     seen = -math.expm1(-evaluated / whole) if sampled else 1.0
-    others = max(float(tensor.weights.sum()) - score, true_weight)
+    # what answers of nearly this score share out is structure (a symmetric object), not chance
+    explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
+    others = max(float(tensor.weights.sum()) - explained, true_weight)
     chance = others / (true_weight * evaluated)
     alarms = log10_false_alarms(match_of, n, n_target, score / seen, true_weight, chance)
     if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
