@@ -4,15 +4,31 @@ from __future__ import annotations
 
 from rootmatch.errors import InputError
 from rootmatch.solvers.ascent import MultiStartAscent
+from rootmatch.solvers.block_ascent import BlockCoordinateAscent
+from rootmatch.solvers.kl_projection import KLProjection
 from rootmatch.solvers.power import PowerIteration
+from rootmatch.solvers.reweighted_walk import ReweightedWalk
 from rootmatch.solvers.solution import Solution, Solver
 
-__all__ = ["SOLVERS", "MultiStartAscent", "PowerIteration", "Solution", "Solver", "get_solver"]
+__all__ = [
+    "SOLVERS",
+    "BlockCoordinateAscent",
+    "KLProjection",
+    "MultiStartAscent",
+    "PowerIteration",
+    "ReweightedWalk",
+    "Solution",
+    "Solver",
+    "get_solver",
+]
 
 SOLVERS: dict[str, Solver] = {
     "ascent": MultiStartAscent(),
     "power-l1": PowerIteration("l1"),
     "power-dense": PowerIteration("l2"),
+    "rrwhm": ReweightedWalk(),
+    "hgm": KLProjection(),
+    "bcagm": BlockCoordinateAscent(),
 }
 """The common choices by name, with default options."""
 

@@ -51,8 +51,8 @@ class MultiStartAscent:
     A point to which no hyper-edge speaks stays unmatched. Strictly monotone, without chance, and the same for any
     number of threads; runs on `numba.get_num_threads()` threads.
 
-    Memory beside the tensor: 8 bytes a hyper-edge for support, and 5 d to 6 d for the index (see `subset_index`); 32 at
-    order 4.
+    Memory beside the tensor: 8 bytes a hyper-edge for support, and 6 d to 8 d for the index (see `subset_index`); 32 to
+    40 at order 4.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class MultiStartAscent:
     """
 
     starts: int = 200
-    agreement: int = 16
+    agreement: int = 12
     penalty: float = 0.0
     keep: int = 16
     limit: int = 10_000

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.assignment import margin, one_hot
@@ -81,32 +82,63 @@ def is_empty(tensor: AffinityTensor) -> bool:
 def neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep: int) -> Alternatives:
     """The best modifications of an assignment: one point to a free target, or two points with exchanged targets.
 
-    From one contraction v at the assignment: the first kind changes the score by v_new − v_old exactly; the second by
-    v_new − v_old of both points and a term of the hyper-edges that hold both, so the `keep` most promising are scored.
-    Best first; an exchange with an unmatched point moves the target over to it.
+    An exchange with an unmatched point moves the target over to it. Best first, exactly scored, from one contraction v
+    at the assignment and one pass for pairs: with P the weight of the hyper-edges inside that contain both points, and
+    Q of those that an exchange would bring, it changes the score by Σ v_new − Σ v_old + P + Q.
     """
     n, n_target = tensor.shape
+    if keep == 0 or not (assignment >= 0).any():
+        return []
     x = one_hot(assignment, n_target)
     v = tensor.contract(x)
-    rows = np.arange(n)
-    old = np.where(assignment >= 0, v[rows, assignment], 0.0)
+    matched = assignment >= 0
+    old = np.where(matched, v[np.arange(n), assignment], 0.0)
+    order = tensor.order
+    score = float((old if tensor.unary is None else old + (order - 1) * (tensor.unary * x).sum(axis=1)).sum()) / order
 
-    free = np.flatnonzero(x.sum(axis=0) == 0)
-    moves: list[tuple[float, int, int, int]] = []
-    matched = np.flatnonzero(assignment >= 0)
-    for k in free:
-        moves += [(float(v[i, k] - old[i]), int(i), int(k), -1) for i in matched]
-    other = np.where(assignment >= 0, v[:, assignment], 0.0)  # other[i, j]: gain of i at the target of j
-    exchange = other + other.T - old[:, None] - old[None, :]
-    for i in matched:
-        partners = rows[(assignment < 0) | (rows > i)]
-        moves += [(float(exchange[i, j]), int(i), int(assignment[j]), int(j)) for j in partners]
+    # to_free[i, k]: point i to target k; theirs[i, j]: point i to the target of j.
+    to_free = np.where(matched[:, None] & (x.sum(axis=0) == 0), v - old[:, None], -np.inf)
+    theirs = np.where(matched, v[:, assignment], 0.0)
+    exchange = theirs + theirs.T - old[:, None] - old[None, :]
+    exchange += _pair_weights(tensor.indices, tensor.weights, assignment, n_target)
+    usable = matched[:, None] & (~matched[None, :] | np.triu(np.ones((n, n), np.bool_), 1))
+    changes = np.concatenate([to_free.ravel(), np.where(usable, exchange, -np.inf).ravel()])
 
     found: Alternatives = []
-    for _, row, target, partner in sorted(moves, key=lambda move: (-move[0], *move[1:]))[:keep]:
+    for place in np.argsort(-changes, kind="stable")[:keep].tolist():
+        if changes[place] == -np.inf:
+            break
         changed = assignment.copy()
-        if partner >= 0:
-            changed[partner] = assignment[row]
-        changed[row] = target
-        found.append((changed, tensor.score(changed)))
-    return sorted(found, key=lambda pair: -pair[1])
+        if place < n * n_target:
+            changed[place // n_target] = place % n_target
+        else:
+            pair = list(divmod(place - n * n_target, n))
+            changed[pair] = assignment[pair[::-1]]
+        found.append((changed, score + float(changes[place])))
+    return found
+
+
+@njit(cache=True)
+def _pair_weights(indices: NDArray[Any], weights: NDArray[Any], image: NDArray[Any], n_target: int) -> NDArray[Any]:
+    """P + Q of each pair of points (n, n): hyper-edges inside with both, and those with their targets exchanged."""
+    n, order = image.size, indices.shape[1]
+    total = np.zeros((n, n))
+    for e in range(weights.size):
+        inside, first, second = 0, -1, -1
+        for p in range(order):
+            a = indices[e, p]
+            if image[a // n_target] == a % n_target:
+                inside += 1
+            else:
+                first, second = second, a
+        if inside == order:
+            for p in range(order):
+                for q in range(order):
+                    if p != q:
+                        total[indices[e, p] // n_target, indices[e, q] // n_target] += weights[e]
+        elif inside == order - 2:
+            i, j = first // n_target, second // n_target
+            if image[i] == second % n_target and image[j] == first % n_target:
+                total[i, j] += weights[e]
+                total[j, i] += weights[e]
+    return total
