@@ -7,7 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rootmatch.experiments.claims import CLAIMS, Claim
-from rootmatch.experiments.plan import COMMON_SAMPLES, DENSE, MOST_SAMPLES, RULE_NAMES, RULES, SPARSE, Rule, Table
+from rootmatch.experiments.plan import (
+    COMMON_SAMPLES,
+    DENSE,
+    MOST_SAMPLES,
+    RULE_NAMES,
+    RULES,
+    SPARSE,
+    Rule,
+    Table,
+    has_svd,
+)
 from rootmatch.experiments.rho import RESIDUALS, SCAN_INSTANCES, SCAN_SAMPLES, SCAN_SEEDS
 from rootmatch.experiments.settings import PANELS, PROBLEMS, SCAN_SETTINGS, TITLES, Setting
 from rootmatch.experiments.statistics import estimate
@@ -93,26 +103,41 @@ def _rhos(table: Table) -> list[str]:
 
 def _accuracies(table: Table) -> list[str]:
     """Sparse, dense and default road at the end, and the three residuals where they can be compared, in per cent."""
-    lines = [f"Per cent at {MOST_SAMPLES:,} samples: one ρ for all problems / a ρ for each problem.", ""]
     ends: list[tuple[str, ...]] = []
     residuals: list[tuple[str, ...]] = []
     for panel in (panel for problem in table.problems for panel in PANELS[problem]):
         for setting in panel.settings:
-            ways = [(SPARSE, "qr"), (DENSE, "qr"), (SPARSE, "qr-both")]
-            cells = [_both_rules(table, setting, solver, residual, MOST_SAMPLES) for solver, residual in ways]
+            both = 100 * table.paper(setting, SPARSE, "own", MOST_SAMPLES, "qr-both").mean()
             road = estimate(table.default(setting))
-            text = f"{100 * road.mean:.0f} [{100 * road.low:.0f}, {100 * road.high:.0f}]"
-            ends.append((panel.label, str(setting), *cells, text))
-            ways = [(solver, residual) for residual in RESIDUALS for solver in (SPARSE, DENSE)]
-            cells = [_both_rules(table, setting, solver, residual, COMMON_SAMPLES) for solver, residual in ways]
-            residuals.append((panel.label, str(setting), *cells))
-    lines += _markdown_table(("panel", "setting", "qr, sparse", "qr, dense", "qr-both, sparse", "default road"), ends)
-    lines += [f"The residuals of the paper at {COMMON_SAMPLES:,} samples, likewise.", ""]
-    names = [f"{r}, {name}" for r in RESIDUALS for name in ("sparse", "dense")]
-    return lines + _markdown_table(("panel", "setting", *names), residuals)
+            ends.append(
+                (
+                    panel.label,
+                    str(setting),
+                    _both_rules(table, setting, SPARSE),
+                    _both_rules(table, setting, DENSE),
+                    f"{both:.0f}",
+                    f"{100 * road.mean:.0f} [{100 * road.low:.0f}, {100 * road.high:.0f}]",
+                )
+            )
+            three = [
+                _both_rules(table, setting, SPARSE, residual, COMMON_SAMPLES)
+                for residual in RESIDUALS
+                if residual != "svd" or has_svd(setting)
+            ]
+            residuals.append((panel.label, str(setting), *three, *([""] * (len(RESIDUALS) - len(three)))))
+    return [
+        f"Per cent at {MOST_SAMPLES:,} samples; two figures are: one ρ for all problems / a ρ for each problem.",
+        "",
+        *_markdown_table(
+            ("panel", "setting", "qr, sparse", "qr, dense", "qr-both, sparse, own ρ", "default road"), ends
+        ),
+        f"The residuals of the paper with the sparse solver at {COMMON_SAMPLES:,} samples, likewise.",
+        "",
+        *_markdown_table(("panel", "setting", *RESIDUALS), residuals),
+    ]
 
 
-def _both_rules(table: Table, setting: Setting, solver: str, residual: str, samples: int) -> str:
+def _both_rules(table: Table, setting: Setting, solver: str, residual: str = "qr", samples: int = MOST_SAMPLES) -> str:
     """Mean accuracies in per cent with one ρ for all problems and with the problem's own."""
     means = [100 * table.paper(setting, solver, rule, samples, residual).mean() for rule in RULES]
     return " / ".join(f"{mean:.0f}" for mean in means)

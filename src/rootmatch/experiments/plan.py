@@ -20,31 +20,39 @@ RULE_NAMES: dict[Rule, str] = {"one": "one ρ for all problems", "own": "a ρ fo
 
 SPARSE, DENSE = "power-l1", "power-dense"
 
-SAMPLES_OF: dict[str, tuple[int, ...]] = {
-    "qr": SAMPLES,
-    "qr-both": tuple(s for s in SAMPLES if s in (100_000, 1_000_000)),
-    # The least singular value has no closed form and costs forty times as much.
-    "svd": tuple(s for s in SAMPLES if s == 100_000),
-}
-"""Sample sizes of each residual of the paper: whole curves of the one that its figures show."""
 COMMON_SAMPLES = 100_000
 """The sample size at which all residuals are compared."""
 MOST_SAMPLES = max(SAMPLES)
 
 
 def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
-    """Methods and sample sizes on all settings of the problems' figures."""
+    """Methods and sample sizes on all settings of the problems' figures.
+
+    The residual of the paper's figures and the default road have whole curves. ``qr-both`` is compared at 10⁵ samples,
+    and at the end with each problem's own ρ; ``svd``, which has no closed form and costs fifty times as much, at 10⁵
+    samples without outliers.
+    """
     plan: Plan = {}
     for problem in problems:
-        methods: dict[Method, tuple[int, ...]] = {}
-        for residual in RESIDUALS:
-            for rho in (rhos.chosen(residual), rhos.chosen(residual, problem)):
-                for solver in (SPARSE, DENSE):
-                    methods[Method(residual, solver, rho)] = SAMPLES_OF[residual]
-        methods[DEFAULT_ROAD] = SAMPLES
-        plan |= dict.fromkeys(settings_of(problem), tuple(methods.items()))
+        for setting in settings_of(problem):
+            methods: dict[Method, tuple[int, ...]] = {}
+            for rule in RULES:
+                rho = {r: rhos.chosen(r, "all" if rule == "one" else problem) for r in RESIDUALS}
+                methods[Method("qr", SPARSE, rho["qr"])] = SAMPLES
+                methods[Method("qr", DENSE, rho["qr"])] = SAMPLES
+                both = (COMMON_SAMPLES,) if rule == "one" else (COMMON_SAMPLES, MOST_SAMPLES)
+                methods[Method("qr-both", SPARSE, rho["qr-both"])] = both
+                if has_svd(setting):
+                    methods[Method("svd", SPARSE, rho["svd"])] = (COMMON_SAMPLES,)
+            methods[DEFAULT_ROAD] = SAMPLES
+            plan[setting] = tuple(methods.items())
     # Scenes with few outliers first, the problems in turn: progress is then a fair sample of the whole.
     return dict(sorted(plan.items(), key=lambda item: item[0].outliers))
+
+
+def has_svd(setting: Setting) -> bool:
+    """Whether the residual ``svd`` is tried on a setting."""
+    return setting.outliers == 0
 
 
 @dataclass(frozen=True)

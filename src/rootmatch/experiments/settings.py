@@ -17,8 +17,8 @@ OUTLIERS = (5, 10)
 """50 % and 100 % of the ten points."""
 BASELINES = (1.0, 5.0)
 
-SAMPLES = tuple(round(10 ** (3 + k / 3)) for k in range(10))
-"""Sampled hyper-edges, 10³ to 10⁶, three a decade; each sample holds those before it."""
+SAMPLES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
+"""Sampled hyper-edges, 10³ to 10⁶, two a decade; each sample holds those before it."""
 
 SCAN_SEED = 1_000_000
 """The first seed of the scenes on which ρ is chosen; those that are reported lie below."""
@@ -133,10 +133,13 @@ def settings_of(problem: str) -> tuple[Setting, ...]:
 
 
 SCAN_SETTINGS: dict[str, tuple[Setting, ...]] = {
-    "p3p": tuple(Setting("p3p", k, noise) for k in (0, 5) for noise in OUTLIER_NOISES),
-    "3p1": tuple(Setting("3p1", k, noise, b) for b in BASELINES for k in (0, 5) for noise in OUTLIER_NOISES),
-    "up2p": tuple(
-        Setting("up2p", k, noise, motions=m) for k, m in ((0, 1), (5, 1), (0, 2)) for noise in OUTLIER_NOISES
-    ),
+    problem: tuple(
+        setting
+        for setting in settings_of(problem)
+        if (setting.outliers == 0 and setting.noise in OUTLIER_NOISES)
+        or (setting.outliers == 5 and setting.noise == 0.5)
+    )
+    for problem in PROBLEMS
 }
-"""Settings on which ρ is chosen: a spread of those reported, fewer for the sake of time."""
+"""Settings on which ρ is chosen: a spread of those reported, with and without noise and outliers, fewer for the sake of
+time."""

@@ -1,0 +1,188 @@
+"""Figures and their CSV files, from made-up results, and a whole reproduction with made-up accuracies."""
+
+import csv
+import io
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from made_up_results import RHO, made_up_rhos, made_up_table
+from rootmatch.errors import InputError
+from rootmatch.experiments.curves import curves_csv, scan_csv
+from rootmatch.experiments.figures import COLOURS, draw, draw_scan
+from rootmatch.experiments.reproduce import reproduce, write
+from rootmatch.experiments.rho import GRID, SCAN_SEEDS
+from rootmatch.experiments.settings import PANELS, PROBLEMS, SAMPLES
+from rootmatch.experiments.store import Row
+
+
+def accuracy(setting, method, samples):
+    return min(1.0, np.log10(samples) / 6) * (1.0 - 0.3 * setting.noise - 0.02 * setting.outliers)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return made_up_table(accuracy, spread=0.05)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("with_default", [False, True])
+def test_panels_have_the_same_axes_labels_and_all_curves(table, problem, with_default):
+    figure = draw(table, problem, "one", with_default)
+    axes = [axis for axis in figure.axes if axis.lines]
+    assert [axis.get_title(loc="left").split()[0] for axis in axes] == [panel.label for panel in PANELS[problem]]
+    assert {(axis.get_xlim(), axis.get_ylim(), axis.get_xscale()) for axis in axes} == {((1e3, 1e6), (0, 102), "log")}
+    for axis, panel in zip(axes, PANELS[problem], strict=True):
+        assert axis.get_xlabel() == "sampled hyper-edges"
+        assert axis.get_ylabel() == "mean accuracy (%)"
+        assert len(axis.lines) == (3 if with_default else 2) * len(panel.settings)
+        looks = {
+            (line.get_color(), line.get_marker(), str(line.get_linestyle()), line.get_linewidth())
+            for line in axis.lines
+        }
+        assert len(looks) == len(axis.lines), "two curves look alike"
+        styles = {line.get_linestyle() for line in axis.lines}
+        assert {"-", "--"} <= styles
+        assert len(axis.collections) == len(panel.settings) * (1 if with_default else 2)  # bands
+    legend = " ".join(text.get_text() for text in figure.legends[0].get_texts())
+    for word in ("σ = 0.25 px", "10 outliers", "sparse", "dense"):
+        assert word in legend
+    assert ("default road" in legend) == with_default
+    assert f"{RHO['all']:.3g}" in figure.get_suptitle()
+
+
+def test_curves_show_the_means_of_the_table(table):
+    axis = draw(table, "p3p", "own").axes[0]
+    for line in axis.lines:
+        np.testing.assert_array_equal(line.get_xdata(), SAMPLES)
+    noise_free = next(line for line in axis.lines if line.get_color() == COLOURS[0.0] and line.get_linestyle() == "-")
+    setting = PANELS["p3p"][0].settings[0]
+    expected = [100 * table.paper(setting, rule="own", samples=size).mean() for size in SAMPLES]
+    np.testing.assert_allclose(noise_free.get_ydata(), expected)
+
+
+def test_colours_keep_apart_for_colour_blind_eyes():
+    """Simulated red- and green-blindness (Viénot, Brettel and Mollon 1999): all pairs stay visibly different."""
+    to_cones = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
+    without_red = np.array([[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]])
+    without_green = np.array([[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]])
+    colours = np.array([to_rgb(colour) for colour in COLOURS.values()])
+    for view in (np.eye(3), without_red, without_green):
+        seen = np.clip(colours @ (np.linalg.inv(to_cones) @ view @ to_cones).T, 0, 1)
+        gaps = np.linalg.norm(seen[:, None] - seen[None], axis=2)[np.triu_indices(len(seen), 1)]
+        assert gaps.min() > 0.2
+
+
+def test_scan_marks_what_was_chosen():
+    figure = draw_scan(made_up_rhos())
+    assert len(figure.axes) == 3
+    for axis in figure.axes:
+        marked = sorted(float(line.get_xdata()[0]) for line in axis.lines if line.get_marker() == "o")
+        assert marked == sorted(RHO.values())
+        assert "ρ" in axis.get_xlabel()
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_csv_is_tidy_and_holds_the_means(table, problem):
+    lines = list(csv.DictReader(io.StringIO(curves_csv(table, problem))))
+    keys = {tuple(v for k, v in line.items() if k not in ("accuracy", "low", "high")) for line in lines}
+    assert len(keys) == len(lines)
+    assert {line["panel"] for line in lines} == {panel.label for panel in PANELS[problem]}
+    for line in lines:
+        assert 0.0 <= float(line["low"]) <= float(line["accuracy"]) <= float(line["high"]) <= 1.0
+        assert line["instances"] == "12"
+        assert line["rho_rule"] in (("",) if line["solver"] == "ascent" else ("one", "own"))
+    paper = [line for line in lines if line["residual"] == "qr" and line["solver"] == "power-l1"]
+    settings = sum(len(panel.settings) for panel in PANELS[problem])
+    assert len(paper) == 2 * len(SAMPLES) * settings
+
+
+def test_scan_csv_names_the_choices():
+    lines = list(csv.DictReader(io.StringIO(scan_csv(made_up_rhos()))))
+    assert len(lines) == 3 * 4 * len(GRID)
+    chosen = {(line["residual"], line["problem"]): float(line["rho"]) for line in lines if line["chosen"] == "1"}
+    assert chosen == {(r, p): rho for r in ("qr", "qr-both", "svd") for p, rho in RHO.items()}
+
+
+def fake(unit):
+    """Rows of a unit in no time: the accuracy falls with the distance of ρ from a peak of the problem's own."""
+    rows = []
+    for task in unit.tasks:
+        for method, sizes in task.methods:
+            off = abs(np.log10(method.rho / RHO[task.setting.problem])) if method.solver != "ascent" else 0.0
+            for size in sizes:
+                value = round(accuracy(task.setting, method, size) / (1.0 + 0.1 * off), 1)
+                rows.append(Row(task.setting, method, unit.seed, size, value, 1.0, 10, 5, True))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def reproduced(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reproduced")
+    return folder, reproduce(PROBLEMS, folder, instances=2, jobs=1, function=fake)
+
+
+def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
+    folder, done = reproduced
+    stems = [f"figure-{k}-{p}{kind}" for k, p in zip("234", ("p3p", "3p1", "up2p"), strict=True) for kind in
+             ("", "-own-rho", "-default-road")]  # fmt: skip
+    names = {f"{stem}.{end}" for stem in [*stems, "rho-scan"] for end in ("png", "svg")}
+    names |= {"figure-2-p3p.csv", "figure-3-3p1.csv", "figure-4-up2p.csv", "rho-scan.csv", "claims.md"}
+    assert {path.name for path in done.files} == names
+    assert {path.name for path in folder.iterdir()} == names | {"results.sqlite"}
+    for path in done.files:
+        content = path.read_bytes()
+        assert len(content) > 1000
+        if path.suffix == ".png":
+            pixels = mpl.image.imread(path)
+            assert pixels.shape[0] > 500
+            assert pixels[..., :3].std() > 0.01, "an empty picture"
+        if path.suffix == ".svg":
+            assert b"sampled hyper-edges" in content or path.stem == "rho-scan"
+
+
+def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
+    _, done = reproduced
+    assert {p: done.rhos.chosen("qr", p) for p in PROBLEMS} == {p: RHO[p] for p in PROBLEMS}
+    assert set(SCAN_SEEDS).isdisjoint(range(1_000_000))
+
+
+def test_second_call_works_nothing_out_again_and_writes_the_same(reproduced):
+    folder, done = reproduced
+    before = {path.name: path.read_bytes() for path in done.files}
+
+    def never(unit):
+        raise AssertionError("nothing is missing")
+
+    again = reproduce(PROBLEMS, folder, instances=2, jobs=1, function=never)
+    assert {path.name: path.read_bytes() for path in again.files} == before
+
+
+def test_one_problem_alone_writes_its_figure_only(tmp_path):
+    done = reproduce(("up2p",), tmp_path, instances=1, seed=7, jobs=1, function=fake)
+    assert {path.name.split(".")[0].split("-")[1] for path in done.files if path.name.startswith("figure")} == {"4"}
+
+
+def test_writing_replaces_and_leaves_no_parts(tmp_path):
+    (tmp_path / "claims.md").write_text("old")
+    write(made_up_table(accuracy, problems=()), tmp_path, "new")
+    assert (tmp_path / "claims.md").read_text() == "new"
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"problems": ("p4p",)}, "p4p given"),
+        ({"problems": ()}, "none given"),
+        ({"problems": PROBLEMS, "instances": 0}, "0 instances"),
+        ({"problems": PROBLEMS, "seed": -1}, "from seed -1"),
+        ({"problems": PROBLEMS, "seed": 999_999, "instances": 2}, "seeds from 0"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_is_written(tmp_path, arguments, words):
+    with pytest.raises(InputError, match=words):
+        reproduce(output=tmp_path / "new", function=fake, **arguments)
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,69 @@
+"""Bootstrap intervals and the choice of ρ."""
+
+import numpy as np
+import pytest
+
+from rootmatch.experiments.rho import GRID, SCAN_SAMPLES, SCAN_SEEDS, best, choose, scan_plan
+from rootmatch.experiments.settings import PROBLEMS
+from rootmatch.experiments.statistics import bootstrap_means, difference, estimate, estimates
+from rootmatch.experiments.store import Row, Store
+
+
+def test_interval_is_that_of_the_normal_approximation():
+    values = np.random.default_rng(1).normal(3.0, 2.0, size=400)
+    found = estimate(values)
+    error = values.std() / np.sqrt(400)
+    assert found.mean == pytest.approx(values.mean())
+    assert found.low == pytest.approx(values.mean() - 1.96 * error, abs=0.15 * error)
+    assert found.high == pytest.approx(values.mean() + 1.96 * error, abs=0.15 * error)
+    assert found.count == 400
+
+
+def test_intervals_cover_the_truth_about_as_often_as_they_say():
+    rng = np.random.default_rng(2)
+    inside = [e.low <= 0.7 <= e.high for e in estimates(rng.binomial(10, 0.7, size=(100, 300)) / 10)]
+    assert 0.90 <= np.mean(inside) <= 0.99
+
+
+def test_equal_instances_have_no_interval():
+    found = estimate(np.full(7, 0.25))
+    assert (found.mean, found.low, found.high) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_columns_are_resampled_alike_so_that_pairs_stay_pairs():
+    values = np.random.default_rng(3).normal(size=(50, 1))
+    means = bootstrap_means(np.hstack([values, values + 1.0]))
+    np.testing.assert_allclose(means[:, 1] - means[:, 0], 1.0)
+
+
+def test_difference_of_independent_groups_adds_their_variances():
+    rng = np.random.default_rng(4)
+    first, second = rng.normal(1.0, 1.0, 500), rng.normal(0.0, 2.0, 300)
+    found = difference(first, second)
+    error = np.hypot(first.std() / np.sqrt(500), second.std() / np.sqrt(300))
+    assert found.mean == pytest.approx(first.mean() - second.mean())
+    assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
+
+
+def test_best_rho_is_the_highest_and_of_equals_the_smallest():
+    curve = np.zeros(len(GRID))
+    curve[[4, 7]] = 0.8
+    curve[4] -= 1e-15  # the same hits, added up in another order
+    assert best(curve) == GRID[4]
+    curve[7] += 1e-3
+    assert best(curve) == GRID[7]
+
+
+def test_rho_is_chosen_on_the_mean_of_the_problems(tmp_path):
+    """Three problems whose own best ρ differ; the mean has its best where two of them do fairly well."""
+    height = {"p3p": {1e-9: 0.9, 1e-5: 0.6}, "3p1": {1e-7: 0.7, 1e-5: 0.6}, "up2p": {1e-2: 1.0}}
+    with Store(tmp_path / "results.sqlite") as store:
+        for setting, methods in scan_plan().items():
+            keys = [(method, seed) for method, _ in methods for seed in SCAN_SEEDS]
+            heights = [height[setting.problem].get(method.rho, 0.1) for method, _ in keys]
+            rows = [Row(setting, *key, SCAN_SAMPLES, h, 0.0, 0, 0, True) for key, h in zip(keys, heights, strict=True)]
+            store.add(rows, "v")
+        rhos = choose(store)
+    assert {p: rhos.chosen("qr", p) for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
+    assert rhos.chosen("svd") == 1e-5
+    assert rhos.curves["qr-both", "all"][GRID.index(1e-5)] == pytest.approx((0.6 + 0.6 + 0.1) / 3)
