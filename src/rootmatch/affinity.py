@@ -187,12 +187,13 @@ def exhaustive_tensor(
     rank = 0
     per_slab = max(1, hyperedges.exhaustive_count(n, n_target, order) // max(total, 1))
     step = max(CHUNKS, BLOCK // per_slab)
+    sizes = n_target, n
     while rank < total:
         last = min(rank + step, total)
         while True:
             try:
                 codes, residuals, counts, looked = cpu.sweep(
-                    tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, n_target, n, CHUNKS
+                    tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, *sizes, CHUNKS
                 )
             except SystemError as error:
                 # Ctrl-C met while a compiled function returns
