@@ -110,6 +110,9 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
             drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
             drawings[f"{stem}-default-road"] = draw(table, problem, "one", with_default=True)
         for stem, figure in drawings.items():
+            # Both files get one layout, worked out once.
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
             for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 buffer = BytesIO()
                 figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)

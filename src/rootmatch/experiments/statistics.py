@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,10 +29,15 @@ class Estimate:
 def bootstrap_means(values: ArrayLike, seed: int = _SEED) -> NDArray[np.float64]:
     """Means (RESAMPLES, …) of resampled instances; values (instances, …), the same resampling for all columns."""
     array = np.asarray(values, dtype=np.float64)
-    count = len(array)
-    draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
-    means: NDArray[np.float64] = np.tensordot(draws / count, array, axes=1)
+    means: NDArray[np.float64] = np.tensordot(_shares(len(array), seed), array, axes=1)
     return means
+
+
+@lru_cache(maxsize=4)
+def _shares(count: int, seed: int) -> NDArray[np.float64]:
+    """Share of each instance in each resampling, (RESAMPLES, count)."""
+    draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+    return np.asarray(draws / count)
 
 
 def estimates(values: ArrayLike) -> list[Estimate]:
