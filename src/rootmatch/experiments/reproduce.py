@@ -16,7 +16,7 @@ from rootmatch.experiments.progress import Progress
 from rootmatch.experiments.rho import SCAN_SEEDS, Rhos, choose, scan_plan
 from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
 from rootmatch.experiments.store import Store
-from rootmatch.experiments.sweep import Evaluate, Plan, run, units
+from rootmatch.experiments.sweep import Evaluate, Plan, check_jobs, run, units
 from rootmatch.experiments.unit import evaluate
 
 STORE_NAME = "results.sqlite"
@@ -70,6 +70,7 @@ def reproduce(
             f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {SCAN_SEED - 1:,}; "
             "those above are for the choice of ρ"
         )
+    check_jobs(jobs)
     ordered = tuple(problem for problem in PROBLEMS if problem in problems)
     seeds = range(seed, seed + instances)
     with Store(output / STORE_NAME) as store:

@@ -103,6 +103,12 @@ def run(
             progress.advance(len(result.rows))
 
 
+def check_jobs(jobs: int) -> None:
+    """Refuse a number of processes that means nothing."""
+    if jobs == 0:
+        raise InputError("jobs: 0 given; give a number of processes, or -1 for one a processor")
+
+
 def _timed(function: Evaluate, unit: Unit) -> Result:
     start = time.process_time()
     rows = function(unit)
@@ -110,8 +116,7 @@ def _timed(function: Evaluate, unit: Unit) -> Result:
 
 
 def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
-    if jobs == 0:
-        raise InputError("jobs: 0 given; give a number of processes, or -1 for one a processor")
+    check_jobs(jobs)
     # One unit a batch: a batch comes back as a whole, and what is in flight is what a kill loses.
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
     yield from parallel(joblib.delayed(_timed)(function, unit) for unit in work)

@@ -1,0 +1,90 @@
+"""The command ``rootmatch reproduce`` and what it says while it runs."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rootmatch.cli.app import app
+from rootmatch.experiments import progress
+from rootmatch.experiments.progress import Console
+from rootmatch.experiments.reproduce import Reproduction
+
+
+@pytest.fixture
+def call(monkeypatch):
+    """Run the command with the work itself replaced; gives what the work was asked for."""
+    asked = {}
+
+    def work(problems, output, **options):
+        asked.update(options, problems=problems, output=output)
+        if options["progress"] is not None:
+            options["progress"].begin("scenes", 4)
+            options["progress"].advance(4)
+        return Reproduction((output / "claims.md",), None)
+
+    monkeypatch.setattr("rootmatch.experiments.reproduce.reproduce", work)
+
+    def run(*arguments):
+        result = CliRunner().invoke(app, ["reproduce", *arguments])
+        return result, asked
+
+    return run
+
+
+def test_all_problems_and_the_papers_number_of_instances_are_the_default(call):
+    result, asked = call("all", "--output", "somewhere")
+    assert result.exit_code == 0, result.output
+    assert asked["problems"] == ("p3p", "3p1", "up2p")
+    assert asked["output"] == Path("somewhere")
+    assert (asked["instances"], asked["seed"], asked["jobs"], asked["scheduler"]) == (100, 0, -1, None)
+    assert result.stdout == "somewhere/claims.md\n"
+    assert "scenes: 4 rows to work out" in result.stderr
+    assert "scenes: done in 0:00:00" in result.stderr
+
+
+def test_options_arrive(call):
+    result, asked = call(
+        "3p1", "--output", "x", "--instances", "7", "--seed", "3", "--jobs", "2", "--scheduler", "tcp://a:1", "--quiet"
+    )
+    assert result.exit_code == 0, result.output
+    assert asked["problems"] == ("3p1",)
+    assert (asked["instances"], asked["seed"], asked["jobs"], asked["scheduler"]) == (7, 3, 2, "tcp://a:1")
+    assert asked["progress"] is None
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("p4p", "--output", "x"), "p4p"),
+        (("p3p",), "--output"),
+        (("p3p", "--output", "x", "--instances", "0"), "0 instances"),
+        (("p3p", "--output", "x", "--jobs", "0"), "jobs: 0"),
+    ],
+)
+def test_mistakes_take_one_line_and_exit_code_two(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["reproduce", *arguments])
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_log_says_how_much_time_is_left(monkeypatch, capsys):
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with Console() as console:
+        console.begin("scenes", 100)
+        for _ in range(4):
+            now[0] += 20.0
+            console.advance(20)
+        now[0] += 5000.0
+        console.advance(20)
+    assert capsys.readouterr().err.splitlines() == [
+        "scenes: 100 rows to work out",
+        "scenes: 40 of 100 rows, about 0:01:00 left",
+        "scenes: 80 of 100 rows, about 0:00:20 left",
+        "scenes: done in 1:24:40",
+    ]
