@@ -112,36 +112,25 @@ def sides(t, u, p):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def side_variances(t, u, deviation, turn_variance, square, one, two, three):  # type: ignore[no-untyped-def]
-    """Variances of both `sides` where they are near 0, without that of p: by u itself, by θ, and by t."""
-    k = inner(t, u)
-    own = deviation * deviation * (1.0 - k * k)
-    by_turn = inner(t, slope(u))
-    normal = wedge(t, u)
-    d1, d2, d3 = inner(one[1], normal), inner(two[1], normal), inner(three[1], normal)
-    by_baseline = (d1 * d1 * one[2] + d2 * d2 * two[2] + d3 * d3 * three[2]) / square
-    return own + by_turn * by_turn * turn_variance, own + by_baseline, 1.0 - k * k
-
-
-@scalar
-def in_front(t, u, p, du, dp, turn_variance, square, one, two, three):  # type: ignore[no-untyped-def]
-    """Whether a point may lie in front of both cameras for t, and for −t."""
+def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore[no-untyped-def]
+    """Whether a point may lie in front of both cameras for t, and for −t, by its deviations and those of θ and t."""
     parallax, ahead = sides(t, u, p)
-    v, w, rest = side_variances(t, u, du, turn_variance, square, one, two, three)
-    v += rest * dp * dp
-    w += rest * dp * dp
-    unsure = parallax * parallax < FAR * v
-    possible = ahead > 0.0 or ahead * ahead < FAR * w
-    return possible and (parallax > 0.0 or unsure), possible and (parallax < 0.0 or unsure)
+    k = inner(t, u)
+    own = du * du + dp * dp
+    rest = 1.0 - k * k
+    by_turn = inner(t, slope(u))
+    unsure = parallax * parallax < FAR * (rest * own + by_turn * by_turn * turn_variance)
+    possible = (ahead > 0.0) | (ahead * ahead < FAR * rest * (own + baseline_variance))
+    return possible & ((parallax > 0.0) | unsure), possible & ((parallax < 0.0) | unsure)
 
 
 @scalar
 def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
     """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
 
-    Returns whether the root is real within noise, t, whether the three points may lie in front for t and for −t, and
-    what `prediction` needs: cosine and sine, det J₃, its square raised by BLUR and by FULL_BLUR, the variance of θ, and
-    of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and tilt.
+    Returns whether the root counts with the three points in front for t, and for −t (it counts if it is real within
+    noise), t, and what `prediction` needs: cosine and sine, det J₃, its square raised by BLUR, variances of θ and t,
+    and of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and tilt.
     """
     scale = 1.0 + y * y
     cosine = sign * (1.0 - y * y) / scale
@@ -153,6 +142,7 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     j2 = inner(wedge(slope(u2), l), t)
     j3 = inner(wedge(slope(u3), m), t)
     s1, s2, s3 = inner(wedge(n2, n3), t), inner(wedge(n3, n1), t), inner(wedge(n1, n2), t)
+    w1, w2, w3 = combined(j3, n2, -j2, n3), combined(j1, n3, -j3, n1), combined(j2, n1, -j1, n2)
     det = s1 * j1 + s2 * j2 + s3 * j3
     v1 = own_variance(t, u1, k, da, dk)
     v2 = own_variance(t, u2, l, db, dl)
@@ -161,22 +151,33 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     # d²D/dθ² is h''/4 up to terms in h and h', which are small where it matters
     blur = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y)) * math.sqrt(variance)
     square = det * det + BLUR * blur
-    wide = det * det + FULL_BLUR * blur
-    turn_variance = variance / wide
+    wide = 1.0 / (det * det + FULL_BLUR * blur)
+    turn_variance = variance * wide
+    baseline_variance = (inner(w1, w1) * v1 + inner(w2, w2) * v2 + inner(w3, w3) * v3) * wide
     # D = h / (1 + x²)²
     value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
-    real = value * value < GATE * GATE * variance * scale * scale * scale * scale
     noise = da * da + dk * dk
-    real = real and square > 0.0 and plane > SAME * noise * noise
-    one = (s1, combined(j3, n2, -j2, n3), v1, tilt(t, u1, k))
-    two = (s2, combined(j1, n3, -j3, n1), v2, tilt(t, u2, l))
-    three = (s3, combined(j2, n1, -j1, n2), v3, tilt(t, u3, m))
-    front1, back1 = in_front(t, u1, k, da, dk, turn_variance, wide, one, two, three)
-    front2, back2 = in_front(t, u2, l, db, dl, turn_variance, wide, one, two, three)
-    front3, back3 = in_front(t, u3, m, dc, dm, turn_variance, wide, one, two, three)
-    front = front1 and front2 and front3
-    back = back1 and back2 and back3
-    return real, t, front, back, (cosine, sine, det, square, wide, turn_variance, one, two, three)
+    counts = (
+        (value * value < GATE * GATE * variance * scale * scale * scale * scale)
+        & (square > 0.0)
+        & (plane > SAME * noise * noise)
+    )
+    front1, back1 = in_front(t, u1, k, da, dk, turn_variance, baseline_variance)
+    front2, back2 = in_front(t, u2, l, db, dl, turn_variance, baseline_variance)
+    front3, back3 = in_front(t, u3, m, dc, dm, turn_variance, baseline_variance)
+    one = (s1, w1, v1, tilt(t, u1, k))
+    two = (s2, w2, v2, tilt(t, u2, l))
+    three = (s3, w3, v3, tilt(t, u3, m))
+    state = (cosine, sine, det, square, turn_variance, baseline_variance, one, two, three)
+    return counts & front1 & front2 & front3, counts & back1 & back2 & back3, t, state
+
+
+@kernel
+def judge(y, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """Whether each of the roots counts at all: `at_root` in a loop that vectorises, being a function of its own."""
+    for index in range(y.shape[0]):
+        front, back, _, _ = at_root(y[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        passes[index] = 1.0 if front | back else 0.0
 
 
 @scalar
@@ -201,7 +202,7 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
     Returns the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
     the vectors and variances of `sides`, and that rest, which is theirs too.
     """
-    cosine, sine, det, square, wide, turn_variance, one, two, three = state
+    cosine, sine, det, square, turn_variance, baseline_variance, one, two, three = state
     u = turned(cosine, sine, q)
     turn = wedge(t, slope(u))
     k = inner(t, u)
@@ -220,7 +221,10 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
         own = combined(det * t[2 * axis], u, -det * u[2 * axis], t)
         passed = combined(1.0, combined(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
         form = added(form, inverse * tilt_variance, combined(1.0, own, -1.0, passed))
-    parallax_variance, ahead_variance, rest = side_variances(t, u, deviation, turn_variance, wide, one, two, three)
+    rest = 1.0 - k * k
+    by_turn = inner(t, slope(u))
+    parallax_variance = rest * v + by_turn * by_turn * turn_variance
+    ahead_variance = rest * (v + baseline_variance)
     across, ahead = combined(1.0, t, -k, u), combined(1.0, u, -k, t)
     return wedge(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
 
@@ -257,8 +261,8 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     dk, dl, dm = dp[j0], dp[j1], dp[j2]
     least = LARGE * LARGE
     for index in range(4):
-        real, t, front, back, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
-        if real and (front or back):
+        front, back, t, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if front or back:
             line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
             least = min(least, squared_residual(front, back, line, bearing(p, j3), dp[j3]))
     return least
@@ -292,11 +296,18 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     da, db, dc = dq[i[0]], dq[i[1]], dq[i[2]]
     dk, dl, dm = dp[j[0]], dp[j[1]], dp[j[2]]
     x, y, z = p[0], p[1], p[2]
+    # Most roots fail: all are judged in one vectorised loop, and only what passes is looked at again. Twice over,
+    # because such loops start at eight.
+    room = scratch.reshape(-1)
+    angle, passes = room[:8], room[8:16]
+    angle[0], angle[1], angle[2], angle[3] = angles
+    angle[4], angle[5], angle[6], angle[7] = angles
+    judge(angle, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
     found = False
     for index in range(4):
-        real, t, front, back, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
-        if not (real and (front or back)):
+        if passes[index] == 0.0:
             continue
+        front, back, t, state = at_root(angle[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         for r in range(rows):
             to = out[r]
             line = prediction(t, state, bearing(q, first + r), dq[first + r], tables.tilt_variance[0])
