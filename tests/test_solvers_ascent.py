@@ -132,7 +132,7 @@ def test_ascent_is_strictly_monotone(order, penalty):
             enter(index, state, int(a))
         value = objective(tensor.indices, tensor.weights, state.image, 8, tensor.unary, penalty)
         steps = 0
-        while climb(index, state, penalty, 1, -np.inf) == 1:
+        while climb(index, state, penalty, 1, True) == 1:
             new = objective(tensor.indices, tensor.weights, state.image, 8, tensor.unary, penalty)
             assert new > value
             value, steps = new, steps + 1
@@ -303,6 +303,8 @@ def test_nothing_and_next_to_nothing():
     one = MultiStartAscent()(AffinityTensor([[0, 7, 14]], [0.5], (5, 6)))
     assert one.assignment.tolist() == [0, 1, 2, -1, -1]
     assert one.score == 0.5
+    for steps in (0, 15):
+        assert MultiStartAscent(walk=steps)(AffinityTensor([[0, 7, 14]], [0.5], (5, 6))).score == 0.5
     # A penalty above every weight: the empty assignment is the best.
     none = MultiStartAscent(penalty=1.0)(AffinityTensor([[0, 7, 14]], [0.5], (5, 6)))
     assert none.assignment.tolist() == [-1] * 5
@@ -320,7 +322,14 @@ def test_unary_weights_decide_alone_and_break_ties():
 
 
 def test_options_are_judged():
-    for options in ({"starts": 0}, {"penalty": -1}, {"penalty": float("nan")}, {"keep": -1}, {"limit": 0}):
+    for options in (
+        {"starts": 0},
+        {"walk": -1},
+        {"penalty": -1},
+        {"penalty": float("nan")},
+        {"keep": -1},
+        {"limit": 0},
+    ):
         with pytest.raises(InputError):
             MultiStartAscent(**options)
 

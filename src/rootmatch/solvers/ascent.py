@@ -13,6 +13,7 @@ from rootmatch.errors import InputError
 from rootmatch.kernels.contraction import threads_for
 from rootmatch.solvers.discrete_state import State, state_of
 from rootmatch.solvers.local_search import climb_from, modifications
+from rootmatch.solvers.reweighted_walk import ReweightedWalk
 from rootmatch.solvers.solution import Alternatives, Solution, is_empty, nothing
 from rootmatch.solvers.subset_index import SubsetIndex, build_index, index_support
 from rootmatch.tensor import AffinityTensor
@@ -23,8 +24,8 @@ POOL = 4
 FIRST_ROUND, LARGEST_ROUND = 2, 32
 """Starts made at once. The first few often find the answer, and those inside it are then not made again."""
 
-PROMISING = 0.5
-"""An ascent looks for exchanges when it has come to this part of the best objective so far."""
+POLISHED = 12
+"""Best optima from which an ascent goes on with exchanges, which would cost most of the time if every ascent did."""
 
 LOOKUPS = 20_000
 """Looked-up subsets that are worth a thread, half a millisecond to some; an ascent takes about 4 C(n, d−1) of them."""
@@ -45,8 +46,11 @@ class MultiStartAscent:
     2. From a candidate alone, best supported first, the best move (see `local_search`) until none is left. Candidates
        inside an assignment that was found already are passed over, so the starts are different ones. This ends when
        `agreement` of them have come to the best assignment.
-    3. From the best assignment with a candidate put in by force, when that could pay: several independent groups of
-       points, as moving objects give, are put together in this way.
+       One more ascent starts from a few steps of a reweighted random walk, which sees all hyper-edges at once: the
+       better start where every hyper-edge is a little right.
+    3. From the best few optima so far, on with exchanges of two points.
+    4. From the best assignment with a candidate put in by force, when that could pay: several independent groups of
+       points, as moving objects give, are put together in this way. Then step 3 again.
 
     A point to which no hyper-edge speaks stays unmatched. Strictly monotone, without chance, and the same for any
     number of threads; runs on `numba.get_num_threads()` threads.
@@ -57,7 +61,9 @@ class MultiStartAscent:
     Parameters
     ----------
     starts : int
-        Ascents of step 2, and likewise of step 3, at most.
+        Ascents of step 2, and likewise of step 4, at most.
+    walk : int
+        Steps of the random walk (`ReweightedWalk`), each a pass over the hyper-edges; 0 for none.
     agreement : int
         Ascents to the best assignment, all from different starts, that are enough.
     penalty : float
@@ -70,14 +76,15 @@ class MultiStartAscent:
     """
 
     starts: int = 200
+    walk: int = 15
     agreement: int = 12
     penalty: float = 0.0
     keep: int = 16
     limit: int = 10_000
 
     def __post_init__(self) -> None:
-        if self.starts < 1 or self.agreement < 1 or self.keep < 0 or self.limit < 1:
-            raise InputError("MultiStartAscent: expected starts, agreement, limit ≥ 1 and keep ≥ 0")
+        if min(self.starts, self.agreement, self.limit) < 1 or min(self.walk, self.keep) < 0:
+            raise InputError("MultiStartAscent: expected starts, agreement, limit ≥ 1 and walk, keep ≥ 0")
         if not 0 <= self.penalty < np.inf:
             raise InputError(f"penalty: got {self.penalty}; expected a finite weight ≥ 0")
 
@@ -90,8 +97,11 @@ class MultiStartAscent:
     def solve(self, index: SubsetIndex) -> Solution:
         """Solve with an index that was built before."""
         search = _Search(self, index)
+        search.from_walk()
         search.from_candidates()
+        search.polish()
         search.from_best()
+        search.polish()
         return search.solution()
 
 
@@ -104,45 +114,75 @@ class _Search:
         self.source, self.target = np.divmod(self.candidates, index.n_target)
         self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         self.reached: dict[bytes, int] = {}
+        self.polished: set[bytes] = set()
         self.empty = state_of(index, np.full(index.n, -1, np.int64))
         self.best, self.value = self.empty.image, 0.0
         n = min(index.n, index.n_target)
         self.effort = 4.0 * math.comb(n, index.indices.shape[1] - 1) / LOOKUPS
         self.made, self.moves, self.cut = 0, 0, 0
 
-    def climb(self, root: State, starts: NDArray[np.int32]) -> NDArray[np.int64]:
-        """Ascents from a state with starts put in; keeps what is found and returns it, (B, n)."""
-        options, floor = self.options, PROMISING * self.value
+    def climb(
+        self, root: State, bases: NDArray[np.int64], starts: NDArray[np.int32], exchanges: bool = False
+    ) -> NDArray[np.int64]:
+        """Ascents from bases with starts put in; keeps what is found and returns it, (B, n)."""
+        options = self.options
         with threads_for(int(len(starts) * self.effort)):
-            images, values, moves = climb_from(self.index, root, starts, options.penalty, options.limit, floor)
+            images, values, moves = climb_from(
+                self.index, root, bases, starts, options.penalty, options.limit, exchanges
+            )
         for image, value in zip(images, values, strict=True):
             key = image.tobytes()
             self.found[key] = (image, float(value))
             self.reached[key] = self.reached.get(key, 0) + 1
+            if exchanges:
+                self.polished.add(key)
             if value > self.value:
                 self.best, self.value = image, float(value)
-        self.made += len(starts)
         self.moves += int(moves.sum())
-        self.cut += int(np.sum(moves >= self.options.limit))
+        self.cut += int(np.sum(moves >= options.limit))
         return images
+
+    def from_root(self, root: State, starts: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Ascents from the assignment of a state with starts put in."""
+        self.made += len(starts)
+        return self.climb(root, np.repeat(root.image[None], len(starts), axis=0), starts)
 
     def inside(self, images: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which candidates lie inside one of some assignments."""
         return np.asarray((images[:, self.source] == self.target).all(axis=2).any(axis=0))
 
+    def from_walk(self) -> None:
+        """The single ascent from a random walk, or from nothing, which unary weights alone may make something of."""
+        base = self.empty.image
+        if self.options.walk > 0:
+            index = self.index
+            unary = index.unary.reshape(index.n, index.n_target)
+            tensor = AffinityTensor.unchecked(index.indices, index.weights, unary.shape, unary)
+            base = ReweightedWalk(iterations=self.options.walk, keep=0)(tensor).assignment
+        self.made += 1
+        self.climb(self.empty, base[None], np.empty((1, 0), np.int32))
+
     def from_candidates(self) -> None:
         """Step 2."""
-        nobody = np.empty((1, 0), np.int32)
-        open_ = ~self.inside(self.climb(self.empty, nobody))
+        open_ = ~self.inside(np.array([image for image, _ in self.found.values()]))
         size, most = FIRST_ROUND, self.made + self.options.starts
         while open_.any() and self.made < most and self.reached[self.best.tobytes()] < self.options.agreement:
             chosen = _different(self.candidates, np.flatnonzero(open_), min(size, most - self.made))
             open_[chosen] = False
-            open_ &= ~self.inside(self.climb(self.empty, self.candidates[chosen]))
+            open_ &= ~self.inside(self.from_root(self.empty, self.candidates[chosen]))
             size = min(2 * size, LARGEST_ROUND)
 
+    def polish(self) -> None:
+        """Step 3, until the best assignment itself has been through it."""
+        while self.best.tobytes() not in self.polished:
+            optima = sorted(self.found.values(), key=lambda pair: (-pair[1], pair[0].tolist()))
+            waiting = [image for image, _ in optima if image.tobytes() not in self.polished][:POLISHED]
+            self.polished.update(image.tobytes() for image in waiting)
+            root = state_of(self.index, self.best)
+            self.climb(root, np.array(waiting), np.empty((len(waiting), 0), np.int32), exchanges=True)
+
     def from_best(self) -> None:
-        """Step 3."""
+        """Step 4."""
         order = self.candidates.shape[1]
         heaviest = self.index.weights.max(initial=0.0)
         # What a candidate would score with all those that support it, were they one group of points of usual weights.
@@ -162,7 +202,7 @@ class _Search:
                 break
             chosen = _different(self.candidates, waiting, min(LARGEST_ROUND // 2, most - self.made))
             untried[chosen] = False
-            self.climb(root, self.candidates[chosen])
+            self.from_root(root, self.candidates[chosen])
 
     def _loss(self, state: State) -> NDArray[np.float64]:
         """What each candidate pushes out of an assignment: the gains of the members in its way."""

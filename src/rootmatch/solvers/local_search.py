@@ -140,21 +140,28 @@ def _exchange_change(index, state, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _best_exchange(index, state, least):  # type: ignore[no-untyped-def]
-    """Largest change of f above `least` by two points that exchange targets: (change, i, j); i = −1 for none."""
-    best, first, second = least, -1, -1
-    for i in range(index.n):
-        if state.image[i] < 0:
-            continue
-        for j in range(i + 1, index.n):
-            if state.image[j] < 0:
-                continue
+def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
+    """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
+
+    Returns (i, j, number of the pair); i = −1 when there is none. The first is taken, not the best, because each needs
+    look-ups; to begin where the last was found spreads them.
+    """
+    n = index.n
+    i, j = begin // n, begin % n
+    for _ in range(n * n):
+        j += 1
+        if j >= n:
+            i = i + 1 if i + 1 < n else 0
+            j = i + 1
+            if j >= n:
+                i, j = 0, 1
+        if state.image[i] >= 0 and state.image[j] >= 0:
             change, most = _exchange_terms(index, state, i, j)
-            if change + most > best:
-                change = _exchange_change(index, state, i, j)
-                if change > best:
-                    best, first, second = change, i, j
-    return best, first, second
+            if change + most > least and _exchange_change(index, state, i, j) > least:
+                return i, j, i * n + j
+        if i * n + j == begin:
+            break
+    return -1, -1, begin
 
 
 @njit(cache=True)
@@ -168,12 +175,12 @@ def _exchange(index, state, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def climb(index: SubsetIndex, state: State, penalty: float, limit: int, floor: float) -> int:
+def climb(index: SubsetIndex, state: State, penalty: float, limit: int, exchanges: bool) -> int:
     """Make the best move until none improves f; the number of moves, `limit` when it was cut short.
 
-    Exchanges, which cost the most to judge, are tried when f has reached `floor`.
+    Exchanges, which cost the most to judge, are tried only when wanted, and where no other move is left.
     """
-    moves = 0
+    moves, last = 0, 1
     while moves < limit:
         least = LEAST_STEP * state.total[0]
         change, entering, leaving = _best_move(index, state, penalty)
@@ -182,10 +189,10 @@ def climb(index: SubsetIndex, state: State, penalty: float, limit: int, floor: f
                 put(index, state, entering)
             else:
                 leave(index, state, leaving)
-        elif objective(index, state, penalty) < floor:
+        elif not exchanges or index.n == 1:
             return moves
         else:
-            change, i, j = _best_exchange(index, state, least)
+            i, j, last = _find_exchange(index, state, least, last)
             if i < 0:
                 return moves
             _exchange(index, state, i, j)
@@ -193,23 +200,47 @@ def climb(index: SubsetIndex, state: State, penalty: float, limit: int, floor: f
     return moves
 
 
+@njit(cache=True)
+def _drop_idle(index, state):  # type: ignore[no-untyped-def]
+    """Unmatch the points that gain nothing, by the same measure by which they would not be added."""
+    for i in range(index.n):
+        if state.image[i] >= 0:
+            a = i * index.n_target + state.image[i]
+            if state.gains[a] + index.unary[a] <= LEAST_STEP * state.total[0]:
+                leave(index, state, a)
+
+
 @njit(cache=True, parallel=True)
 def climb_from(
-    index: SubsetIndex, root: State, starts: NDArray[Any], penalty: float, limit: int, floor: float
+    index: SubsetIndex,
+    root: State,
+    bases: NDArray[Any],
+    starts: NDArray[Any],
+    penalty: float,
+    limit: int,
+    exchanges: bool,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Ascents from the assignment of a state, each with one hyper-edge (row of `starts`, (B, d)) put into it by force.
+    """Ascents from assignments (rows of `bases`, (B, n)), each with a hyper-edge (rows of `starts`, (B, d)) forced in.
 
-    Returns the assignments (B, n), their objectives (B,) and numbers of moves (B,).
+    Every base is reached from the state `root`, so it should be near. Returns the assignments (B, n), their objectives
+    (B,) and numbers of moves (B,).
     """
-    count = starts.shape[0]
+    count = bases.shape[0]
     images = np.empty((count, index.n), np.int64)
     values = np.empty(count)
     moves = np.empty(count, np.int64)
     for s in prange(count):
         state = copy_state(root)
+        for i in range(index.n):
+            if state.image[i] >= 0 and state.image[i] != bases[s, i]:
+                leave(index, state, i * index.n_target + state.image[i])
+        for i in range(index.n):
+            if state.image[i] != bases[s, i]:
+                enter(index, state, i * index.n_target + bases[s, i])
         for p in range(starts.shape[1]):
             put(index, state, int(starts[s, p]))
-        moves[s] = climb(index, state, penalty, limit, floor)
+        moves[s] = climb(index, state, penalty, limit, exchanges)
+        _drop_idle(index, state)
         images[s] = state.image
         values[s] = objective(index, state, penalty)
     return images, values, moves
