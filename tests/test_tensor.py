@@ -82,6 +82,18 @@ def test_score_counts_the_hyperedges_inside(order, n, n_target):
         assert tensor.score(assignment) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("unary", [False, True])
+def test_part_inside_an_assignment(unary):
+    tensor, _ = instance(3, 7, 8, 300_000, seed=4, unary=unary)
+    assignment = np.array([4, -1, 0, 7, 2, 1, 3])
+    chosen = {i * 8 + k for i, k in enumerate(assignment) if k >= 0}
+    part = tensor.inside(assignment)
+    expected = np.flatnonzero(np.isin(tensor.indices, list(chosen)).all(axis=1))
+    assert len(expected) > 256
+    np.testing.assert_array_equal(part.indices, tensor.indices[expected])
+    assert part.score(assignment) == pytest.approx(tensor.score(assignment), rel=1e-12)
+
+
 def test_gradient_at_an_assignment_sums_to_the_score():
     tensor, rng = instance(4, 6, 7, 5000, seed=5)
     assignment = rng.permutation(7)[:6]

@@ -82,10 +82,11 @@ def drop_unsupported(assignment: ArrayLike, tensor: AffinityTensor, fraction: fl
     """
     if not 0 <= fraction <= 1:
         raise InputError(f"fraction: got {fraction}; expected 0 … 1")
-    tensor.score(assignment)  # judges the assignment
+    # Only hyper-edges inside the assignment count, and fewer of them as points go.
+    inside = tensor.inside(assignment)
     kept = np.array(assignment, dtype=np.int64)
     while (matched := kept >= 0).any():
-        gain = gains(kept, tensor)
+        gain = gains(kept, inside)
         weak = matched & ((gain < fraction * np.median(gain[matched])) | (gain <= 0))
         if not weak.any():
             break

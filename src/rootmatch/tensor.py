@@ -163,6 +163,13 @@ class AffinityTensor:
             score = float(contraction.inside_score(self.indices, self.weights, chosen.ravel(), chunks))
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
+    def inside(self, assignment: ArrayLike) -> AffinityTensor:
+        """The part of the tensor that makes up the score of an assignment: few hyper-edges, quick to look at again."""
+        chosen = self._indicator(assignment)
+        edges = contraction.inside_edges(self.indices, chosen.ravel())
+        unary = None if self.unary is None else np.where(chosen, self.unary, 0.0)
+        return AffinityTensor.unchecked(self.indices[edges], self.weights[edges], self.shape, unary)
+
     def _indicator(self, assignment: ArrayLike) -> NDArray[np.bool_]:
         n, n_target = self.shape
         given = np.asarray(assignment)

@@ -145,6 +145,25 @@ def inside_score(indices: NDArray[Any], weights: NDArray[Any], chosen: NDArray[A
     return score
 
 
+@njit(cache=True)
+def inside_edges(indices: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
+    """Numbers of the hyper-edges all of whose correspondences are chosen (boolean, (n n',))."""
+    edges, order = indices.shape
+    found, count = np.empty(256, np.int64), 0
+    for e in range(edges):
+        p = 0
+        while p < order and chosen[indices[e, p]]:
+            p += 1
+        if p == order:
+            if count == found.size:
+                longer = np.empty(2 * count, np.int64)
+                longer[:count] = found
+                found = longer
+            found[count] = e
+            count += 1
+    return found[:count]
+
+
 @njit(cache=True, error_model="numpy")
 def _fault(indices, weights, n, n_target, e):  # type: ignore[no-untyped-def]
     """Verdict on one hyper-edge."""
