@@ -104,9 +104,10 @@ class TestResultants:
             np.testing.assert_allclose(value, oracle(p, q), rtol=1e-9, atol=tolerance, err_msg=what)
 
     def test_where_closed_form_and_factorisation_part(self) -> None:
-        """Roots of P3P crowd about x = 1, so that the resultant cancels: stated here for scenes of the paper.
+        """Roots of P3P crowd about x = 1, where a resultant of coefficients in x cancels: 1e-11 off, at worst 2e-8.
 
-        Among wrong hyper-edges (median 2e-8) nine in ten keep their value to 1e-10, the worst is off by 2e-8.
+        The kernel takes them in x − 1 and keeps its digits, so that it parts from the factorisation only where that
+        rounds, against values of 2e-8 in the median of wrong hyper-edges of the paper's scenes.
         """
         rng = np.random.default_rng(15)
         errors, values = [], []
@@ -121,9 +122,7 @@ class TestResultants:
                 values.append(oracles.qr(p, q))
                 errors.append(abs(cpu.residuals(tables, QR(), i[None], j[None])[0] - values[-1]))
         assert 1e-9 < np.median(values) < 1e-6
-        assert np.quantile(errors, 0.5) < 1e-12
-        assert np.quantile(errors, 0.9) < 1e-10
-        assert np.max(errors) < 3e-8
+        assert np.max(errors) < 1e-13
 
     def test_the_one_sided_residual_blows_up_where_the_common_root_is_large(self) -> None:
         """|R| = sigma_min |y| / |y_last|: beyond |x| = 1 only the lesser over both orders follows sigma_min."""

@@ -65,6 +65,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
         groups = max(cuts, key=lambda cut: _excess(cut, points, weights, tensor.order))
     else:
         groups = fcluster(tree, int(motions), criterion="maxclust")
+    groups = _settled(groups, points, weights, tensor.order)
     sizes = np.bincount(groups)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty(len(sizes), dtype=np.int64)
@@ -86,3 +87,31 @@ def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArr
     same = (labels == labels[:, :1]).all(axis=1)
     tuples = sum(math.comb(int(size), order) for size in np.bincount(groups))
     return float(weights[same].sum()) - EXPECTED_WEIGHT * tuples
+
+
+def _settled(
+    groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int
+) -> NDArray[np.int64]:
+    """Groups after each point has moved to where its hyper-edges exceed their expected weight most.
+
+    Average linkage sometimes leaves a point alone that belongs to a group, or ties it to its second best.
+    """
+    groups = groups.copy()
+    for _ in range(len(groups)):
+        moved = False
+        for point in range(len(groups)):
+            holding = (points == point).any(axis=1)
+            others = np.where(points[holding] == point, -1, groups[points[holding]])
+            label = others.max(axis=1)
+            pure = ((others == -1) | (others == label[:, None])).all(axis=1)
+            inside_weights = weights[holding][pure]
+            gain = np.bincount(label[pure], inside_weights, minlength=int(groups.max()) + 1).astype(np.float64)
+            sizes = np.bincount(np.delete(groups, point), minlength=len(gain))
+            gain -= EXPECTED_WEIGHT * np.array([math.comb(int(size), order - 1) for size in sizes])
+            best = int(np.argmax(gain))
+            if gain[best] > gain[groups[point]] + 1e-9:
+                groups[point] = best
+                moved = True
+        if not moved:
+            break
+    return groups

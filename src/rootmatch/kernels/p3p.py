@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.kernels.bezout import (
-    lesser_unit_last_entry_quartic,
-    smallest_singular_value_quartic,
-    unit_last_entry_quartic,
+    NO_INFORMATION,
+    lesser_unit_last_entry_quartic_about_one,
+    unit_last_entry_quartic_about_one,
 )
 from rootmatch.kernels.dispatch import kernel, register, scalar, slab_of_rows
 from rootmatch.kernels.kinds import QR, SVD, QRBoth
+from rootmatch.kernels.sylvester import smallest_singular_value_quartic
 
 STEP = 0.3
 """x = 1 + STEP z. At the paper's ranges |z| stays below 1, where the Bézout matrix is well scaled."""
@@ -78,26 +79,41 @@ def quartic(n2, n1, n0, d1, d0, m2, m1, m0, hr):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def quartic_about_one(A, B, C, hp, hq, hr):  # type: ignore[no-untyped-def]
+    """The paper's quartic in x by powers of x − 1, which loses no digits where its roots crowd about 1."""
+    n2, n1, n0, d1, d0, m2, m1, m0 = quadratics(A, B, C, hp, hq, hr, 1.0)
+    return quartic(n2, n1, n0, d1, d0, m2, m1, m0, hr)
+
+
+@scalar
 def quartic_in_ratio(A, B, C, hp, hq, hr):  # type: ignore[no-untyped-def]
-    """The quartic in x itself, as in the paper: q(x) from q(1 + z) by undoing the shift."""
+    """The quartic by powers of x itself, as in the paper."""
     n2, n1, n0, d1, d0, m2, m1, m0 = quadratics(A, B, C, hp, hq, hr, 1.0)
     return quartic(n2, n1 - 2.0 * n2, n0 - n1 + n2, d1, d0 - d1, m2, m1 - 2.0 * m2, m0 - m1 + m2, hr)
 
 
 @scalar
+def distinct(hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
+    """Whether no two bearings are one: there x = 1 solves every quartic, and agreement says nothing."""
+    return min(min(hab, hbc, hca), min(hbd, hda)) > 1e-20
+
+
+@scalar
 def matrix_entry(A, B, C, B2, C2, hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
     """|R_88| of the two quartics in x, as in the paper."""
-    p4, p3, p2, p1, p0 = quartic_in_ratio(A, B, C, hab, hbc, hca)
-    q4, q3, q2, q1, q0 = quartic_in_ratio(A, B2, C2, hab, hbd, hda)
-    return unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
+    q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
+    entry = unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    return entry if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
 
 
 @scalar
 def matrix_entry_both(A, B, C, B2, C2, hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
     """The lesser |R_88| of the quartics in x and in 1/x."""
-    p4, p3, p2, p1, p0 = quartic_in_ratio(A, B, C, hab, hbc, hca)
-    q4, q3, q2, q1, q0 = quartic_in_ratio(A, B2, C2, hab, hbd, hda)
-    return lesser_unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
+    q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
+    entry = lesser_unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+    return entry if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
 
 
 @scalar

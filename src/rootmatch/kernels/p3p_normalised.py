@@ -12,7 +12,7 @@ import numpy as np
 
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import Normalised
-from rootmatch.kernels.p3p import LARGE, SHARED_FIRST, STEP, P3PTables, quadratics
+from rootmatch.kernels.p3p import LARGE, SHARED_FIRST, STEP, P3PTables, distinct, quadratics
 from rootmatch.kernels.p3p_roots import ratio_pairs
 
 
@@ -78,7 +78,8 @@ def normalised2(p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd, hda, hcd
     variance += vd * variance_of_two(hda, hbd, hab, g_da, g_bd)
     ratio = f * f / variance
     # collinear triples cancel to a variance below 0: no information
-    return ratio if 0.0 <= ratio < LARGE * LARGE else LARGE * LARGE
+    known = (0.0 <= ratio < LARGE * LARGE) and distinct(hab, hbc, hca, hbd, hda)
+    return ratio if known else LARGE * LARGE
 
 
 @kernel
