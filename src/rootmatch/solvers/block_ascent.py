@@ -9,7 +9,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from rootmatch.assignment import one_hot
 from rootmatch.errors import InputError
@@ -191,6 +190,8 @@ class _Ascent:
 
 def _hungarian(slope: NDArray[np.float64]) -> NDArray[np.int64]:
     """Full assignment of the largest total, min(n, n') points matched, worthless ones too."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     assignment = np.full(slope.shape[0], -1, np.int64)
     source, target = linear_sum_assignment(slope, maximize=True)
     assignment[source] = target

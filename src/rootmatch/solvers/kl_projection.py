@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from rootmatch.assignment import discretise
 from rootmatch.errors import InputError
@@ -66,6 +64,9 @@ class KLProjection:
         if tensor.unary is not None:
             y += tensor.unary
         # More than a matching of the nonzero entries can hold no soft assignment holds either.
+        from scipy.sparse import csr_array  # slow to import
+        from scipy.sparse.csgraph import maximum_bipartite_matching
+
         most = int(np.sum(maximum_bipartite_matching(csr_array(y > 0)) >= 0))
         matches = most if self.matches is None else min(self.matches, most)
         soft, change, rounds = project(y / y.max(), float(matches), self.iterations, self.tolerance)
