@@ -1,0 +1,93 @@
+"""Guided choice of hyper-edges: minimal sets propose where every point is seen, and what they propose is weighed.
+
+Exhaustion looks at C(n, d) · n'!/(n' − d)! hyper-edges, of which all but C(n, d) are false. Here a few wide minimal
+sets of source points are tried with every image they may have; each solution predicts where the other points are seen,
+and a sequential test ends the false ones after a look or two (`rootmatch.kernels.propose`). The proposals that survive
+name candidate correspondences, and the hyper-edges among those, no others, go through the ordinary residual into the
+tensor. No pose is handed on: the minimal problem proposes, the residual weighs, the solver decides.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.affinity import Affinity, Progress
+from rootmatch.backends import cpu
+from rootmatch.errors import InputError
+from rootmatch.guided.found import Guided
+from rootmatch.guided.gather import hyperedges_among
+from rootmatch.guided.search import Search
+from rootmatch.kernels import (  # noqa: F401  (two of them register what they propose)
+    kinds,
+    p3p_propose,
+    up2p_propose,
+)
+from rootmatch.kernels.contraction import CHUNK, threads_for
+from rootmatch.kernels.proposers import can_propose
+from rootmatch.tensor import AffinityTensor
+
+__all__ = ["Guided", "can_propose", "guided_tensor"]
+
+
+def guided_tensor(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    *,
+    seed: int = 0,
+    motions: int | Literal["auto"] = 1,
+    options: Guided | None = None,
+    candidates: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> tuple[AffinityTensor, int, float]:
+    """Tensor of the hyper-edges among the correspondences that minimal sets propose.
+
+    Parameters
+    ----------
+    tables
+        Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
+    kind : Kind
+    weigh : Affinity
+    shape : (n, n')
+    order : int
+    seed : int
+        Of the order in which minimal sets are tried, and of the choice of hyper-edges where there are too many.
+    motions : int or "auto"
+        With 1 the search ends when one proposal is beyond chance; with more it goes on to the budget.
+    options : Guided, optional
+    candidates : (n, n') bool array, optional
+        Correspondences that are possible; others are never tried.
+    progress : callable, optional
+        Called with (evaluations, budget) between batches.
+
+    Returns
+    -------
+    tensor : AffinityTensor
+    evaluated : int
+        Minimal sets solved, points looked up, predictions weighed and hyper-edges evaluated.
+    share : float
+        Part of the d-subsets of source points whose hyper-edges were evaluated, 0 to 1; below 1 for many points.
+
+    Raises
+    ------
+    InputError
+        If the problem has no proposals.
+    """
+    if not can_propose(type(tables)):
+        raise InputError('hyperedges: this problem has no proposals to be guided by; use "exhaustive" or "random"')
+    search = Search(tables, shape, order - 1, seed, motions, options or Guided(), candidates)
+    search.run(progress)
+    search.refine()
+    found = search.settle()
+    source, target, share = hyperedges_among(found, shape, order, search.options, search.rng)
+    with threads_for(len(source) // CHUNK):
+        residuals = cpu.residuals(tables, kind, source, target)
+    keep = residuals <= weigh.gate
+    indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
+    tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
+    return tensor, search.evaluated + len(source), share

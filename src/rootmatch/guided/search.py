@@ -1,0 +1,223 @@
+"""Batches of minimal sets, tried until something is beyond chance or the budget is spent."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch import hyperedges
+from rootmatch.affinity import Progress
+from rootmatch.guided.found import Found, Guided, Proposals
+from rootmatch.guided.sets import minimal_sets, others_of, widest
+from rootmatch.kernels import proposals
+from rootmatch.kernels.contraction import threads_for
+from rootmatch.kernels.propose import ROOTS, Rules, Sets, prepare_sets, propose
+from rootmatch.kernels.raster import build_raster
+from rootmatch.kernels.weigh import weigh
+
+Integers = NDArray[np.int64]
+
+SEEN = (0.95, 0.6, 0.25, 0.1)
+"""Chances that a source point is seen, over which the evidence of a proposal is averaged."""
+CROWDING = 1.5
+"""Detections are denser where they matter than on average, by so much at the least."""
+BEYOND_CHANCE = 7.0
+"""Evidence above the logarithm of the number of trials from which a proposal is no accident: one in a thousand."""
+COMPLETE = 0.9
+"""Part of the points that can be matched from which a proposal cannot be bettered by much."""
+PATIENCE = 1.0
+"""True minimal sets that must have been met, on average, before an incomplete proposal is believed to be the best."""
+NEAR = 0.5
+"""Part of the best evidence from which another proposal is an alternative."""
+CANDIDATE2 = 3.5**2
+"""χ² of a detection about a prediction within which it is a candidate."""
+CHUNKS = 8
+"""Pieces of a batch, whatever the number of threads, so that the result does not depend on it."""
+FIRST_BATCH, LARGEST_BATCH = 8_000, 400_000
+"""Minimal sets solved between two looks at what was found; each batch is twice the one before."""
+LEAST_WEIGHED, SOLVED_A_WEIGHED = 32, 500
+"""How many of a batch's survivors are weighed: so many, or one in so many minimal sets solved; …"""
+LEAST_WEIGHED_OF_MANY, SOLVED_A_WEIGHED_OF_MANY = 1024, 20
+"""… and with several motions, whose few points hardly stand out before they are weighed."""
+REMEMBERED = 4_000
+"""Proposals that are kept from batch to batch."""
+WORTH_A_THREAD = 50_000
+"""Minimal sets to be solved that are worth waking a thread for."""
+REFINED, RESAMPLED = 8, 8
+"""Groups that are proposed anew from within, at the least, and minimal sets drawn from each."""
+ALIKE = 0.5
+"""Part of their correspondences that two proposals of one group share."""
+WEAK = 0.5
+"""Part of the evidence of the first of a group from which others add candidates to it."""
+SHARPNESS = 2.5
+"""The gate over the deviation of a true detection from its prediction, while minimal sets are tried."""
+
+
+class Search:
+    """What one search has proposed so far.
+
+    Parameters
+    ----------
+    tables
+        Of `Problem.prepare`.
+    shape : (n, n')
+    minimal : int
+        Correspondences of a minimal set.
+    seed : int
+    motions : int or "auto"
+    options : Guided
+    candidates : (n, n') bool array, optional
+    """
+
+    def __init__(
+        self,
+        tables: Any,
+        shape: tuple[int, int],
+        minimal: int,
+        seed: int,
+        motions: int | Literal["auto"],
+        options: Guided,
+        candidates: NDArray[np.bool_] | None,
+    ) -> None:
+        self.tables, self.options, self.single = tables, options, motions == 1
+        self.n, self.n_target = shape
+        self.minimal = minimal
+        self.rng = np.random.default_rng([seed, *shape])
+        self.allowed = np.empty((0, 0), np.bool_) if candidates is None else np.ascontiguousarray(candidates, np.bool_)
+        spread = np.sqrt(tables.variance)
+        self.raster = build_raster(tables.rays, options.gate * max(float(np.median(spread)), float(spread.max()) / 2.0))
+        self.density = CROWDING * self.raster.density
+        self.seen = np.array(SEEN)
+        self.normals = bool(np.any(tables.normals))
+        self.places = np.ascontiguousarray(tables.points.T)
+        self.solved = self.tested = self.evaluated = 0
+        self.refined = -1
+        self.parts: list[Proposals] = []
+        self.started = time.perf_counter()
+
+    def run(self, progress: Progress | None = None) -> None:
+        """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
+        arrangements = self.rng.permutation(hyperedges.target_arrangements(self.n_target, self.minimal - 1))
+        batch = FIRST_BATCH
+        for wave, points in enumerate(minimal_sets(self.places, self.minimal, self.rng)):
+            offset = self.rng.integers(0, len(arrangements), len(points))
+            sets = prepare_sets(self.tables, points, others_of(points, self.n), offset)
+            rules = self._rules(wave)
+            tasks, done = len(points) * len(arrangements), 0
+            while done < tasks:
+                last = min(tasks, done + max(CHUNKS, batch // (self.n_target - self.minimal + 1)))
+                self._try(sets, rules, arrangements, done, last)
+                done, batch = last, min(2 * batch, LARGEST_BATCH)
+                if progress is not None:
+                    progress(min(self.evaluated, self.options.budget), self.options.budget)
+                if self._spent() or (self.single and self._enough()):
+                    return
+                if len(self.parts) > 16:
+                    self._groups()
+
+    def _spent(self) -> bool:
+        limit = self.options.max_seconds
+        late = limit is not None and time.perf_counter() - self.started > limit
+        return late or self.evaluated >= self.options.budget
+
+    def _enough(self) -> bool:
+        """Whether the strongest proposal is beyond chance and a stronger one would have been met by now."""
+        if not self.parts or max(part.evidence.max() for part in self.parts) <= self._accident():
+            return False
+        self.refine()
+        _, _, every = self._groups()
+        matched = int((every.best[0] >= 0).sum())
+        if matched >= COMPLETE * min(self.n, self.n_target):
+            return True
+        # how many minimal sets must be solved for one true one to be among them, on average
+        expected = math.perm(self.n_target, self.minimal) * (self.n / matched) ** self.minimal
+        return self.solved >= PATIENCE * expected
+
+    def _accident(self) -> float:
+        """Evidence that chance reaches once in a thousand searches as long as this one."""
+        return math.log(max(self.tested, 1)) + BEYOND_CHANCE
+
+    def _rules(self, wave: int) -> Rules:
+        """The sequential test: hopeful at first, then ever more patient with points that are not seen."""
+        met = min(1.0 - math.exp(-self.density * math.pi * self.raster.gate2), 0.6)
+        hope = (0.85 if self.single else 0.3) * min(1.0, self.n_target / self.n)
+        seen = max(hope * 0.75**wave, 0.2, 1.5 * met)
+        return Rules(
+            hit=math.log(seen / met) + math.log(0.5 * SHARPNESS**2),
+            fall=0.5 * SHARPNESS**2,
+            miss=math.log((1.0 - seen) / (1.0 - met)),
+            floor=math.log(0.03),
+            least=self.minimal + 1,
+            normals=self.normals,
+        )
+
+    def _try(self, sets: Sets, rules: Rules, arrangements: NDArray[np.int32], first: int, last: int) -> None:
+        """One batch of tasks."""
+        solved = (last - first) * (self.n_target - self.minimal + 1)
+        if self.single:
+            most = max(LEAST_WEIGHED, solved // SOLVED_A_WEIGHED)
+        else:
+            most = max(LEAST_WEIGHED_OF_MANY, solved // SOLVED_A_WEIGHED_OF_MANY)
+        wave = (0, len(sets.points))
+        with threads_for(solved // WORTH_A_THREAD):
+            found, ratios, counts = propose(
+                self.tables, self.raster, rules, sets, arrangements, first, last, wave, self.allowed,
+                max(8, most // (CHUNKS // 2)), CHUNKS,
+            )  # fmt: skip
+        self.solved += int(counts[:, 0].sum())
+        self.tested += int(counts[:, 1].sum())
+        self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
+        found, ratios = found.reshape(-1, found.shape[2]), ratios.reshape(-1)
+        survivors = np.flatnonzero(found[:, 0] >= 0)
+        survivors = survivors[np.argsort(-ratios[survivors], kind="stable")[:most]]
+        if len(survivors):
+            self._weigh(sets.points[found[survivors, 0]], np.ascontiguousarray(found[survivors, 1:]))
+
+    def _weigh(self, points: Integers, images: Integers) -> None:
+        """Evidence and candidates of solved minimal sets."""
+        evidence, best, candidates = weigh(
+            self.tables, points, images, self.density, CANDIDATE2, self.allowed, self.seen
+        )
+        self.evaluated += len(points) * (self.n - self.minimal)
+        self.parts.append(Proposals(points, images, evidence, best, candidates).taken(evidence > -np.inf))
+
+    def refine(self) -> None:
+        """Propose anew from within the best groups: minimal sets of their own correspondences, wide ones.
+
+        Another set predicts what the first one missed, and often better.
+        """
+        if self.refined == self.solved:
+            return
+        self.refined = self.solved
+        leaders, _, every = self._groups()
+        sure = int((every.evidence[leaders] > self._accident()).sum())
+        points, images = [], []
+        for leader in leaders[: sure or max(REFINED, len(leaders) // 4)]:
+            matched = np.flatnonzero(every.best[leader] >= 0)
+            chosen = widest(self.places, matched, self.minimal, RESAMPLED, self.rng)
+            points.append(np.repeat(chosen, ROOTS, axis=0))
+            images.append(np.repeat(every.best[leader][chosen], ROOTS, axis=0))
+        if points:
+            stacked = np.concatenate(points)
+            roots = np.tile(np.arange(ROOTS), len(stacked) // ROOTS)
+            self._weigh(stacked, np.column_stack([roots, np.concatenate(images)]))
+
+    def settle(self) -> Found:
+        """The groups of what was found: where one is beyond chance, it and those that come near it."""
+        leaders, lists, every = self._groups()
+        evidence, accident = every.evidence[leaders], self._accident()
+        if self.single and len(leaders) and evidence[0] > accident:
+            near = evidence > min(accident, NEAR * evidence[0])
+            evidence, lists = evidence[near], lists[near]
+        return Found(lists, evidence, accident)
+
+    def _groups(self) -> tuple[Integers, Integers, Proposals]:
+        """Leaders (G,) and candidates (G, n, c) of the groups of all that was proposed, and that, strongest first."""
+        every = Proposals.joined(self.parts, self.minimal, self.n).strongest(REMEMBERED)
+        self.parts = [every]
+        leaders, lists = proposals.group(every.evidence, every.best, every.candidates, self.options.groups, ALIKE, WEAK)
+        return leaders, lists, every

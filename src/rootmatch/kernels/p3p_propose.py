@@ -1,0 +1,109 @@
+"""Proposals of the perspective three-point problem: a triple's solutions carry every other point into the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rootmatch.kernels.dispatch import kernel, scalar
+from rootmatch.kernels.p3p import P3PTables
+from rootmatch.kernels.p3p_joint import (
+    VAGUE2,
+    affine_coordinates,
+    affine_frame,
+    looks_back,
+    predict,
+    solution_frame,
+    triple_faces,
+)
+from rootmatch.kernels.p3p_roots import ratio_pairs
+from rootmatch.kernels.proposers import register_proposer
+from rootmatch.kernels.vector import cross
+
+
+@kernel
+def coordinates(t, i, others, place, own):  # type: ignore[no-untyped-def]
+    """Affine coordinates in the triple's frame of the other points, of their normals and of its own normals."""
+    affine = affine_frame(t, i[0], i[1], i[2])
+    ox, oy, oz = t.points[0, i[0]], t.points[1, i[0]], t.points[2, i[0]]
+    for r in range(others.shape[0]):
+        d = others[r]
+        place[r, 0], place[r, 1], place[r, 2] = affine_coordinates(
+            affine, t.points[0, d], t.points[1, d], t.points[2, d]
+        )
+        # of a direction: the difference to the origin
+        place[r, 3], place[r, 4], place[r, 5] = affine_coordinates(
+            affine, t.normals[0, d] + ox, t.normals[1, d] + oy, t.normals[2, d] + oz
+        )
+    for p in range(3):
+        d = i[p]
+        own[p, 0], own[p, 1], own[p, 2] = affine_coordinates(
+            affine, t.normals[0, d] + ox, t.normals[1, d] + oy, t.normals[2, d] + oz
+        )
+
+
+@kernel
+def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
+    """Depth ratios x = b/a and y = c/a at the four roots for every third image."""
+    s = t.distance2
+    h = t.versine
+    A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
+    hab = h[j[0], j[1]]
+    hbc, hca = h[j[1]], h[j[0]]
+    for k in range(scratch.shape[1]):
+        (
+            scratch[0, k], scratch[1, k], scratch[2, k], scratch[3, k],
+            scratch[4, k], scratch[5, k], scratch[6, k], scratch[7, k],
+        ) = ratio_pairs(A, B, C, hab, hbc[k], hca[k])  # fmt: skip
+
+
+@scalar
+def hypothesis(t, raster, i, j, last, scratch, root):  # type: ignore[no-untyped-def]
+    """The triple as the camera has it at one root: point a, the vectors to b and to c, and their product."""
+    x, y = scratch[2 * root, last], scratch[2 * root + 1, last]
+    h = t.versine[j[0], j[1]]
+    u = raster.rays  # a solution does not depend on how the camera is turned
+    ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
+    depth = np.sqrt(t.distance2[i[0], i[1]] / ((x - 1.0) * (x - 1.0) + 2.0 * h * x))
+    ox, oy, oz = depth * ax, depth * ay, depth * az
+    depth_b, depth_c = depth * x, depth * y
+    ex, ey, ez = depth_b * u[0, j[1]] - ox, depth_b * u[1, j[1]] - oy, depth_b * u[2, j[1]] - oz
+    fx, fy, fz = depth_c * u[0, last] - ox, depth_c * u[1, last] - oy, depth_c * u[2, last] - oz
+    gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
+    return x > 0.0 and y > 0.0, (ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz)
+
+
+@kernel
+def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
+    """Where every source point must be seen, its covariance, and whether it can be seen."""
+    s = t.distance2
+    h = t.versine
+    u = t.rays
+    A = s[i[0], i[1]]
+    hab = h[j[0], j[1]]
+    ratios = ratio_pairs(A, s[i[1], i[2]], s[i[0], i[2]], hab, h[j[1], j[2]], h[j[0], j[2]])
+    x, y = ratios[0], ratios[1]
+    for r in range(1, 4):
+        if root == r:
+            x, y = ratios[2 * r], ratios[2 * r + 1]
+    if not (x > 0.0 and y > 0.0):
+        return False
+    ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
+    bx, by, bz = u[0, j[1]], u[1, j[1]], u[2, j[1]]
+    cx, cy, cz = u[0, j[2]], u[1, j[2]], u[2, j[2]]
+    affine = affine_frame(t, i[0], i[1], i[2])
+    frame = solution_frame(A, x, y, hab, ax, ay, az, bx, by, bz, cx, cy, cz)
+    if not triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):
+        return False
+    va, vb, vc = t.variance[j[0]], t.variance[j[1]], t.variance[j[2]]
+    for d in range(out.shape[1]):
+        alpha, beta, gamma = affine_coordinates(affine, t.points[0, d], t.points[1, d], t.points[2, d])
+        (
+            out[0, d], out[1, d], out[2, d], out[3, d], out[4, d], out[5, d],
+            out[6, d], out[7, d], out[8, d], out[9, d], out[10, d], out[11, d],
+        ) = predict(alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz, va, vb, vc)  # fmt: skip
+        hidden = looks_back(t, affine, frame, d, out[0, d], out[1, d], out[2, d]) > 0.0
+        out[12, d] = 1.0 if out[9, d] + out[11, d] < VAGUE2 and not hidden else 0.0
+    return True
+
+
+register_proposer(P3PTables, coordinates, solve, hypothesis, predictions)

@@ -1,0 +1,208 @@
+"""Minimal sets propose where every point is seen; a sequential test ends the false proposals after a look or two.
+
+A minimal set of correspondences is solved, each of its roots carries the other source points into the camera, and each
+is looked up in a raster of detections. The evidence is a log-likelihood ratio: a detection near the prediction speaks
+for the proposal by the density of its distance against the density of detections, an empty place against it by the
+chance that a point is not seen. A proposal whose ratio falls below a floor is dropped (Wald's sequential probability
+ratio test). What survives is weighed with the covariance of each prediction, in `rootmatch.kernels.weigh`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from rootmatch.kernels.dispatch import FASTMATH
+from rootmatch.kernels.proposers import set_coordinates, set_frame, solve_set
+from rootmatch.kernels.raster import look_up
+
+ROOTS = 4
+"""Most solutions of a minimal set; where a problem has fewer, the others are not there."""
+
+
+class Rules(NamedTuple):
+    """The sequential test, in log-likelihood ratios."""
+
+    hit: float
+    """Of a detection at the very place."""
+    fall: float
+    """What is lost of it at the rim of the gate (quadratic in the distance)."""
+    miss: float
+    """Of an empty place, negative."""
+    floor: float
+    """Below it a proposal is dropped."""
+    least: int
+    """Correspondences, the minimal set included, below which a survivor is not reported."""
+    normals: bool
+    """Whether any source point has a normal."""
+
+
+class Sets(NamedTuple):
+    """Minimal sets of source points and what is the same for all their images."""
+
+    points: NDArray[np.int64]
+    """(S, m) source points."""
+    others: NDArray[np.int64]
+    """(S, n − m) the rest, in the order in which they are looked up."""
+    coordinates: NDArray[np.float64]
+    """(S, n − m, 6) of the rest in the frame of the set: place and normal."""
+    own: NDArray[np.float64]
+    """(S, m, 3) normals of the set's points in its frame."""
+    offset: NDArray[np.int64]
+    """(S,) where in the list of arrangements each set begins."""
+
+
+@njit(cache=True, error_model="numpy")
+def prepare_sets(tables, points, others, offset):  # type: ignore[no-untyped-def]
+    """`Sets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
+    count, rest = others.shape
+    coordinates = np.empty((count, rest, 6))
+    own = np.empty((count, points.shape[1], 3))
+    for s in range(count):
+        set_coordinates(tables, points[s], others[s], coordinates[s], own[s])
+    return Sets(points, others, coordinates, own, offset)
+
+
+@njit(fastmath=FASTMATH, error_model="numpy")
+def _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
+    """Log-likelihood ratio of a frame in the raster's basis, points found, points looked up; −∞ when dropped."""
+    ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
+    ratio = 0.0
+    found = 0
+    looked = 0
+    fall = rules.fall / raster.gate2
+    for r in range(others.shape[0]):
+        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+        x = ox + a * ex + b * fx + c * gx
+        y = oy + a * ey + b * fy + c * gy
+        z = oz + a * ez + b * fz + c * gz
+        if rules.normals:
+            a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
+            away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
+            if away > 0.0:
+                continue
+        looked += 1
+        k, distance2 = look_up(raster, x, y, z)
+        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
+            stamp[k] = tick
+            ratio += max(rules.hit - fall * distance2, rules.miss)
+            found += 1
+        else:
+            ratio += rules.miss
+            if ratio < rules.floor:
+                ratio = -np.inf
+                break
+    return ratio, found, looked
+
+
+@njit(parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy")
+def propose(tables, raster, rules, sets, arrangements, first, last, wave, allowed, keep, chunks):  # type: ignore[no-untyped-def]
+    """Best proposals among the tasks ``first … last − 1`` of a wave of minimal sets.
+
+    Parameters
+    ----------
+    tables, raster, rules, sets
+    arrangements : (P, m − 1) int32 array
+        Images of all points of a minimal set but the last, which runs over all detections.
+    first, last : int
+        Task t is arrangement t // W + offset, modulo P, of set t % W of the wave of W sets.
+    wave : (first set, W)
+    allowed : (n, n') bool array, or (0, 0) for all
+    keep : int
+        Most proposals that a chunk reports.
+    chunks : int
+        Pieces that the tasks are cut into; the result depends on it, not on the number of threads.
+
+    Returns
+    -------
+    found : (chunks, keep, m + 2) int64 array
+        Minimal set, root, and image of each of its points; −1 first where there is none.
+    ratios : (chunks, keep) array
+        Log-likelihood ratio.
+    counts : (chunks, 3) int64 array
+        Minimal sets solved, solutions tested, points looked up.
+    """
+    m = sets.points.shape[1]
+    found = np.full((chunks, keep, m + 2), -1, np.int64)
+    ratios = np.full((chunks, keep), -np.inf)
+    counts = np.zeros((chunks, 3), np.int64)
+    for chunk in prange(chunks):
+        _examine(
+            tables, raster, rules, sets, arrangements, wave, allowed,
+            first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks,
+            found[chunk], ratios[chunk], counts[chunk],
+        )  # fmt: skip
+    return found, ratios, counts
+
+
+@njit(fastmath=FASTMATH, error_model="numpy")
+def _examine(tables, raster, rules, sets, arrangements, wave, allowed, first, last, found, ratios, counts):  # type: ignore[no-untyped-def]
+    """The tasks of one chunk; fills ``found`` (keep, m + 2), ``ratios`` (keep,) and ``counts`` (3,)."""
+    m = sets.points.shape[1]
+    n_target = raster.places.shape[1]
+    masked = allowed.shape[0] > 0
+    scratch = np.empty((2 * ROOTS, n_target))
+    stamp = np.zeros(n_target, np.int64)
+    j = np.empty(m, np.int64)
+    tick = 0
+    weakest = 0
+    for task in range(first, last):
+        s = wave[0] + task % wave[1]
+        i = sets.points[s]
+        others = sets.others[s]
+        coordinates = sets.coordinates[s]
+        rank = (sets.offset[s] + task // wave[1]) % arrangements.shape[0]
+        possible = True
+        for p in range(m - 1):
+            j[p] = arrangements[rank, p]
+            possible = possible and (not masked or allowed[i[p], j[p]])
+        if not possible:
+            continue
+        solve_set(tables, i, j, scratch)
+        counts[0] += n_target - m + 1
+        for k in range(n_target):
+            free = not masked or allowed[i[m - 1], k]
+            for p in range(m - 1):
+                free = free and j[p] != k
+            if not free:
+                continue
+            j[m - 1] = k
+            for root in range(ROOTS):
+                real, frame = set_frame(tables, raster, i, j, k, scratch, root)
+                if not real or (rules.normals and not _faces(raster, sets.own[s], j, frame)):
+                    continue
+                tick += 1
+                counts[1] += 1
+                for p in range(m):
+                    stamp[j[p]] = tick
+                ratio, hits, looks = _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, tick)
+                counts[2] += looks
+                if ratio > ratios[weakest] and hits + m >= rules.least:
+                    ratios[weakest] = ratio
+                    found[weakest, 0] = s
+                    found[weakest, 1] = root
+                    for p in range(m):
+                        found[weakest, 2 + p] = j[p]
+                    weakest = 0
+                    for q in range(ratios.size):
+                        if ratios[q] < ratios[weakest]:
+                            weakest = q
+
+
+@njit(fastmath=FASTMATH, error_model="numpy")
+def _faces(raster, own, j, frame):  # type: ignore[no-untyped-def]
+    """Whether the points of the minimal set show their front to the camera."""
+    _, _, _, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
+    for p in range(own.shape[0]):
+        a, b, c = own[p, 0], own[p, 1], own[p, 2]
+        away = (
+            (a * ex + b * fx + c * gx) * raster.rays[0, j[p]]
+            + (a * ey + b * fy + c * gy) * raster.rays[1, j[p]]
+            + (a * ez + b * fz + c * gz) * raster.rays[2, j[p]]
+        )
+        if away > 0.0:
+            return False
+    return True

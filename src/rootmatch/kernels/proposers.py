@@ -1,0 +1,108 @@
+"""What makes a problem fit for proposals, chosen by the type of its tables.
+
+Four functions serve a problem; as in `rootmatch.kernels.dispatch`, the type of the tables
+chooses them while a driver is compiled, so one driver serves all problems and is found again in the on-disk cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba.extending import overload
+
+_PROPOSERS: dict[type, dict[str, Callable[..., Any]]] = {}
+
+
+def register_proposer(
+    tables: type,
+    coordinates: Callable[..., Any],
+    solve: Callable[..., Any],
+    hypothesis: Callable[..., Any],
+    predict: Callable[..., Any],
+) -> None:
+    """Make a problem fit for proposals.
+
+    Parameters
+    ----------
+    tables : type
+        Of the problem; it has ``rays`` (3, n') and ``variance`` (n',) of the detections.
+    coordinates : ``(tables, i, others, place, own)``
+        Fill the coordinates (n − m, 6) of the other points and the normals (m, 3) of the set's own in the set's frame.
+    solve : ``(tables, i, j, scratch)``
+        Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
+    hypothesis : ``(tables, raster, i, j, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
+        The frame of the set in the raster's basis at one root; a point with coordinates α, β, γ lies at
+        origin + α e + β f + γ g.
+    predict : ``(tables, i, j, root, out)`` → bool
+        Fill ``out`` (13, n) with the predicted bearing of every source point, two axes across it, the covariance along
+        them (s11, s12, s22), and whether it can be seen (1 or 0).
+    """
+    _PROPOSERS[tables] = {"coordinates": coordinates, "solve": solve, "hypothesis": hypothesis, "predict": predict}
+
+
+def can_propose(tables: type) -> bool:
+    """Whether a type of tables is registered."""
+    return tables in _PROPOSERS
+
+
+def set_coordinates(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Any:
+    """Coordinates of the other points and the normals of a set; see `register_proposer`."""
+    _PROPOSERS[type(tables)]["coordinates"](tables, i, others, place, own)
+
+
+def solve_set(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
+    """Solutions of a set for every last image; see `register_proposer`."""
+    _PROPOSERS[type(tables)]["solve"](tables, i, j, scratch)
+
+
+def set_frame(tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any) -> Any:
+    """Frame of a set at one root; see `register_proposer`."""
+    return _PROPOSERS[type(tables)]["hypothesis"](tables, raster, i, j, last, scratch, root)
+
+
+def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
+    """Prediction of every point at one root; see `register_proposer`."""
+    return _PROPOSERS[type(tables)]["predict"](tables, i, j, root, out)
+
+
+@overload(set_coordinates)
+def _coordinates_overload(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Callable[..., Any]:
+    function = _PROPOSERS[tables.instance_class]["coordinates"]
+
+    def implementation(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Any:
+        return function(tables, i, others, place, own)
+
+    return implementation
+
+
+@overload(solve_set)
+def _solve_overload(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., Any]:
+    function = _PROPOSERS[tables.instance_class]["solve"]
+
+    def implementation(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
+        return function(tables, i, j, scratch)
+
+    return implementation
+
+
+@overload(set_frame)
+def _hypothesis_overload(
+    tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any
+) -> Callable[..., Any]:
+    function = _PROPOSERS[tables.instance_class]["hypothesis"]
+
+    def implementation(tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any) -> Any:
+        return function(tables, raster, i, j, last, scratch, root)
+
+    return implementation
+
+
+@overload(predict_set)
+def _predict_overload(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
+    function = _PROPOSERS[tables.instance_class]["predict"]
+
+    def implementation(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
+        return function(tables, i, j, root, out)
+
+    return implementation
