@@ -1,0 +1,229 @@
+"""Guided search: what it finds of what exhaustion finds, at what cost, and where most is hidden or forbidden."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import combinations
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rootmatch import hyperedges
+from rootmatch.affinity import affinity
+from rootmatch.backends import cpu
+from rootmatch.camera import Camera
+from rootmatch.errors import InputError
+from rootmatch.guided import Guided, guided_tensor
+from rootmatch.guided.sets import minimal_sets, others_of, widest, width
+from rootmatch.problems.p3p import P3P
+from rootmatch.problems.problem import Problem
+from rootmatch.simulation import Scene, p3p_scene, up2p_scene
+from rootmatch.solvers import MultiStartAscent
+from rootmatch.tensor import AffinityTensor
+
+SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
+WEIGH = affinity("joint")
+
+
+def search(
+    problem: Problem, source: NDArray[np.float64], target: NDArray[np.float64], noise: float = 1.0, **options: object
+) -> tuple[AffinityTensor, int, float]:
+    """Guided tensor of points as they are."""
+    normals = options.pop("normals", None)
+    tables = problem.prepare(source, target, noise, normals)
+    kind = WEIGH.residual.kernel_kind(problem.pair_count)
+    return guided_tensor(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options)
+
+
+def of_scene(scene: Scene, **options: object) -> tuple[AffinityTensor, int, float]:
+    return search(scene.problem, scene.source, scene.target, scene.noise, **options)
+
+
+def true_information(scene: Scene) -> float:
+    """Sum of the weights of the true hyper-edges, each evaluated by itself."""
+    problem = scene.problem
+    seen = np.flatnonzero(scene.truth >= 0)
+    source = seen[np.array(list(combinations(range(len(seen)), problem.order)))]
+    tables = problem.prepare(scene.source, scene.target, scene.noise)
+    kind = WEIGH.residual.kernel_kind(problem.pair_count)
+    residuals = cpu.residuals(tables, kind, source, scene.truth[source])
+    return float(np.exp(-0.5 * residuals[residuals <= WEIGH.gate] ** 2).sum())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_but_5_percent_of_the_information_at_a_50th_of_the_evaluations(name: str) -> None:
+    for seed in range(200, 206):
+        scene = SCENES[name](20, 20, noise=1.0, seed=seed)
+        tensor, evaluated, share = of_scene(scene, seed=seed)
+        assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
+        assert evaluated <= hyperedges.exhaustive_count(20, 40, scene.problem.order) / 50
+        assert share == 1.0
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_weights_are_those_of_the_ordinary_residual_and_no_hyperedge_comes_twice(name: str) -> None:
+    scene = SCENES[name](9, 6, noise=1.0, seed=1)
+    tensor, _, _ = of_scene(scene)
+    source, target = np.divmod(tensor.indices.astype(np.int64), 15)
+    tables = scene.problem.prepare(scene.source, scene.target, 1.0)
+    residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(scene.problem.pair_count), source, target)
+    assert np.array_equal(np.exp(-0.5 * residuals**2), tensor.weights)
+    assert residuals.max() <= WEIGH.gate
+    assert tensor.merged().size == tensor.size
+    AffinityTensor(tensor.indices, tensor.weights, tensor.shape)  # judges every index
+
+
+@pytest.mark.parametrize("kind", ["qr", "normalised"])
+def test_any_kind_of_residual_weighs_what_is_proposed(kind: str) -> None:
+    scene = p3p_scene(8, 4, noise=0.5, seed=4)
+    weigh = affinity(kind)
+    tables = scene.problem.prepare(scene.source, scene.target, 0.5)
+    tensor, _, _ = guided_tensor(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
+    assert tensor.size >= 60
+    assert tensor.score(scene.truth) > 0.0
+
+
+def test_one_seed_gives_one_tensor_on_any_number_of_threads() -> None:
+    scene = p3p_scene(20, 30, noise=1.0, seed=3)
+    allowed = numba.get_num_threads()
+    tensors = []
+    try:
+        for threads in (1, allowed):
+            numba.set_num_threads(threads)
+            tensors.append(of_scene(scene, seed=7))
+    finally:
+        numba.set_num_threads(allowed)
+    (one, counted, _), (other, recounted, _) = tensors
+    assert np.array_equal(one.indices, other.indices)
+    assert np.array_equal(one.weights, other.weights)
+    assert counted == recounted
+    _, different, _ = of_scene(scene, seed=8)
+    assert different != counted
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_half_of_the_model_unseen_among_as_much_clutter(name: str) -> None:
+    right = 0.0
+    for seed in range(300, 308):
+        scene = SCENES[name](10, 10, noise=0.5, seed=seed, hidden=10)
+        tensor, _, _ = of_scene(scene, seed=seed)
+        right += scene.accuracy(MultiStartAscent()(tensor).assignment)
+        assert tensor.score(scene.truth) >= 0.9 * true_information(scene)
+    assert right >= 0.97 * 8
+
+
+def test_more_points_than_hyperedges_can_be_kept() -> None:
+    scene = p3p_scene(40, 10, noise=1.0, seed=2)
+    options = Guided(subsets=3000, edges=5000)
+    tensor, _, share = of_scene(scene, options=options)
+    assert share <= 3000 / math.comb(40, 4) * 1.01
+    assert tensor.size <= 5000
+    assert tensor.score(scene.truth) == pytest.approx(share * true_information(scene), rel=0.1)
+    assert scene.accuracy(MultiStartAscent()(tensor).assignment) >= 0.95
+
+
+def test_two_motions_are_both_proposed() -> None:
+    scene = p3p_scene(16, noise=0.5, seed=11, motions=2)
+    tensor, _, _ = of_scene(scene, motions=2, options=Guided(budget=20_000_000))
+    for motion in (0, 1):
+        alone = np.where(scene.motions == motion, scene.truth, -1)
+        assert tensor.score(alone) >= 0.2 * math.comb(8, 4)
+
+
+def test_forbidden_correspondences_are_never_tried() -> None:
+    scene = p3p_scene(10, 10, noise=1.0, seed=6)
+    rng = np.random.default_rng(0)
+    allowed = rng.random((10, 20)) < 0.3
+    allowed[np.arange(10), scene.truth] = True
+    tensor, evaluated, _ = of_scene(scene, candidates=allowed)
+    assert allowed.ravel()[tensor.indices].all()
+    assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
+    _, without, _ = of_scene(scene)
+    assert evaluated < without
+    allowed[:] = False
+    tensor, evaluated, _ = of_scene(scene, candidates=allowed)
+    assert tensor.size == 0
+    assert evaluated == 0
+
+
+@pytest.mark.parametrize("view", range(4))
+def test_headset_of_which_most_is_unseen(view: int, load_shared: Callable[[str], dict[str, NDArray]]) -> None:
+    data = load_shared("vive_hmd_lighthouse")
+    seen = np.random.default_rng(view).permutation(np.flatnonzero(np.isfinite(data["points2d"][view, :, 0])))
+    truth = np.full(32, -1)
+    truth[seen] = np.arange(len(seen))
+    order = hyperedges.wide_first(data["points3d"])
+    tensor, _, _ = search(
+        P3P(Camera.from_matrix(data["K"][view])),
+        data["points3d"][order],
+        data["points2d"][view][seen],
+        noise=0.15,
+        normals=data["normals3d"][order],
+    )
+    assert np.array_equal(MultiStartAscent()(tensor).assignment[truth[order] >= 0], truth[order][truth[order] >= 0])
+
+
+def test_exact_points_and_few_points() -> None:
+    for make, n, extra, noise in ((p3p_scene, 10, 5, 0.0), (p3p_scene, 4, 0, 0.5), (up2p_scene, 3, 1, 0.1)):
+        scene = make(n, extra, noise=noise, seed=1)
+        tensor, _, _ = of_scene(scene)
+        assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
+        assert tensor.size > 0
+
+
+def test_the_budget_ends_the_search_and_progress_is_told() -> None:
+    rng = np.random.default_rng(0)
+    problem = p3p_scene().problem
+    source, target = rng.uniform(-2, 2, (12, 3)), rng.uniform(0, 480, (12, 2))
+    told: list[tuple[int, int]] = []
+    _, evaluated, _ = search(
+        problem, source, target, options=Guided(budget=200_000), progress=lambda *done: told.append(done)
+    )
+    assert 200_000 <= evaluated < 2_000_000
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1] == (200_000, 200_000)
+    _, soon, _ = search(problem, source, target, options=Guided(max_seconds=0.0))
+    assert soon < evaluated
+
+
+def test_every_minimal_set_comes_once_where_there_are_few() -> None:
+    rng = np.random.default_rng(3)
+    places = rng.normal(size=(11, 3))
+    waves = list(minimal_sets(places, 3, rng))
+    listed = np.concatenate(waves)
+    assert [len(wave) for wave in waves[:4]] == [8, 16, 32, 64]
+    assert sorted(map(tuple, listed.tolist())) == list(combinations(range(11), 3))
+    assert width(places, waves[0]).min() > np.median(width(places, listed))
+    many = minimal_sets(rng.normal(size=(60, 3)), 3, rng)
+    for _ in range(20):
+        wave = next(many)
+        assert (np.diff(wave, axis=1) > 0).all()
+    assert len(wave) == 128
+
+
+def test_width_is_the_least_altitude_or_the_distance() -> None:
+    places = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [8.0, 0.0, 0.0]])
+    # 3-4-5: altitude on the longest side 12/5; three points on a line: none
+    assert width(places, np.array([[0, 1, 2], [0, 1, 3]])) == pytest.approx([2.4, 0.0])
+    assert width(places, np.array([[1, 2], [0, 3]])) == pytest.approx([5.0, 8.0])
+    rng = np.random.default_rng(0)
+    chosen = widest(rng.normal(size=(30, 3)), np.arange(3, 25), 3, 5, rng)
+    assert chosen.shape == (5, 3)
+    assert 3 <= chosen.min() <= chosen.max() < 25
+    assert others_of(np.array([[1, 3], [0, 2]]), 4).tolist() == [[0, 2], [1, 3]]
+
+
+def test_mistakes_are_said() -> None:
+    with pytest.raises(InputError, match="budget is 0; give a positive number"):
+        Guided(budget=0)
+    scene = p3p_scene(6)
+
+    class NoTables(tuple):
+        pass
+
+    with pytest.raises(InputError, match="no proposals"):
+        guided_tensor(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4)
+    assert scene.truth.size == 6
