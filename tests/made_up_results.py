@@ -6,13 +6,21 @@ from rootmatch.experiments.plan import Table, plan_of
 from rootmatch.experiments.rho import GRID, RESIDUALS, Rhos
 from rootmatch.experiments.settings import PROBLEMS
 
-RHO = {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2, "all": 1e-6}
+RHO = {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
+EXACT = {"p3p": 1e-13, "3p1": 1e-12, "up2p": 1e-5}
+ONE = 1e-6
 
 
 def made_up_rhos():
-    """A scan with its peaks at RHO, whatever the residual."""
-    distance = {name: np.abs(np.log10(GRID) - np.log10(rho)) for name, rho in RHO.items()}
-    return Rhos({(r, name): 1.0 / (1.0 + d) for r in RESIDUALS for name, d in distance.items()})
+    """A scan whose peaks are at RHO, at EXACT for noise-free scenes, and at ONE for the mean of the problems."""
+
+    def peak(rho, height):
+        return np.where(np.isclose(GRID, rho, rtol=0.1, atol=0.0), height, 0.0)
+
+    return Rhos(
+        {(r, p): peak(rho, 0.9) + peak(ONE, 0.8) for r in RESIDUALS for p, rho in RHO.items()},
+        {(r, p): peak(rho, 1.0) for r in RESIDUALS for p, rho in EXACT.items()},
+    )
 
 
 def made_up_table(accuracy, problems=PROBLEMS, instances=12, spread=0.0):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from made_up_results import RHO, made_up_table
+from made_up_results import EXACT, ONE, RHO, made_up_table
 from rootmatch.experiments import judges
 from rootmatch.experiments.claims import CLAIMS
 from rootmatch.experiments.claims_report import claims_markdown, judge_all
@@ -44,7 +44,7 @@ def opposite(setting, method, samples):
         value += 0.1
     if method.residual == "svd":
         value -= 0.2
-    if method.rho == RHO["all"] and setting.problem == "up2p":
+    if method.rho == ONE and setting.problem == "up2p":
         value -= 0.1
     if method.solver == "power-dense":
         value += 0.05
@@ -93,10 +93,11 @@ def test_partial_truth_names_its_cases():
     assert verdict(judges.two_motions_are_good(table, "own")) == "holds only for σ = 0.1; σ = 0.25"
 
 
-def test_one_rho_and_own_rho_are_judged_apart():
-    table = made_up_table(lambda setting, method, samples: 1.0 if method.rho == RHO["p3p"] else 0.5)
-    assert verdict(judges.few_samples(table, "own")) == "holds"
-    assert verdict(judges.few_samples(table, "one")) == "does not hold"
+@pytest.mark.parametrize(("rule", "rho"), [("one", ONE), ("own", RHO["p3p"]), ("exact", EXACT["p3p"])])
+def test_each_choice_of_rho_is_judged_apart(rule, rho):
+    table = made_up_table(lambda setting, method, samples: 1.0 if method.rho == rho else 0.5)
+    found = {r: verdict(judges.few_samples(table, r)) for r in ("one", "own", "exact")}
+    assert found == dict.fromkeys(found, "does not hold") | {rule: "holds"}
 
 
 def test_a_lead_within_the_spread_of_the_instances_is_none():

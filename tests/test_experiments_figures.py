@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from made_up_results import RHO, made_up_rhos, made_up_table
+from made_up_results import EXACT, ONE, RHO, made_up_rhos, made_up_table
 from rootmatch.errors import InputError
 from rootmatch.experiments.curves import curves_csv, scan_csv
 from rootmatch.experiments.figures import COLOURS, draw, draw_scan
@@ -50,7 +50,7 @@ def test_panels_have_the_same_axes_labels_and_all_curves(table, problem, with_de
     for word in ("σ = 0.25 px", "10 outliers", "sparse", "dense"):
         assert word in legend
     assert ("default road" in legend) == with_default
-    assert f"{RHO['all']:.3g}" in figure.get_suptitle()
+    assert f"{ONE:.3g}" in figure.get_suptitle()
 
 
 def test_curves_show_the_means_of_the_table(table):
@@ -79,8 +79,8 @@ def test_scan_marks_what_was_chosen():
     figure = draw_scan(made_up_rhos())
     assert len(figure.axes) == 3
     for axis in figure.axes:
-        marked = sorted(float(line.get_xdata()[0]) for line in axis.lines if line.get_marker() == "o")
-        assert marked == sorted(RHO.values())
+        marked = sorted(float(line.get_xdata()[line.get_markevery()[0]]) for line in axis.lines)
+        assert marked == sorted([ONE, *RHO.values(), *EXACT.values()])
         assert "ρ" in axis.get_xlabel()
 
 
@@ -93,17 +93,19 @@ def test_csv_is_tidy_and_holds_the_means(table, problem):
     for line in lines:
         assert 0.0 <= float(line["low"]) <= float(line["accuracy"]) <= float(line["high"]) <= 1.0
         assert line["instances"] == "12"
-        assert line["rho_rule"] in (("",) if line["solver"] == "ascent" else ("one", "own"))
+        assert line["rho_rule"] in (("",) if line["solver"] == "ascent" else ("one", "own", "exact"))
     paper = [line for line in lines if line["residual"] == "qr" and line["solver"] == "power-l1"]
     settings = sum(len(panel.settings) for panel in PANELS[problem])
-    assert len(paper) == 2 * len(SAMPLES) * settings
+    assert len(paper) == 3 * len(SAMPLES) * settings
 
 
 def test_scan_csv_names_the_choices():
     lines = list(csv.DictReader(io.StringIO(scan_csv(made_up_rhos()))))
-    assert len(lines) == 3 * 4 * len(GRID)
-    chosen = {(line["residual"], line["problem"]): float(line["rho"]) for line in lines if line["chosen"] == "1"}
-    assert chosen == {(r, p): rho for r in ("qr", "qr-both", "svd") for p, rho in RHO.items()}
+    assert len(lines) == 3 * 7 * len(GRID)
+    chosen = {(line["rho_rule"], line["problem"], float(line["rho"])) for line in lines if line["chosen"] == "1"}
+    expected = {("one", "all", ONE)}
+    expected |= {("own", p, rho) for p, rho in RHO.items()} | {("exact", p, rho) for p, rho in EXACT.items()}
+    assert chosen == expected
 
 
 def fake(unit):
@@ -145,7 +147,7 @@ def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
 
 def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
     _, done = reproduced
-    assert {p: done.rhos.chosen("qr", p) for p in PROBLEMS} == {p: RHO[p] for p in PROBLEMS}
+    assert {p: done.rhos.chosen("qr", p, "own") for p in PROBLEMS} == RHO
     assert set(SCAN_SEEDS).isdisjoint(range(1_000_000))
 
 

@@ -54,16 +54,22 @@ def test_best_rho_is_the_highest_and_of_equals_the_smallest():
     assert best(curve) == GRID[7]
 
 
-def test_rho_is_chosen_on_the_mean_of_the_problems(tmp_path):
+def test_rho_is_chosen_on_the_mean_of_the_problems_and_on_noise_free_scenes(tmp_path):
     """Three problems whose own best ρ differ; the mean has its best where two of them do fairly well."""
-    height = {"p3p": {1e-9: 0.9, 1e-5: 0.6}, "3p1": {1e-7: 0.7, 1e-5: 0.6}, "up2p": {1e-2: 1.0}}
+    noisy = {"p3p": {1e-9: 0.9, 1e-5: 0.7}, "3p1": {1e-7: 0.9, 1e-5: 0.7}, "up2p": {1e-2: 1.0}}
     with Store(tmp_path / "results.sqlite") as store:
         for setting, methods in scan_plan().items():
-            keys = [(method, seed) for method, _ in methods for seed in SCAN_SEEDS]
-            heights = [height[setting.problem].get(method.rho, 0.1) for method, _ in keys]
-            rows = [Row(setting, *key, SCAN_SAMPLES, h, 0.0, 0, 0, True) for key, h in zip(keys, heights, strict=True)]
+            height = noisy[setting.problem]
+            if setting.noise == 0.0:
+                height = {rho: value / 2.0 for rho, value in height.items()} | {1e-14: 0.6}
+            rows = [
+                Row(setting, method, seed, SCAN_SAMPLES, height.get(method.rho, 0.05), 0.0, 0, 0, True)
+                for method, _ in methods
+                for seed in SCAN_SEEDS
+            ]
             store.add(rows, "v")
         rhos = choose(store)
-    assert {p: rhos.chosen("qr", p) for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
-    assert rhos.chosen("svd") == 1e-5
-    assert rhos.curves["qr-both", "all"][GRID.index(1e-5)] == pytest.approx((0.6 + 0.6 + 0.1) / 3)
+    assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
+    assert {rhos.chosen("svd", p, "one") for p in PROBLEMS} == {1e-5}
+    assert {rhos.chosen("qr-both", p, "exact") for p in PROBLEMS} == {1e-14}
+    assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9) / 2)

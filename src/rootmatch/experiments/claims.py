@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from rootmatch.experiments import judges
 from rootmatch.experiments.judges import LONG
-from rootmatch.experiments.plan import RULES, Rule, Table
+from rootmatch.experiments.plan import Table
+from rootmatch.experiments.rho import RULES, Rule
 from rootmatch.experiments.settings import OUTLIERS, PROBLEMS
 from rootmatch.experiments.verdict import EQUAL, FULL, GOOD, RAPID, Case
 
@@ -28,7 +29,7 @@ class Claim:
     judge : callable
         The cases, from a table and the rule by which ρ is chosen.
     rules : tuple of Rule
-        Both ways to choose ρ, or one where it plays no part.
+        The ways to choose ρ, or one where it plays no part.
     any_problem : bool
         Whether one of the problems is enough.
     """

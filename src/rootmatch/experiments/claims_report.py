@@ -7,19 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rootmatch.experiments.claims import CLAIMS, Claim
-from rootmatch.experiments.plan import (
-    COMMON_SAMPLES,
-    DENSE,
-    MOST_SAMPLES,
-    RULE_NAMES,
-    RULES,
-    SPARSE,
-    Rule,
-    Table,
-    has_svd,
-)
-from rootmatch.experiments.rho import RESIDUALS, SCAN_INSTANCES, SCAN_SAMPLES, SCAN_SEEDS
-from rootmatch.experiments.settings import PANELS, PROBLEMS, SCAN_SETTINGS, TITLES, Setting
+from rootmatch.experiments.plan import COMMON_SAMPLES, DENSE, MOST_SAMPLES, SPARSE, Table
+from rootmatch.experiments.rho import RESIDUALS, RULE_NAMES, RULES, SCAN_INSTANCES, SCAN_SAMPLES, SCAN_SEEDS, Rule
+from rootmatch.experiments.settings import PANELS, PROBLEMS, SCAN_SETTINGS, TITLES, Setting, has_svd
 from rootmatch.experiments.statistics import estimate
 from rootmatch.experiments.verdict import Case, verdict
 
@@ -95,10 +85,13 @@ def _rhos(table: Table) -> list[str]:
     ]
     rows = []
     for residual in RESIDUALS:
-        curves = {problem: table.rhos.curves[residual, problem] for problem in ("all", *PROBLEMS)}
-        cells = [f"{table.rhos.chosen(residual, p):.3g} ({100 * c.max():.0f} %)" for p, c in curves.items()]
-        rows.append((residual, *cells))
-    return lines + _markdown_table(("residual", "all problems", *(TITLES[p] for p in PROBLEMS)), rows)
+        for rule in RULES:
+            found = [
+                (table.rhos.chosen(residual, p, rule), table.rhos.curve(residual, p, rule).max()) for p in PROBLEMS
+            ]
+            cells = [f"{rho:.0e} ({100 * height:.0f} %)" for rho, height in found]
+            rows.append((residual, RULE_NAMES[rule], *cells))
+    return lines + _markdown_table(("residual", "ρ", *(TITLES[p] for p in PROBLEMS)), rows)
 
 
 def _accuracies(table: Table) -> list[str]:
@@ -107,38 +100,34 @@ def _accuracies(table: Table) -> list[str]:
     residuals: list[tuple[str, ...]] = []
     for panel in (panel for problem in table.problems for panel in PANELS[problem]):
         for setting in panel.settings:
-            both = 100 * table.paper(setting, SPARSE, "own", MOST_SAMPLES, "qr-both").mean()
             road = estimate(table.default(setting))
             ends.append(
                 (
                     panel.label,
                     str(setting),
-                    _both_rules(table, setting, SPARSE),
-                    _both_rules(table, setting, DENSE),
-                    f"{both:.0f}",
+                    _by_rule(table, setting, SPARSE),
+                    _by_rule(table, setting, DENSE),
                     f"{100 * road.mean:.0f} [{100 * road.low:.0f}, {100 * road.high:.0f}]",
                 )
             )
             three = [
-                _both_rules(table, setting, SPARSE, residual, COMMON_SAMPLES)
+                _by_rule(table, setting, SPARSE, residual, COMMON_SAMPLES)
                 for residual in RESIDUALS
                 if residual != "svd" or has_svd(setting)
             ]
             residuals.append((panel.label, str(setting), *three, *([""] * (len(RESIDUALS) - len(three)))))
     return [
-        f"Per cent at {MOST_SAMPLES:,} samples; two figures are: one ρ for all problems / a ρ for each problem.",
+        f"Per cent at {MOST_SAMPLES:,} samples; three figures are: {' / '.join(RULE_NAMES[rule] for rule in RULES)}.",
         "",
-        *_markdown_table(
-            ("panel", "setting", "qr, sparse", "qr, dense", "qr-both, sparse, own ρ", "default road"), ends
-        ),
+        *_markdown_table(("panel", "setting", "qr, sparse", "qr, dense", "default road"), ends),
         f"The residuals of the paper with the sparse solver at {COMMON_SAMPLES:,} samples, likewise.",
         "",
         *_markdown_table(("panel", "setting", *RESIDUALS), residuals),
     ]
 
 
-def _both_rules(table: Table, setting: Setting, solver: str, residual: str = "qr", samples: int = MOST_SAMPLES) -> str:
-    """Mean accuracies in per cent with one ρ for all problems and with the problem's own."""
+def _by_rule(table: Table, setting: Setting, solver: str, residual: str = "qr", samples: int = MOST_SAMPLES) -> str:
+    """Mean accuracies in per cent with ρ chosen by each rule."""
     means = [100 * table.paper(setting, solver, rule, samples, residual).mean() for rule in RULES]
     return " / ".join(f"{mean:.0f}" for mean in means)
 

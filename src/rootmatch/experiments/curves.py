@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from rootmatch.experiments.plan import RULES, SPARSE, Rule, Table, plan_of
-from rootmatch.experiments.rho import GRID, RESIDUALS, SCAN_SAMPLES, Rhos
+from rootmatch.experiments.plan import SPARSE, Table, plan_of
+from rootmatch.experiments.rho import GRID, RESIDUALS, RULES, SCAN_SAMPLES, Rhos, Rule
 from rootmatch.experiments.settings import DEFAULT_ROAD, PANELS, PROBLEMS, Method, Setting
 from rootmatch.experiments.statistics import estimates
 
@@ -36,7 +36,7 @@ class Record:
 
 
 def rule_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
-    """By which rule the ρ of a method was chosen; both when they agree, none for the default road."""
+    """By which rule the ρ of a method was chosen; several when they agree, none for the default road."""
     if method == DEFAULT_ROAD:
         return [None]
     return [rule for rule in RULES if table.method(problem, method.solver, rule, method.residual) == method]
@@ -86,10 +86,12 @@ def scan_csv(rhos: Rhos) -> str:
     """The scan of ρ as CSV text: mean accuracy of the sparse solver at each ρ of the grid."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["residual", "problem", "solver", "samples", "rho", "accuracy", "chosen"])
+    writer.writerow(["residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"])
     for residual in RESIDUALS:
-        for problem in (*PROBLEMS, "all"):
-            chosen = rhos.chosen(residual, problem)
-            for rho, accuracy in zip(GRID, rhos.curves[residual, problem], strict=True):
-                writer.writerow([residual, problem, SPARSE, SCAN_SAMPLES, rho, round(accuracy, 6), int(rho == chosen)])
+        for rule in RULES:
+            for problem in ("all",) if rule == "one" else PROBLEMS:
+                chosen, curve = rhos.chosen(residual, problem, rule), rhos.curve(residual, problem, rule)
+                for rho, mean in zip(GRID, curve, strict=True):
+                    values = (residual, problem, rule, SPARSE, SCAN_SAMPLES, rho, round(mean, 6), int(rho == chosen))
+                    writer.writerow(values)
     return out.getvalue()

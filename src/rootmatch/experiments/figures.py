@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rootmatch.experiments.plan import DENSE, RULE_NAMES, SPARSE, Rule, Table
-from rootmatch.experiments.rho import GRID, RESIDUALS, SCAN_INSTANCES, SCAN_SAMPLES, Rhos
+from rootmatch.experiments.plan import DENSE, SPARSE, Table
+from rootmatch.experiments.rho import GRID, RESIDUALS, RULE_NAMES, SCAN_INSTANCES, SCAN_SAMPLES, Rhos, Rule
 from rootmatch.experiments.settings import DEFAULT_ROAD, NOISES, PANELS, PROBLEMS, SAMPLES, TITLES, Method, Panel
 from rootmatch.experiments.statistics import estimates
 
@@ -113,15 +113,18 @@ def draw_scan(rhos: Rhos) -> Figure:
     """Mean accuracy of the sparse solver against ρ, a panel a residual; the choices are marked."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
-    colours = dict(zip((*PROBLEMS, "all"), ("#0072B2", "#E69F00", "#009E73", "#000000"), strict=True))
-    styles = dict(zip((*PROBLEMS, "all"), ("-", "--", "-.", ":"), strict=True))
+    figure = Figure(figsize=(13.0, 4.8), layout="constrained")
+    colours = dict(zip(PROBLEMS, ("#0072B2", "#E69F00", "#009E73"), strict=True))
+    looks: list[tuple[str, Rule, str, dict[str, Any]]] = [("all", "one", "mean of the problems", {"color": "#000000"})]
+    for problem, colour in colours.items():
+        looks.append((problem, "own", TITLES[problem], {"color": colour}))
+        thin = {"color": colour, "linestyle": ":", "linewidth": 1.2, "markerfacecolor": "white"}
+        looks.append((problem, "exact", f"{TITLES[problem]}, noise-free scenes alone", thin))
     for axis, residual in zip(figure.subplots(1, len(RESIDUALS), sharey=True), RESIDUALS, strict=True):
-        for problem, colour in colours.items():
-            curve = rhos.curves[residual, problem]
-            name = TITLES.get(problem, "mean of the problems")
-            axis.plot(GRID, 100 * curve, color=colour, linestyle=styles[problem], linewidth=1.8, label=name)
-            axis.plot(rhos.chosen(residual, problem), 100 * curve.max(), color=colour, marker="o", markersize=8)
+        for problem, rule, name, look in looks:
+            curve, chosen = rhos.curve(residual, problem, rule), rhos.chosen(residual, problem, rule)
+            style = {"linewidth": 1.8, "marker": "o", "markersize": 8} | look
+            axis.plot(GRID, 100 * curve, markevery=[GRID.index(chosen)], label=name, **style)
         axis.set_xscale("log")
         axis.set_ylim(0, 102)
         axis.grid(alpha=0.3)

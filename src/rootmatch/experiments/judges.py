@@ -11,8 +11,19 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.experiments.plan import COMMON_SAMPLES, DENSE, MOST_SAMPLES, Rule, Table, has_svd
-from rootmatch.experiments.settings import BASELINES, NOISES, OUTLIERS, PANELS, SAMPLES, TITLES, Setting, settings_of
+from rootmatch.experiments.plan import COMMON_SAMPLES, DENSE, MOST_SAMPLES, Table
+from rootmatch.experiments.rho import Rule
+from rootmatch.experiments.settings import (
+    BASELINES,
+    NOISES,
+    OUTLIERS,
+    PANELS,
+    SAMPLES,
+    TITLES,
+    Setting,
+    has_svd,
+    settings_of,
+)
 from rootmatch.experiments.statistics import Estimate, difference, estimate
 from rootmatch.experiments.verdict import EQUAL, FEW, FULL, GOOD, RAPID, Case
 

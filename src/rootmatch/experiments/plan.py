@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.experiments.rho import RESIDUALS, Rhos
-from rootmatch.experiments.settings import DEFAULT_ROAD, SAMPLES, Method, Setting, settings_of
+from rootmatch.experiments.rho import RESIDUALS, RULES, Rhos, Rule
+from rootmatch.experiments.settings import DEFAULT_ROAD, SAMPLES, Method, Setting, has_svd, settings_of
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Plan
-
-Rule = Literal["one", "own"]
-"""One ρ for all problems, as in the paper, or a ρ of each problem's own."""
-RULES: tuple[Rule, ...] = ("one", "own")
-RULE_NAMES: dict[Rule, str] = {"one": "one ρ for all problems", "own": "a ρ for each problem"}
 
 SPARSE, DENSE = "power-l1", "power-dense"
 
@@ -28,31 +22,25 @@ MOST_SAMPLES = max(SAMPLES)
 def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     """Methods and sample sizes on all settings of the problems' figures.
 
-    The residual of the paper's figures and the default road have whole curves. ``qr-both`` is compared at 10⁵ samples,
-    and at the end with each problem's own ρ; ``svd``, which has no closed form and costs fifty times as much, at 10⁵
-    samples without outliers.
+    The residual of the paper's figures and the default road have whole curves. ``qr-both`` is compared at 10⁵ samples;
+    so is ``svd``, on the settings that have it.
     """
     plan: Plan = {}
-    for problem in problems:
+    # up2p, the cheapest, first: what all share is then compiled and kept on disk by the time that the others need it.
+    for problem in reversed(problems):
         for setting in settings_of(problem):
             methods: dict[Method, tuple[int, ...]] = {}
             for rule in RULES:
-                rho = {r: rhos.chosen(r, "all" if rule == "one" else problem) for r in RESIDUALS}
+                rho = {r: rhos.chosen(r, problem, rule) for r in RESIDUALS}
                 methods[Method("qr", SPARSE, rho["qr"])] = SAMPLES
                 methods[Method("qr", DENSE, rho["qr"])] = SAMPLES
-                both = (COMMON_SAMPLES,) if rule == "one" else (COMMON_SAMPLES, MOST_SAMPLES)
-                methods[Method("qr-both", SPARSE, rho["qr-both"])] = both
+                methods[Method("qr-both", SPARSE, rho["qr-both"])] = (COMMON_SAMPLES,)
                 if has_svd(setting):
                     methods[Method("svd", SPARSE, rho["svd"])] = (COMMON_SAMPLES,)
             methods[DEFAULT_ROAD] = SAMPLES
             plan[setting] = tuple(methods.items())
     # Scenes with few outliers first, the problems in turn: progress is then a fair sample of the whole.
     return dict(sorted(plan.items(), key=lambda item: item[0].outliers))
-
-
-def has_svd(setting: Setting) -> bool:
-    """Whether the residual ``svd`` is tried on a setting."""
-    return setting.outliers == 0
 
 
 @dataclass(frozen=True)
@@ -88,7 +76,7 @@ class Table:
 
     def method(self, problem: str, solver: str = SPARSE, rule: Rule = "one", residual: str = "qr") -> Method:
         """The paper's method with a chosen ρ."""
-        return Method(residual, solver, self.rhos.chosen(residual, "all" if rule == "one" else problem))
+        return Method(residual, solver, self.rhos.chosen(residual, problem, rule))
 
     def paper(
         self,
