@@ -434,12 +434,17 @@ class TestProgram:
         assert run("simulate", "p3p", "--points", 40, "--outliers", 40, "--output", folder).exit_code == 0
         arguments = of(folder, "--output", out / "m.csv", "--plot", out / "m.png", "--progress")
         arguments += ["--hyperedges", "exhaustive", "--limit", 10**15]  # hours of work
-        command = [*PROGRAM, *(str(argument) for argument in arguments)]
+        # a process started in the background ignores Ctrl-C, and so would those that it starts
+        heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        command = [sys.executable, "-c", heeding + PROGRAM[-1], *(str(argument) for argument in arguments)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stderr is not None
-            assert process.stderr.readline() == "hyper-edges: 0 %\n"
-            process.send_signal(signal.SIGINT)
-            stdout, stderr = process.communicate(timeout=60)
+            try:
+                assert process.stderr is not None
+                assert process.stderr.readline() == "hyper-edges: 0 %\n"
+                process.send_signal(signal.SIGINT)
+                stdout, stderr = process.communicate(timeout=60)
+            finally:
+                process.kill()
         assert process.returncode == 130
         assert (stdout, stderr) == ("", "rootmatch: interrupted; nothing half-written is left\n")
         assert list(out.iterdir()) == []
