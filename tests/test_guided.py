@@ -16,7 +16,7 @@ from rootmatch.affinity import affinity
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError
-from rootmatch.guided import Guided, guided_tensor
+from rootmatch.guided import CHANCE_SAMPLES, Guided, GuidedTensor, guided_tensor, pays
 from rootmatch.guided.sets import minimal_sets, others_of, widest, width
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.problem import Problem
@@ -30,7 +30,7 @@ WEIGH = affinity("joint")
 
 def search(
     problem: Problem, source: NDArray[np.float64], target: NDArray[np.float64], noise: float = 1.0, **options: object
-) -> tuple[AffinityTensor, int, float]:
+) -> GuidedTensor:
     """Guided tensor of points as they are."""
     normals = options.pop("normals", None)
     tables = problem.prepare(source, target, noise, normals)
@@ -38,7 +38,7 @@ def search(
     return guided_tensor(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options)
 
 
-def of_scene(scene: Scene, **options: object) -> tuple[AffinityTensor, int, float]:
+def of_scene(scene: Scene, **options: object) -> GuidedTensor:
     return search(scene.problem, scene.source, scene.target, scene.noise, **options)
 
 
@@ -57,7 +57,7 @@ def true_information(scene: Scene) -> float:
 def test_all_but_5_percent_of_the_information_at_a_50th_of_the_evaluations(name: str) -> None:
     for seed in range(200, 206):
         scene = SCENES[name](20, 20, noise=1.0, seed=seed)
-        tensor, evaluated, share = of_scene(scene, seed=seed)
+        tensor, evaluated, share, _ = of_scene(scene, seed=seed)
         assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
         assert evaluated <= hyperedges.exhaustive_count(20, 40, scene.problem.order) / 50
         assert share == 1.0
@@ -66,7 +66,7 @@ def test_all_but_5_percent_of_the_information_at_a_50th_of_the_evaluations(name:
 @pytest.mark.parametrize("name", SCENES)
 def test_weights_are_those_of_the_ordinary_residual_and_no_hyperedge_comes_twice(name: str) -> None:
     scene = SCENES[name](9, 6, noise=1.0, seed=1)
-    tensor, _, _ = of_scene(scene)
+    tensor, *_ = of_scene(scene)
     source, target = np.divmod(tensor.indices.astype(np.int64), 15)
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(scene.problem.pair_count), source, target)
@@ -81,7 +81,7 @@ def test_any_kind_of_residual_weighs_what_is_proposed(kind: str) -> None:
     scene = p3p_scene(8, 4, noise=0.5, seed=4)
     weigh = affinity(kind)
     tables = scene.problem.prepare(scene.source, scene.target, 0.5)
-    tensor, _, _ = guided_tensor(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
+    tensor, *_ = guided_tensor(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
     assert tensor.size >= 60
     assert tensor.score(scene.truth) > 0.0
 
@@ -96,11 +96,11 @@ def test_one_seed_gives_one_tensor_on_any_number_of_threads() -> None:
             tensors.append(of_scene(scene, seed=7))
     finally:
         numba.set_num_threads(allowed)
-    (one, counted, _), (other, recounted, _) = tensors
+    (one, counted, *_), (other, recounted, *_) = tensors
     assert np.array_equal(one.indices, other.indices)
     assert np.array_equal(one.weights, other.weights)
     assert counted == recounted
-    _, different, _ = of_scene(scene, seed=8)
+    _, different, *_ = of_scene(scene, seed=8)
     assert different != counted
 
 
@@ -109,7 +109,7 @@ def test_half_of_the_model_unseen_among_as_much_clutter(name: str) -> None:
     right = 0.0
     for seed in range(300, 308):
         scene = SCENES[name](10, 10, noise=0.5, seed=seed, hidden=10)
-        tensor, _, _ = of_scene(scene, seed=seed)
+        tensor, *_ = of_scene(scene, seed=seed)
         right += scene.accuracy(MultiStartAscent()(tensor).assignment)
         assert tensor.score(scene.truth) >= 0.9 * true_information(scene)
     assert right >= 0.97 * 8
@@ -118,16 +118,35 @@ def test_half_of_the_model_unseen_among_as_much_clutter(name: str) -> None:
 def test_more_points_than_hyperedges_can_be_kept() -> None:
     scene = p3p_scene(40, 10, noise=1.0, seed=2)
     options = Guided(subsets=3000, edges=5000)
-    tensor, _, share = of_scene(scene, options=options)
+    tensor, _, share, _ = of_scene(scene, options=options)
     assert share <= 3000 / math.comb(40, 4) * 1.01
     assert tensor.size <= 5000
     assert tensor.score(scene.truth) == pytest.approx(share * true_information(scene), rel=0.1)
     assert scene.accuracy(MultiStartAscent()(tensor).assignment) >= 0.95
 
 
+def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
+    scene = up2p_scene(12, 12, noise=2.0, seed=1)
+    chance = of_scene(scene).chance
+    tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
+    source, target = next(hyperedges.random_hyperedges(12, 24, 3, 200_000, seed=99, block=200_000))
+    residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
+    assert chance == pytest.approx(np.exp(-0.5 * residuals**2).mean(), rel=0.7)
+
+
+def test_it_pays_beyond_a_few_million_hyperedges() -> None:
+    tables = p3p_scene(20, 20).problem.prepare(*(lambda s: (s.source, s.target))(p3p_scene(20, 20)))
+    assert not pays(tables, (10, 10), 4)
+    assert pays(tables, (10, 20), 4)
+    assert not pays(tables, (10, 20), 4, motions=2)
+    assert pays(tables, (20, 20), 4, motions=2)
+    assert not pays(tables, (10, 20), 4, candidates=np.eye(10, 20, dtype=bool))
+    assert not pays(object(), (20, 40), 4)
+
+
 def test_two_motions_are_both_proposed() -> None:
     scene = p3p_scene(16, noise=0.5, seed=11, motions=2)
-    tensor, _, _ = of_scene(scene, motions=2, options=Guided(budget=20_000_000))
+    tensor, *_ = of_scene(scene, motions=2, options=Guided(budget=20_000_000))
     for motion in (0, 1):
         alone = np.where(scene.motions == motion, scene.truth, -1)
         assert tensor.score(alone) >= 0.2 * math.comb(8, 4)
@@ -138,15 +157,15 @@ def test_forbidden_correspondences_are_never_tried() -> None:
     rng = np.random.default_rng(0)
     allowed = rng.random((10, 20)) < 0.3
     allowed[np.arange(10), scene.truth] = True
-    tensor, evaluated, _ = of_scene(scene, candidates=allowed)
+    tensor, evaluated, *_ = of_scene(scene, candidates=allowed)
     assert allowed.ravel()[tensor.indices].all()
     assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
-    _, without, _ = of_scene(scene)
+    _, without, *_ = of_scene(scene)
     assert evaluated < without
     allowed[:] = False
-    tensor, evaluated, _ = of_scene(scene, candidates=allowed)
+    tensor, evaluated, *_ = of_scene(scene, candidates=allowed)
     assert tensor.size == 0
-    assert evaluated == 0
+    assert evaluated == CHANCE_SAMPLES
 
 
 @pytest.mark.parametrize("view", range(4))
@@ -156,7 +175,7 @@ def test_headset_of_which_most_is_unseen(view: int, load_shared: Callable[[str],
     truth = np.full(32, -1)
     truth[seen] = np.arange(len(seen))
     order = hyperedges.wide_first(data["points3d"])
-    tensor, _, _ = search(
+    tensor, *_ = search(
         P3P(Camera.from_matrix(data["K"][view])),
         data["points3d"][order],
         data["points2d"][view][seen],
@@ -169,7 +188,7 @@ def test_headset_of_which_most_is_unseen(view: int, load_shared: Callable[[str],
 def test_exact_points_and_few_points() -> None:
     for make, n, extra, noise in ((p3p_scene, 10, 5, 0.0), (p3p_scene, 4, 0, 0.5), (up2p_scene, 3, 1, 0.1)):
         scene = make(n, extra, noise=noise, seed=1)
-        tensor, _, _ = of_scene(scene)
+        tensor, *_ = of_scene(scene)
         assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
         assert tensor.size > 0
 
@@ -179,13 +198,13 @@ def test_the_budget_ends_the_search_and_progress_is_told() -> None:
     problem = p3p_scene().problem
     source, target = rng.uniform(-2, 2, (12, 3)), rng.uniform(0, 480, (12, 2))
     told: list[tuple[int, int]] = []
-    _, evaluated, _ = search(
+    _, evaluated, *_ = search(
         problem, source, target, options=Guided(budget=200_000), progress=lambda *done: told.append(done)
     )
     assert 200_000 <= evaluated < 2_000_000
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (200_000, 200_000)
-    _, soon, _ = search(problem, source, target, options=Guided(max_seconds=0.0))
+    _, soon, *_ = search(problem, source, target, options=Guided(max_seconds=0.0))
     assert soon < evaluated
 
 

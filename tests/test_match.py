@@ -43,7 +43,12 @@ def test_result_is_complete_and_coherent() -> None:
     scene = p3p_scene(outliers=4, noise=0.5, seed=7)
     seen: list[tuple[int, int]] = []
     match = rm.match(
-        scene.source, scene.target, scene.problem, noise=0.5, progress=lambda done, total: seen.append((done, total))
+        scene.source,
+        scene.target,
+        scene.problem,
+        noise=0.5,
+        hyperedges="exhaustive",
+        progress=lambda done, total: seen.append((done, total)),
     )
     assert match.assignment.dtype == np.int64
     assert match.assignment.shape == (10,)
@@ -97,8 +102,8 @@ def test_candidates_narrow_the_search() -> None:
     scene = p3p_scene(outliers=5, noise=0.5, seed=3)
     mask = np.random.default_rng(0).random((10, 15)) < 0.4
     mask[np.arange(10), scene.truth] = True
-    everything = rm.match(scene.source, scene.target, scene.problem, noise=0.5)
-    narrowed = rm.match(scene.source, scene.target, scene.problem, noise=0.5, candidates=mask)
+    everything = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="exhaustive")
+    narrowed = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="exhaustive", candidates=mask)
     np.testing.assert_array_equal(narrowed.assignment, scene.truth)
     assert narrowed.hyperedges < 0.3 * everything.hyperedges
     source, target = np.divmod(narrowed.tensor.indices, 15)

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch import arguments
 from rootmatch import hyperedges as edges
 from rootmatch.affinity import NOISE_KINDS, Affinity, Progress, Residual, affinity, exhaustive_tensor, random_tensor
-from rootmatch.assignment import drop_unsupported
 from rootmatch.assignment import margin as lead
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
+from rootmatch.guided import Guided, guided_tensor, pays
+from rootmatch.kernels.support import supported_answers
 from rootmatch.motions import check_motions, label_motions
 from rootmatch.poses import Pose, poses_of
 from rootmatch.problems.problem import Problem, check_normals, check_points
@@ -155,7 +156,7 @@ def match(
     noise: ArrayLike = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
-    hyperedges: Literal["auto", "exhaustive", "random"] | None = None,
+    hyperedges: Literal["auto", "exhaustive", "random", "guided"] | Guided | None = None,
     samples: int | None = None,
     residual: str | Residual | None = None,
     rho: float | None = None,
@@ -185,8 +186,9 @@ def match(
     preset : "paper", optional
         The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
-    hyperedges : {"auto", "exhaustive", "random"}
-        Which are looked at; ``"auto"`` is exhaustive.
+    hyperedges : {"auto", "exhaustive", "random", "guided"} or Guided
+        Which are looked at: all, random ones, or those that a search by prediction proposes; `rootmatch.guided.Guided`
+        has its options. ``"auto"`` is ``"guided"`` where there are more than two million (with several motions, 200).
     samples : int
         How many random hyper-edges.
     residual : str or Residual
@@ -232,16 +234,27 @@ def match(
     allowed, unary = arguments.split_candidates(candidates, n, n_target)
 
     way = hyperedges or ("random" if paper or samples is not None else "auto")
-    arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random"))
+    if not isinstance(way, Guided):
+        arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random", "guided"))
     order = edges.wide_first(points)
     facing = None if normals is None else check_normals(normals, n)[order]
     tables = problem.prepare(points[order], pixels, noise, facing)
     mask = None if allowed is None else allowed[order]
-    if way == "random":
+    share, chance = 1.0, None
+    if way == "auto" and pays(tables, (n, n_target), problem.order, motions, mask):
+        way = "guided"
+    if way == "guided" or isinstance(way, Guided):
+        tensor, evaluated, share, chance = guided_tensor(
+            tables, kind, weigh, (n, n_target), problem.order, seed=seed, motions=motions,
+            options=way if isinstance(way, Guided) else None, candidates=mask, progress=progress,
+        )  # fmt: skip
+    elif way == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
         tensor, evaluated = random_tensor(
             tables, kind, weigh, (n, n_target), problem.order, count, seed, candidates=mask, progress=progress
         )
+        # a random sample sees each hyper-edge with this probability
+        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, problem.order))
     else:
         arguments.check_size(n, n_target, problem.order, limit, mask)
         tensor, evaluated = exhaustive_tensor(
@@ -265,7 +278,7 @@ def match(
         soft=solution.soft,
         tensor=tensor,
         motions=labels,
-        status=_status(problem, score, lead_over, alternatives, tensor, weigh, evaluated, way == "random"),
+        status=_status(problem, score, lead_over, alternatives, tensor, weigh, evaluated, share, chance),
         hyperedges=evaluated,
         seconds=time.perf_counter() - started,
         source=points,
@@ -278,10 +291,10 @@ def _supported(
     assignment: NDArray[np.int64], alternatives: list[tuple[NDArray[np.int64], float]], tensor: AffinityTensor
 ) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
     """Answers without the points that nothing supports, distinct, best first."""
-    answers: dict[bytes, tuple[NDArray[np.int64], float]] = {}
-    for answer in [assignment, *(other for other, _ in alternatives)]:
-        kept = drop_unsupported(answer, tensor, SUPPORT)
-        answers.setdefault(kept.tobytes(), (kept, tensor.score(kept)))
+    asked = np.array([assignment, *(other for other, _ in alternatives)])
+    unary = np.empty((0, 0)) if tensor.unary is None else tensor.unary
+    kept, scores = supported_answers(tensor.indices, tensor.weights, unary, tensor.shape[1], asked, SUPPORT)
+    answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
     ranked = sorted(answers.values(), key=lambda pair: -pair[1])
     (best, score), rest = ranked[0], ranked[1:]
     # an answer that merely leaves some of the points out is not a different one
@@ -297,19 +310,21 @@ def _status(
     tensor: AffinityTensor,
     weigh: Affinity,
     evaluated: int,
-    sampled: bool,
+    share: float,
+    chance: float | None,
 ) -> Status:
-    """Whether chance could have found as good an answer, and whether another answer is nearly as good."""
+    """Whether chance could have found as good an answer, and whether another answer is nearly as good.
+
+    ``share`` is the part of the hyper-edges inside an answer that was looked at, ``chance`` the mean weight of a random
+    one where it is known (otherwise it is that of those outside the answer).
+    """
     n, n_target = tensor.shape
     true_weight = TRUE_WEIGHT[match_of.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
-    whole = edges.exhaustive_count(n, n_target, match_of.order)
-    # a random sample sees each hyper-edge with this probability; candidates leave out none that could be right
-    seen = -math.expm1(-evaluated / whole) if sampled else 1.0
     # what answers of nearly this score share out is structure (a symmetric object), not chance
     explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
     others = max(float(tensor.weights.sum()) - explained, true_weight)
-    chance = others / (true_weight * evaluated)
-    alarms = log10_false_alarms(match_of, n, n_target, score / seen, true_weight, chance)
+    random = others / evaluated if chance is None else chance
+    alarms = log10_false_alarms(match_of, n, n_target, score / max(share, 1e-300), true_weight, random / true_weight)
     if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
         return Status.UNTRUSTED
     return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED

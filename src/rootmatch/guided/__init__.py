@@ -9,11 +9,12 @@ tensor. No pose is handed on: the minimal problem proposes, the residual weighs,
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
@@ -29,7 +30,39 @@ from rootmatch.kernels.contraction import CHUNK, threads_for
 from rootmatch.kernels.proposers import can_propose
 from rootmatch.tensor import AffinityTensor
 
-__all__ = ["Guided", "can_propose", "guided_tensor"]
+__all__ = ["Guided", "GuidedTensor", "can_propose", "guided_tensor", "pays"]
+
+CHANCE_SAMPLES = 2048
+"""Random hyper-edges that tell how well chance does."""
+CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
+"""Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
+
+
+class GuidedTensor(NamedTuple):
+    """What a guided search makes of two sets of points."""
+
+    tensor: AffinityTensor
+    """Of the hyper-edges among the correspondences that minimal sets propose."""
+    evaluated: int
+    """Minimal sets solved, points looked up, predictions weighed and hyper-edges evaluated."""
+    share: float
+    """Part of the d-subsets of source points whose hyper-edges were evaluated, 0 to 1; below 1 for many points."""
+    chance: float
+    """Mean weight of a random hyper-edge, at least that of one perfect one among those sampled for it."""
+
+
+def pays(
+    tables: Any,
+    shape: tuple[int, int],
+    order: int,
+    motions: int | Literal["auto"] = 1,
+    candidates: NDArray[np.bool_] | None = None,
+) -> bool:
+    """Whether a guided search is possible and cheaper than to look at all hyper-edges."""
+    count = float(hyperedges.exhaustive_count(*shape, order))
+    if candidates is not None:
+        count *= float(candidates.mean()) ** order
+    return can_propose(type(tables)) and count > (CHEAP if motions == 1 else CHEAP_OF_MANY)
 
 
 def guided_tensor(
@@ -44,7 +77,7 @@ def guided_tensor(
     options: Guided | None = None,
     candidates: NDArray[np.bool_] | None = None,
     progress: Progress | None = None,
-) -> tuple[AffinityTensor, int, float]:
+) -> GuidedTensor:
     """Tensor of the hyper-edges among the correspondences that minimal sets propose.
 
     Parameters
@@ -67,11 +100,7 @@ def guided_tensor(
 
     Returns
     -------
-    tensor : AffinityTensor
-    evaluated : int
-        Minimal sets solved, points looked up, predictions weighed and hyper-edges evaluated.
-    share : float
-        Part of the d-subsets of source points whose hyper-edges were evaluated, 0 to 1; below 1 for many points.
+    GuidedTensor
 
     Raises
     ------
@@ -85,9 +114,12 @@ def guided_tensor(
     search.refine()
     found = search.settle()
     source, target, share = hyperedges_among(found, shape, order, search.options, search.rng)
+    random = next(hyperedges.random_hyperedges(*shape, order, CHANCE_SAMPLES, seed, CHANCE_SAMPLES))
     with threads_for(len(source) // CHUNK):
         residuals = cpu.residuals(tables, kind, source, target)
+        by_chance = cpu.residuals(tables, kind, *random)
     keep = residuals <= weigh.gate
     indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
     tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
-    return tensor, search.evaluated + len(source), share
+    chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
+    return GuidedTensor(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance)
