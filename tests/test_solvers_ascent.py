@@ -223,12 +223,23 @@ def test_doubtful_points_do_not_crowd_out_the_alternatives_that_matter():
     assert sum(moved) >= 8
 
 
+def test_groups_that_drown_in_doubtful_matches_are_found():
+    """Eight groups of five among so many false hyper-edges that no group alone outweighs what it would push out."""
+    rng = np.random.default_rng(1)
+    truth = rng.permutation(40)
+    edges = np.array([e for g in range(8) for e in itertools.combinations(range(5 * g, 5 * g + 5), 3)])
+    false = random_edges(rng, 40, 40, 3, 500_000)
+    weights = np.concatenate([np.exp(-rng.chisquare(2, len(edges)) / 2), np.exp(-rng.uniform(0, 12, len(false)) / 2)])
+    tensor = AffinityTensor(np.concatenate([edges * 40 + truth[edges], false]), weights, (40, 40))
+    np.testing.assert_array_equal(MultiStartAscent()(tensor).assignment, truth)
+
+
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_modifications_are_scored_exactly(order):
     tensor = random_tensor(order, 6, 7, order, 3000 if order > 2 else 250, unary=True)
     index = build_index(tensor)
     X = np.array([2, 0, -1, 6, 4, 5])
-    images, values = modifications(index, X, 0.1, 1000)
+    images, values = modifications(index, state_of(index, X), 0.1, 1000)
     expected = set()
     for i in np.flatnonzero(X >= 0):
         for k in (1, 3):
@@ -244,7 +255,7 @@ def test_modifications_are_scored_exactly(order):
     for image, value in zip(images, values, strict=True):
         own = objective(tensor.indices, tensor.weights, image, 7, tensor.unary, 0.1)
         assert value == pytest.approx(own, abs=1e-10)
-    few_images, few = modifications(index, X, 0.1, 5)
+    few_images, few = modifications(index, state_of(index, X), 0.1, 5)
     np.testing.assert_allclose(few, values[:5])
     assert len(few_images) == 5
 

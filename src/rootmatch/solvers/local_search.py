@@ -30,7 +30,6 @@ from rootmatch.solvers.discrete_state import (
     next_pick,
     objective,
     put,
-    state_of,
 )
 from rootmatch.solvers.subset_index import SubsetIndex
 
@@ -215,12 +214,11 @@ def climb_from(
     index: SubsetIndex,
     root: State,
     bases: NDArray[Any],
-    starts: NDArray[Any],
     penalty: float,
     limit: int,
     exchanges: bool,
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Ascents from assignments (rows of `bases`, (B, n)), each with a hyper-edge (rows of `starts`, (B, d)) forced in.
+    """Ascents from assignments, the rows of `bases` (B, n).
 
     Every base is reached from the state `root`, so it should be near. Returns the assignments (B, n), their objectives
     (B,) and numbers of moves (B,).
@@ -237,8 +235,6 @@ def climb_from(
         for i in range(index.n):
             if state.image[i] != bases[s, i]:
                 enter(index, state, i * index.n_target + bases[s, i])
-        for p in range(starts.shape[1]):
-            put(index, state, int(starts[s, p]))
         moves[s] = climb(index, state, penalty, limit, exchanges)
         _drop_idle(index, state)
         images[s] = state.image
@@ -289,13 +285,12 @@ def _complete_exchanges(index: SubsetIndex, state: State, rows: NDArray[Any], ch
 
 
 def modifications(
-    index: SubsetIndex, image: NDArray[np.int64], penalty: float, keep: int
+    index: SubsetIndex, state: State, penalty: float, keep: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Best `keep` changes of an assignment (n,): a point to a free target, a target to a free point, or an exchange.
+    """Best `keep` changes of an assignment: a point to a free target, a target to a free point, or an exchange.
 
     Returns the assignments (keep or fewer, n) and their objectives, best first.
     """
-    state = state_of(index, image)
     rows, change, slack = _changes(index, state)
     # The term Q of an exchange is looked up where it could decide who is among the best.
     enough = np.partition(change, -keep)[-keep] if 0 < keep < change.size else -np.inf
@@ -304,7 +299,7 @@ def modifications(
     _complete_exchanges(index, state, rows[open_], exact)
     change[open_] = exact
     chosen = np.argsort(-change, kind="stable")[:keep]
-    images = np.repeat(image[None], chosen.size, axis=0)
+    images = np.repeat(state.image[None], chosen.size, axis=0)
     every = np.arange(chosen.size)
     source, target, other, theirs = rows[chosen].T
     images[every, source] = target

@@ -1,0 +1,261 @@
+"""The steps of the multi-start ascent: where ascents start, and what is kept of them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.kernels.contraction import threads_for
+from rootmatch.solvers.discrete_state import State, state_of
+from rootmatch.solvers.local_search import climb_from, modifications
+from rootmatch.solvers.reweighted_walk import ReweightedWalk
+from rootmatch.solvers.selection import covered, different, forced, packed, within
+from rootmatch.solvers.solution import Alternatives, Solution
+from rootmatch.solvers.subset_index import SubsetIndex, index_support
+from rootmatch.tensor import AffinityTensor
+
+if TYPE_CHECKING:
+    from rootmatch.solvers.ascent import MultiStartAscent
+
+POOL = 4
+"""Best supported hyper-edges that are considered, for each start that is made."""
+
+FIRST_ROUND, LARGEST_ROUND = 2, 64
+"""Starts made at once. The first few often find the answer, and those inside it are then not made again."""
+
+RIVALS = 32
+"""Candidates outside of all that was found from which an ascent is made in any case."""
+
+DENSE = 0.2
+"""A core is as dense as hyper-edges of this part of the largest weight among all its points would make it."""
+
+HOPELESS = 1e-3
+"""A candidate is not tried when it promises less than this part of the best objective, as in large, clear problems."""
+
+WORTH = 0.5
+"""A core is put into the best assignment when it scores this part of what it pushes out; an ascent may win the rest."""
+
+POLISHED = 12
+"""Best optima from which an ascent goes on with exchanges, which would cost most of the time if every ascent did."""
+
+LOOKUPS = 20_000
+"""Looked-up subsets that are worth a thread, half a millisecond to some; an ascent takes about 4 C(n, d−1) of them."""
+
+CLAIMED = 0.2
+"""A point is claimed by an answer when it gains this fraction of the median."""
+
+
+class Search:
+    """What one call of `MultiStartAscent` has found so far; its steps are numbered as there."""
+
+    def __init__(self, options: MultiStartAscent, index: SubsetIndex) -> None:
+        self.options, self.index = options, index
+        n, n_target, order = index.n, index.n_target, index.indices.shape[1]
+        # Small problems have no more starts that differ.
+        self.starts = min(options.starts, 2 * n * n_target)
+        self.candidates, rank = _candidates(index, POOL * self.starts)
+        heaviest = index.weights.max(initial=0.0) or 1.0
+        # What a candidate would score with all those that support it, were they one group of points of usual weights.
+        usual = 0.5 * heaviest
+        self.promise = usual * _choose(order + rank / (order * usual), order)
+        self.density = max(DENSE * heaviest, options.penalty)
+        self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        self.reached: dict[bytes, int] = {}
+        self.polished: set[bytes] = set()
+        self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
+        self.state = self.empty = state_of(index, np.full(n, -1, np.int64))
+        self.best, self.value = self.empty.image, 0.0
+        self.effort = 4.0 * math.comb(min(n, n_target), order - 1) / LOOKUPS
+        self.made, self.moves, self.cut = 0, 0, 0
+
+    def ascents(
+        self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Ascents from assignments near a state: what they come to, (B, n), and the objectives (B,)."""
+        with threads_for(int(len(bases) * self.effort)):
+            images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges)
+        self.made += len(bases)
+        self.moves += int(moves.sum())
+        self.cut += int(np.sum(moves >= self.options.limit))
+        return images, values
+
+    def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
+        """Ascents of the objective itself; keeps what is found."""
+        images, values = self.ascents(root, bases, self.options.penalty, exchanges)
+        for image, value in zip(images, values.tolist(), strict=True):
+            key = image.tobytes()
+            self.found[key] = (image, value)
+            self.reached[key] = self.reached.get(key, 0) + 1
+            if exchanges:
+                self.polished.add(key)
+            if value > self.value:
+                self.best, self.value = image, value
+
+    def alone(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Assignments (B, n) of some candidates alone."""
+        source, target = np.divmod(self.candidates[chosen], self.index.n_target)
+        bases = np.full((len(chosen), self.index.n), -1)
+        bases[np.arange(len(chosen))[:, None], source] = target
+        return bases
+
+    def known(self) -> NDArray[np.int64]:
+        """Assignments found, (F, n)."""
+        return np.array([image for image, _ in self.found.values()])
+
+    def from_walk(self) -> None:
+        """Step 1; without a walk from nothing, of which unary weights alone may make something."""
+        base = self.empty.image
+        if self.options.walk > 0:
+            index = self.index
+            unary = index.unary.reshape(index.n, index.n_target)
+            tensor = AffinityTensor.unchecked(index.indices, index.weights, unary.shape, unary)
+            base = ReweightedWalk(iterations=self.options.walk, keep=0)(tensor).assignment
+        self.climb(self.empty, base[None])
+
+    def grow_cores(self) -> None:
+        """Step 2."""
+        open_ = self.promise >= HOPELESS * self.value
+        grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        shared = max(2, self.candidates.shape[1] - 1)
+        tried, size = 0, FIRST_ROUND
+        while tried < self.starts and open_.any():
+            chosen = different(self.candidates, open_, min(size, self.starts - tried))
+            open_[chosen] = False
+            images, values = self.ascents(self.empty, self.alone(chosen), self.density)
+            grown.update((image.tobytes(), (image, v)) for image, v in zip(images, values.tolist(), strict=True))
+            open_ &= ~within(self.candidates, images, self.index.n_target, shared)
+            tried += len(chosen)
+            size = min(2 * size, LARGEST_ROUND)
+        # The empty one is no core: its candidate was too light for its own penalty.
+        ranked = [(image, value) for image, value in _ranked(grown) if value > 0]
+        if ranked:
+            self.cores = np.array([image for image, _ in ranked])
+            sizes = [math.comb(size, self.candidates.shape[1]) for size in (self.cores >= 0).sum(axis=1).tolist()]
+            extra = (self.density - self.options.penalty) * np.array(sizes, np.float64)
+            self.core_values = np.array([value for _, value in ranked]) + extra
+
+    def from_cores(self) -> None:
+        """Step 3."""
+        waiting, size = np.arange(len(self.cores)), FIRST_ROUND
+        while self.reached.get(self.best.tobytes(), 0) < self.options.agreement:
+            useful = (self.core_values[waiting] > HOPELESS * self.value) & ~covered(self.cores[waiting], self.known())
+            waiting = waiting[useful]
+            if waiting.size == 0:
+                break
+            self.climb(self.empty, self.cores[waiting[:size]])
+            waiting, size = waiting[size:], min(2 * size, LARGEST_ROUND)
+
+    def from_rivals(self) -> None:
+        """The rest of step 3, whether or not the best assignment is clear: what else is there."""
+        order = self.candidates.shape[1]
+        open_ = (self.promise >= HOPELESS * self.value) & ~within(
+            self.candidates, self.known(), self.index.n_target, order
+        )
+        # Fewer where an ascent is dear.
+        count = int(min(RIVALS, max(RIVALS / 8, RIVALS / 4 / self.effort)))
+        rivals = different(self.candidates, open_, count)
+        if rivals.size:
+            self.climb(self.empty, self.alone(rivals))
+
+    def from_packed_cores(self) -> None:
+        """The first half of step 4: the cores that contradict none that scores better."""
+        self.climb(self.empty, packed(self.cores, self.index.n, self.index.n_target)[None])
+
+    def from_best(self) -> None:
+        """The second half of step 4."""
+        first = 0
+        while first < len(self.cores):
+            root = self.state_of_best()
+            bases, first = forced(
+                root.image, root.gains, self.cores, self.core_values, self.index.n_target, WORTH, first, LARGEST_ROUND
+            )
+            if len(bases):
+                self.climb(root, bases)
+
+    def polish(self) -> None:
+        """Step 5, until the best assignment itself has been through it."""
+        while self.best.tobytes() not in self.polished:
+            waiting = [image for image, _ in _ranked(self.found) if image.tobytes() not in self.polished][:POLISHED]
+            self.polished.update(image.tobytes() for image in waiting)
+            self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
+
+    def state_of_best(self) -> State:
+        """The state of the best assignment, kept while it is the best."""
+        if not np.array_equal(self.state.image, self.best):
+            self.state = state_of(self.index, self.best)
+        return self.state
+
+    def solution(self) -> Solution:
+        """The best assignment found, and how it came about."""
+        index, best = self.index, self.best
+        gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
+        total = gains.sum(axis=1, keepdims=True)
+        soft = gains / np.where(total > 0, total, 1.0)
+        matched = np.flatnonzero(best >= 0)
+        own = np.zeros(index.n)
+        own[matched] = gains[matched, best[matched]]
+        statistics = {
+            "starts": float(self.made),
+            "optima": float(len(self.found)),
+            "moves": float(self.moves),
+            "matched": float(matched.size),
+        }
+        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if matched.size else []
+        return Solution(soft, best, self.value, alternatives, self.cut == 0, self.moves, statistics)
+
+    def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
+        """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
+        images, values = modifications(self.index, self.state_of_best(), self.options.penalty, 4 * self.options.keep)
+        for image, value in zip(images, values, strict=True):
+            self.found.setdefault(image.tobytes(), (image, float(value)))
+        # Cores are answers too, which stopped short of being drawn into the best one.
+        for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
+            self.found.setdefault(core.tobytes(), (core, value))
+        ranked = _ranked(self.found)
+        images = np.array([image for image, _ in ranked])
+        moved = (images >= 0) & (images != self.best)
+        matters = (moved & (self.best >= 0) & claimed).any(axis=1)
+        similar = np.flatnonzero(moved.any(axis=1) & ~matters)
+        keep = self.options.keep
+        chosen = np.flatnonzero(matters)[: keep - min(keep // 4, len(similar))]
+        chosen = np.sort(np.append(chosen, similar[: keep - len(chosen)]))
+        return [ranked[number] for number in chosen.tolist()]
+
+
+def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
+    """Assignments and values, best first; equal ones in an order of their own."""
+    return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
+
+
+@njit(cache=True)
+def _best_of_each(index, rank):  # type: ignore[no-untyped-def]
+    """The hyper-edge of the highest rank that contains each correspondence, −1 for none."""
+    best = np.full(index.keys.size, -1, np.int64)
+    for e in range(rank.size):
+        for p in range(index.indices.shape[1]):
+            a = index.indices[e, p]
+            if best[a] < 0 or rank[e] > rank[best[a]]:
+                best[a] = e
+    return best
+
+
+def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Hyper-edges to start from, (P, d), and their rank (support and own weight), best first."""
+    rank = index_support(index)
+    rank += index.weights
+    count = min(count, rank.size)
+    best = np.argpartition(-rank, count - 1)[:count] if count else np.empty(0, np.int64)
+    each = _best_of_each(index, rank)
+    chosen = np.union1d(best, each[each >= 0])
+    chosen = chosen[index.weights[chosen] > 0]
+    chosen = chosen[np.argsort(-rank[chosen], kind="stable")]
+    return index.indices[chosen], rank[chosen]
+
+
+def _choose(m: NDArray[np.float64], r: int) -> NDArray[np.float64]:
+    """Binomial coefficient of real m ≥ r."""
+    return np.asarray(np.prod([(m - q) / (q + 1) for q in range(r)], axis=0))
