@@ -134,13 +134,15 @@ class TestMatch:
     def test_an_ambiguous_match_shows_the_other_answers(self, tmp_path: Path) -> None:
         """A board with a half-turn symmetry fits two ways round."""
         board = np.array([[x, y, 0.0] for x in range(3) for y in range(2)])
-        seen = board @ np.array([[0.9, 0.3, 0.1], [-0.3, 0.95, 0.0], [0.0, 0.2, 1.0]]).T + [0.3, -0.2, 9.0]
+        turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+        tilt = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
+        seen = board @ (turn @ tilt).T + [0.3, -0.2, 9.0]
         pixels = 1000.0 * seen[:, :2] / seen[:, 2:] + [320.0, 240.0]
         for name, points in (("model.csv", board), ("image.csv", pixels)):
             header = "x,y,z" if points.shape[1] == 3 else "x,y"
             np.savetxt(tmp_path / name, points, delimiter=",", header=header, comments="")
         arguments = ["match", tmp_path / "model.csv", tmp_path / "image.csv", "--problem", "p3p", "--camera", CAMERA]
-        result = run(*arguments, "--noise", 5)
+        result = run(*arguments, "--noise", 0.5)
         assert result.exit_code == 1, result.output
         assert "ambiguous: " in result.stdout
         assert "other answer 1, score" in result.stdout
