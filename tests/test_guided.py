@@ -16,7 +16,7 @@ from rootmatch.affinity import affinity
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError
-from rootmatch.guided import CHANCE_SAMPLES, Guided, GuidedTensor, guided_tensor, pays
+from rootmatch.guided import CHANCE_SAMPLES, Guided, Weighed, pays
 from rootmatch.guided.sets import minimal_sets, others_of, widest, width
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.problem import Problem
@@ -30,15 +30,16 @@ WEIGH = affinity("joint")
 
 def search(
     problem: Problem, source: NDArray[np.float64], target: NDArray[np.float64], noise: float = 1.0, **options: object
-) -> GuidedTensor:
+) -> Weighed:
     """Guided tensor of points as they are."""
     normals = options.pop("normals", None)
     tables = problem.prepare(source, target, noise, normals)
     kind = WEIGH.residual.kernel_kind(problem.pair_count)
-    return guided_tensor(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options)
+    guided = options.pop("options", Guided())
+    return guided(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options)
 
 
-def of_scene(scene: Scene, **options: object) -> GuidedTensor:
+def of_scene(scene: Scene, **options: object) -> Weighed:
     return search(scene.problem, scene.source, scene.target, scene.noise, **options)
 
 
@@ -81,7 +82,7 @@ def test_any_kind_of_residual_weighs_what_is_proposed(kind: str) -> None:
     scene = p3p_scene(8, 4, noise=0.5, seed=4)
     weigh = affinity(kind)
     tables = scene.problem.prepare(scene.source, scene.target, 0.5)
-    tensor, *_ = guided_tensor(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
+    tensor, *_ = Guided()(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
     assert tensor.size >= 60
     assert tensor.score(scene.truth) > 0.0
 
@@ -244,5 +245,5 @@ def test_mistakes_are_said() -> None:
         pass
 
     with pytest.raises(InputError, match="no proposals"):
-        guided_tensor(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4)
+        Guided()(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4)
     assert scene.truth.size == 6

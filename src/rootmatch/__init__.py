@@ -4,7 +4,9 @@ from rootmatch._version import __version__
 from rootmatch.affinity import Affinity, Residual
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError, RootmatchError
+from rootmatch.guided import Guided
 from rootmatch.match import Match, Status, match, residuals
+from rootmatch.matcher import Matcher
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.problem import Problem
 from rootmatch.problems.three_plus_one import ThreePlusOne
@@ -17,8 +19,10 @@ __all__ = [
     "Affinity",
     "AffinityTensor",
     "Camera",
+    "Guided",
     "InputError",
     "Match",
+    "Matcher",
     "Problem",
     "Residual",
     "RootmatchError",

@@ -17,7 +17,7 @@ from rootmatch.affinity import NOISE_KINDS, Affinity, Progress, Residual, affini
 from rootmatch.assignment import margin as lead
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided import Guided, guided_tensor, pays
+from rootmatch.guided import Choice, Guided, pays
 from rootmatch.kernels.support import supported_answers
 from rootmatch.motions import check_motions, label_motions
 from rootmatch.poses import Pose, poses_of
@@ -156,7 +156,7 @@ def match(
     noise: ArrayLike = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
-    hyperedges: Literal["auto", "exhaustive", "random", "guided"] | Guided | None = None,
+    hyperedges: Literal["auto", "exhaustive", "random", "guided"] | Choice | None = None,
     samples: int | None = None,
     residual: str | Residual | None = None,
     rho: float | None = None,
@@ -186,9 +186,10 @@ def match(
     preset : "paper", optional
         The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
-    hyperedges : {"auto", "exhaustive", "random", "guided"} or Guided
-        Which are looked at: all, random ones, or those that a search by prediction proposes; `rootmatch.guided.Guided`
-        has its options. ``"auto"`` is ``"guided"`` where there are more than two million (with several motions, 200).
+    hyperedges : {"auto", "exhaustive", "random", "guided"} or Choice
+        Which are looked at: all, random ones, or those that a search by prediction proposes (`rootmatch.guided.Guided`
+        is such a choice and has its options). ``"auto"`` is ``"guided"`` where there are more than two million, or with
+        several motions 200 million.
     samples : int
         How many random hyper-edges.
     residual : str or Residual
@@ -234,7 +235,7 @@ def match(
     allowed, unary = arguments.split_candidates(candidates, n, n_target)
 
     way = hyperedges or ("random" if paper or samples is not None else "auto")
-    if not isinstance(way, Guided):
+    if not callable(way):
         arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random", "guided"))
     order = edges.wide_first(points)
     facing = None if normals is None else check_normals(normals, n)[order]
@@ -243,10 +244,12 @@ def match(
     share, chance = 1.0, None
     if way == "auto" and pays(tables, (n, n_target), problem.order, motions, mask):
         way = "guided"
-    if way == "guided" or isinstance(way, Guided):
-        tensor, evaluated, share, chance = guided_tensor(
-            tables, kind, weigh, (n, n_target), problem.order, seed=seed, motions=motions,
-            options=way if isinstance(way, Guided) else None, candidates=mask, progress=progress,
+    if way == "guided":
+        way = Guided()
+    if callable(way):
+        tensor, evaluated, share, chance = way(
+            tables, kind, weigh, (n, n_target), problem.order,
+            seed=seed, motions=motions, candidates=mask, progress=progress,
         )  # fmt: skip
     elif way == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)

@@ -9,7 +9,8 @@ tensor. No pose is handed on: the minimal problem proposes, the residual weighs,
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided.found import Guided
 from rootmatch.guided.gather import hyperedges_among
 from rootmatch.guided.search import Search
 from rootmatch.kernels import (  # noqa: F401  (two of them register what they propose)
@@ -30,7 +30,7 @@ from rootmatch.kernels.contraction import CHUNK, threads_for
 from rootmatch.kernels.proposers import can_propose
 from rootmatch.tensor import AffinityTensor
 
-__all__ = ["Guided", "GuidedTensor", "can_propose", "guided_tensor", "pays"]
+__all__ = ["Choice", "Guided", "Weighed", "can_propose", "pays"]
 
 CHANCE_SAMPLES = 2048
 """Random hyper-edges that tell how well chance does."""
@@ -38,17 +38,37 @@ CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
 """Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
 
 
-class GuidedTensor(NamedTuple):
-    """What a guided search makes of two sets of points."""
+class Weighed(NamedTuple):
+    """What became of a choice of hyper-edges."""
 
     tensor: AffinityTensor
-    """Of the hyper-edges among the correspondences that minimal sets propose."""
+    """Of those chosen whose residual is below the gate."""
     evaluated: int
-    """Minimal sets solved, points looked up, predictions weighed and hyper-edges evaluated."""
-    share: float
-    """Part of the d-subsets of source points whose hyper-edges were evaluated, 0 to 1; below 1 for many points."""
-    chance: float
-    """Mean weight of a random hyper-edge, at least that of one perfect one among those sampled for it."""
+    """All evaluations that it took: for a search minimal sets solved, points looked up, predictions and hyper-edges."""
+    share: float = 1.0
+    """Part of the hyper-edges inside a right answer that was evaluated, 0 to 1."""
+    chance: float | None = None
+    """Mean weight of a random hyper-edge, where it is known."""
+
+
+class Choice(Protocol):
+    """Something that chooses hyper-edges and weighs them."""
+
+    def __call__(
+        self,
+        tables: Any,
+        kind: kinds.Kind,
+        weigh: Affinity,
+        shape: tuple[int, int],
+        order: int,
+        *,
+        seed: int = 0,
+        motions: int | Literal["auto"] = 1,
+        candidates: NDArray[np.bool_] | None = None,
+        progress: Progress | None = None,
+    ) -> Weighed:
+        """Tensor of the hyper-edges of some order between n source and n' target points; see `Guided`."""
+        ...
 
 
 def pays(
@@ -65,61 +85,89 @@ def pays(
     return can_propose(type(tables)) and count > (CHEAP if motions == 1 else CHEAP_OF_MANY)
 
 
-def guided_tensor(
-    tables: Any,
-    kind: kinds.Kind,
-    weigh: Affinity,
-    shape: tuple[int, int],
-    order: int,
-    *,
-    seed: int = 0,
-    motions: int | Literal["auto"] = 1,
-    options: Guided | None = None,
-    candidates: NDArray[np.bool_] | None = None,
-    progress: Progress | None = None,
-) -> GuidedTensor:
-    """Tensor of the hyper-edges among the correspondences that minimal sets propose.
+@dataclass(frozen=True)
+class Guided:
+    """Guided search, and how hard to search.
 
     Parameters
     ----------
-    tables
-        Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
-    kind : Kind
-    weigh : Affinity
-    shape : (n, n')
-    order : int
-    seed : int
-        Of the order in which minimal sets are tried, and of the choice of hyper-edges where there are too many.
-    motions : int or "auto"
-        With 1 the search ends when one proposal is beyond chance; with more it goes on to the budget.
-    options : Guided, optional
-    candidates : (n, n') bool array, optional
-        Correspondences that are possible; others are never tried.
-    progress : callable, optional
-        Called with (evaluations, budget) between batches.
-
-    Returns
-    -------
-    GuidedTensor
-
-    Raises
-    ------
-    InputError
-        If the problem has no proposals.
+    budget : int
+        Most evaluations: minimal sets solved and points looked up. A search that finds something beyond chance ends
+        long before; one that does not, ends here or when every minimal set was tried.
+    max_seconds : float, optional
+        Time after which no new batch begins. What is found then depends on the machine.
+    groups : int
+        Most groups of like proposals whose hyper-edges are evaluated.
+    gate : float
+        Distance from a prediction, in σ, within which a detection counts while minimal sets are tried.
+    subsets : int
+        Most d-subsets of source points whose hyper-edges are evaluated; a seeded choice where there are more.
+    edges : int
+        Most hyper-edges that are evaluated, those of the strongest groups.
     """
-    if not can_propose(type(tables)):
-        raise InputError('hyperedges: this problem has no proposals to be guided by; use "exhaustive" or "random"')
-    search = Search(tables, shape, order - 1, seed, motions, options or Guided(), candidates)
-    search.run(progress)
-    search.refine()
-    found = search.settle()
-    source, target, share = hyperedges_among(found, shape, order, search.options, search.rng)
-    random = next(hyperedges.random_hyperedges(*shape, order, CHANCE_SAMPLES, seed, CHANCE_SAMPLES))
-    with threads_for(len(source) // CHUNK):
-        residuals = cpu.residuals(tables, kind, source, target)
-        by_chance = cpu.residuals(tables, kind, *random)
-    keep = residuals <= weigh.gate
-    indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
-    tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
-    chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
-    return GuidedTensor(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance)
+
+    budget: int = 500_000_000
+    max_seconds: float | None = None
+    groups: int = 1000
+    gate: float = 8.0
+    subsets: int = 20_000
+    edges: int = 300_000
+
+    def __post_init__(self) -> None:
+        for name in ("budget", "groups", "gate", "subsets", "edges"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"Guided: {name} is {getattr(self, name)!r}; give a positive number")
+
+    def __call__(
+        self,
+        tables: Any,
+        kind: kinds.Kind,
+        weigh: Affinity,
+        shape: tuple[int, int],
+        order: int,
+        *,
+        seed: int = 0,
+        motions: int | Literal["auto"] = 1,
+        candidates: NDArray[np.bool_] | None = None,
+        progress: Progress | None = None,
+    ) -> Weighed:
+        """Tensor of the hyper-edges among the correspondences that minimal sets propose.
+
+        Parameters
+        ----------
+        tables
+            Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
+        kind : Kind
+        weigh : Affinity
+        shape : (n, n')
+        order : int
+        seed : int
+            Of the order in which minimal sets are tried, and of the choice of hyper-edges where there are too many.
+        motions : int or "auto"
+            With 1 the search ends when one proposal is beyond chance; with more it goes on to the budget.
+        candidates : (n, n') bool array, optional
+            Correspondences that are possible; others are never tried.
+        progress : callable, optional
+            Called with (evaluations, budget) between batches.
+
+        Raises
+        ------
+        InputError
+            If the problem has no proposals.
+        """
+        if not can_propose(type(tables)):
+            raise InputError('hyperedges: this problem has no proposals to be guided by; use "exhaustive" or "random"')
+        search = Search(tables, shape, order - 1, seed, motions, self, candidates)
+        search.run(progress)
+        search.refine()
+        source, target, share = hyperedges_among(search.settle(), shape, order, self, search.rng)
+        random = next(hyperedges.random_hyperedges(*shape, order, CHANCE_SAMPLES, seed, CHANCE_SAMPLES))
+        with threads_for(len(source) // CHUNK):
+            residuals = cpu.residuals(tables, kind, source, target)
+            by_chance = cpu.residuals(tables, kind, *random)
+        keep = residuals <= weigh.gate
+        indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
+        tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
+        # no sample is large enough to say that chance never agrees
+        chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
+        return Weighed(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.guided.found import Found, Guided
+from rootmatch.guided.found import Found
 from rootmatch.kernels import proposals
+
+if TYPE_CHECKING:
+    from rootmatch.guided import Guided
 
 Integers = NDArray[np.int64]
 

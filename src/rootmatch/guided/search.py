@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch import hyperedges
 from rootmatch.affinity import Progress
-from rootmatch.guided.found import Found, Guided, Proposals
+from rootmatch.guided.found import Found, Proposals
 from rootmatch.guided.sets import minimal_sets, others_of, widest
 from rootmatch.kernels import proposals
 from rootmatch.kernels.contraction import threads_for
 from rootmatch.kernels.propose import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.kernels.raster import build_raster
 from rootmatch.kernels.weigh import weigh
+
+if TYPE_CHECKING:
+    from rootmatch.guided import Guided
 
 Integers = NDArray[np.int64]
 
