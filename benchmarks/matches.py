@@ -1,0 +1,191 @@
+"""Whole matches beside a hypothesise-and-verify matcher, on the same scenes in the same process.
+
+The yardstick is a folder with ``ransac.py`` (function ``ransac_match``), given by ``--peers`` or ROOTMATCH_PEERS;
+without it only this library is timed. Every scene counts, and those less than half right are named as failures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+import rootmatch as rm
+from rootmatch.simulation import Scene, p3p_scene, up2p_scene
+
+SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
+FIRST_SEED = 1000
+"""Seeds below were used while the defaults were chosen."""
+TOLERANCE = 3.5
+"""The yardstick's distance within which a point is matched, in σ, as in its own benchmark."""
+PATIENCE = 60.0
+"""Seconds after which the yardstick gives up."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A kind of scene, and what is to be reached on it."""
+
+    problem: str
+    points: int
+    outliers: int
+    hidden: int = 0
+    sigma: float = 1.0
+    ratio: float | None = None
+    """Times the yardstick's median that the median may take."""
+    seconds: float | None = None
+    """Seconds that the median may take."""
+    tracked: bool = False
+    """Frame after frame of one `Matcher`."""
+
+    @property
+    def name(self) -> str:
+        hidden = f" ({self.hidden} unseen)" if self.hidden else ""
+        return f"{self.problem} {self.points} + {self.outliers}{hidden}{', tracked' if self.tracked else ''}"
+
+
+CASES = [
+    Case("p3p", 5, 3, sigma=0.5, seconds=0.002, tracked=True),
+    Case("p3p", 10, 10, ratio=3.0),
+    Case("p3p", 20, 20),
+    Case("p3p", 50, 50, seconds=5.0),
+    Case("p3p", 100, 100, seconds=20.0),
+    Case("p3p", 10, 10, hidden=10, sigma=0.5),
+    Case("up2p", 10, 10),
+    Case("up2p", 20, 20, ratio=10.0),
+    Case("up2p", 50, 50),
+    Case("up2p", 100, 100, seconds=1.0),
+    Case("up2p", 10, 10, hidden=10, sigma=0.5),
+]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a case; times in seconds."""
+
+    case: str
+    runs: int
+    median: float
+    worst: float
+    accuracy: float
+    failures: list[int]
+    evaluations: float
+    peer_median: float | None
+    peer_accuracy: float | None
+    peer_failures: list[int] | None
+    reached: bool | None
+
+
+def load_yardstick(folder: str | None) -> ModuleType | None:
+    """The module of the yardstick, or None where it is not there."""
+    path = Path(folder or os.environ.get("ROOTMATCH_PEERS", ""), "ransac.py")
+    if not (folder or "ROOTMATCH_PEERS" in os.environ) or not path.is_file():
+        print("no yardstick: name its folder by --peers or ROOTMATCH_PEERS", file=sys.stderr)
+        return None
+    spec = importlib.util.spec_from_file_location("yardstick", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, float]:
+    """Result and seconds of a call."""
+    started = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - started
+
+
+def ours(case: Case, scene: Scene, seed: int) -> Callable[[], rm.Match]:
+    """One match; a tracker's has its source prepared before."""
+    if case.tracked:
+        matcher = rm.Matcher(scene.source, scene.problem, noise=case.sigma, seed=seed)
+        return lambda: matcher.match(scene.target)
+    return lambda: rm.match(scene.source, scene.target, scene.problem, noise=case.sigma, seed=seed)
+
+
+def run(case: Case, seeds: list[int], yardstick: ModuleType | None) -> Row:
+    """All seeds of a case, one matcher after the other on each."""
+    make = SCENES[case.problem]
+    mine: list[tuple[float, float, float]] = []
+    theirs: list[tuple[float, float]] = []
+    for turn, seed in enumerate([seeds[0], *seeds]):
+        scene = make(case.points, case.outliers, noise=case.sigma, seed=seed, hidden=case.hidden)
+        match, seconds = timed(ours(case, scene, seed))
+        if turn:  # the first time compiles
+            mine.append((seconds, scene.accuracy(match.assignment), float(match.hyperedges)))
+        if yardstick is not None:
+            points, pixels, matrix = scene.source, scene.target, scene.cameras[0].matrix
+            answer, seconds = timed(
+                lambda p=points, q=pixels, K=matrix, s=seed: yardstick.ransac_match(
+                    p, q, K, TOLERANCE * case.sigma, max_seconds=PATIENCE, seed=s, problem=case.problem
+                )
+            )
+            if turn:
+                theirs.append((seconds, scene.accuracy(answer[0])))
+    times, accuracies, evaluations = (np.array(column) for column in zip(*mine, strict=True))
+    median, accuracy = float(np.median(times)), float(accuracies.mean())
+    peer_median = peer_accuracy = peer_failures = None
+    reached: bool | None = None if case.seconds is None else median <= case.seconds
+    if theirs:
+        peer_times, peer_accuracies = (np.array(column) for column in zip(*theirs, strict=True))
+        peer_median, peer_accuracy = float(np.median(peer_times)), float(peer_accuracies.mean())
+        peer_failures = [seed for seed, value in zip(seeds, peer_accuracies, strict=True) if value < 0.5]
+        reached = accuracy >= peer_accuracy - 0.01 and reached is not False
+        if case.ratio is not None:
+            reached = reached and median <= case.ratio * peer_median
+    return Row(
+        case.name, len(seeds), median, float(times.max()), accuracy,
+        [seed for seed, value in zip(seeds, accuracies, strict=True) if value < 0.5],
+        float(statistics.median(evaluations)), peer_median, peer_accuracy, peer_failures, reached,
+    )  # fmt: skip
+
+
+def line(row: Row) -> str:
+    """One row of the table."""
+    text = (
+        f"{row.case:30s} {1e3 * row.median:9.2f} {1e3 * row.worst:9.1f}   {row.accuracy:.4f} {len(row.failures):3d}"
+        f"   {row.evaluations:9.3g}"
+    )
+    if row.peer_median is not None and row.peer_accuracy is not None and row.peer_failures is not None:
+        text += f"   {1e3 * row.peer_median:9.2f}   {row.peer_accuracy:.4f} {len(row.peer_failures):3d}"
+        text += f"   {row.median / row.peer_median:6.2f}"
+    return text + {None: "", True: "   reached", False: "   MISSED"}[row.reached]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="scenes of each kind")
+    parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
+    parser.add_argument("--only", nargs="+", default=[], help="cases whose name holds one of these texts")
+    parser.add_argument("--json", action="store_true", help="one object on standard output")
+    options = parser.parse_args()
+    yardstick = load_yardstick(options.peers)
+    seeds = list(range(FIRST_SEED, FIRST_SEED + options.seeds))
+    rows = []
+    if not options.json:
+        print(f"seeds {seeds[0]} … {seeds[-1]}; milliseconds: median and worst; accuracy and failures; evaluations")
+    for case in CASES:
+        if options.only and not any(text in case.name for text in options.only):
+            continue
+        rows.append(run(case, seeds, yardstick))
+        if not options.json:
+            print(line(rows[-1]), flush=True)
+    if options.json:
+        print(json.dumps({"seeds": seeds, "rows": [asdict(row) for row in rows]}))
+
+
+if __name__ == "__main__":
+    main()
