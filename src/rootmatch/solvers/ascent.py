@@ -26,8 +26,8 @@ class MultiStartAscent:
        supported hyper-edges of all, and the best one of each correspondence. Each grows, by an ascent with a penalty
        that only a dense group survives, into a core; candidates that share d−1 correspondences with a core found
        before are passed over.
-    3. An ascent from each core, the best first, until `agreement` of them have come to the same best assignment; and
-       from a few candidates outside of what was found.
+    3. An ascent from each core, the best first, until `agreement` of them have come to the same best assignment or it
+       stands far out among the others; and from a few candidates outside of what was found.
     4. An ascent from as many of the cores as go together, the best first, and from the best assignment with one core
        put in by force, where that may pay: several independent groups of points, as moving objects give, are found.
     5. From the best few optima on with exchanges of two points.

@@ -27,6 +27,9 @@ POOL = 4
 FIRST_ROUND, LARGEST_ROUND = 2, 64
 """Starts made at once. The first few often find the answer, and those inside it are then not made again."""
 
+CLEAR, CLEAR_AFTER = 1.5, 24
+"""After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
+
 RIVALS = 32
 """Candidates outside of all that was found from which an ascent is made in any case."""
 
@@ -39,8 +42,8 @@ HOPELESS = 1e-3
 WORTH = 0.5
 """A core is put into the best assignment when it scores this part of what it pushes out; an ascent may win the rest."""
 
-POLISHED = 12
-"""Best optima from which an ascent goes on with exchanges, which would cost most of the time if every ascent did."""
+POLISHED, NEAR = 12, 0.7
+"""So many optima that score this part of the best go on with exchanges; for all that would cost most of the time."""
 
 LOOKUPS = 20_000
 """Looked-up subsets that are worth a thread, half a millisecond to some; an ascent takes about 4 C(n, d−1) of them."""
@@ -141,13 +144,18 @@ class Search:
     def from_cores(self) -> None:
         """Step 3."""
         waiting, size = np.arange(len(self.cores)), FIRST_ROUND
-        while self.reached.get(self.best.tobytes(), 0) < self.options.agreement:
+        while self.reached.get(self.best.tobytes(), 0) < self.options.agreement and not self.clear():
             useful = (self.core_values[waiting] > HOPELESS * self.value) & ~covered(self.cores[waiting], self.known())
             waiting = waiting[useful]
             if waiting.size == 0:
                 break
             self.climb(self.empty, self.cores[waiting[:size]])
             waiting, size = waiting[size:], min(2 * size, LARGEST_ROUND)
+
+    def clear(self) -> bool:
+        """Whether the best assignment stands far out among enough others."""
+        values = sorted((value for _, value in self.found.values()), reverse=True)
+        return sum(self.reached.values()) > CLEAR_AFTER and (len(values) < 2 or values[0] > CLEAR * values[1])
 
     def from_rivals(self) -> None:
         """The rest of step 3, whether or not the best assignment is clear: what else is there."""
@@ -179,7 +187,8 @@ class Search:
     def polish(self) -> None:
         """Step 5, until the best assignment itself has been through it."""
         while self.best.tobytes() not in self.polished:
-            waiting = [image for image, _ in _ranked(self.found) if image.tobytes() not in self.polished][:POLISHED]
+            near = [image for image, value in _ranked(self.found) if value >= NEAR * self.value]
+            waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
             self.polished.update(image.tobytes() for image in waiting)
             self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
 
