@@ -1,0 +1,1 @@
+"""Kernels of derived problems: their tables, and the loops composed around generated formulas."""

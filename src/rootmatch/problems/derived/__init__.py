@@ -1,0 +1,1 @@
+"""Problems made of equations: elimination, checks, and generated formulas."""

@@ -1,0 +1,132 @@
+"""The formulas of a generated module on arrays of points: tables for kernels, and values for checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.derived.measurements import Measurement
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """A generated module together with what is measured.
+
+    Parameters
+    ----------
+    plan, functions
+        Of `rootmatch.problems.derived.store.Generated`.
+    source, target : Measurement
+    """
+
+    plan: dict[str, Any]
+    functions: dict[str, Callable[..., Any]]
+    source: Measurement
+    target: Measurement
+
+    def what(self, kind: str) -> Measurement:
+        """The measurement of a class of quantities."""
+        return self.source if kind[0] == "s" else self.target
+
+    def used(self, kind: str) -> list[int]:
+        """Numbers of the quantities of a class that are generated."""
+        return [k for k in range(self.plan["leaves"][kind]) if f"leaf_{kind}{k}" in self.functions]
+
+    def leaf(self, kind: str, number: int, *coordinates: Floats) -> Floats:
+        """One quantity of points given by coordinates (…, c), one array for each point."""
+        values = [x[..., k] for x in coordinates for k in range(x.shape[-1])]
+        with np.errstate(all="ignore"):
+            (result,) = self.functions[f"leaf_{kind}{number}"](*values)
+        return np.broadcast_to(np.asarray(result, dtype=float), np.broadcast_shapes(*(v.shape for v in values)))
+
+    def leaf_noise(self, kind: str, number: int, coordinates: list[Floats], spreads: list[Floats]) -> list[Floats]:
+        """Its derivatives in unit noise, (…, D) for each point, from coordinates (…, c) and spreads (…, c, D)."""
+        values = [x[..., k] for x in coordinates for k in range(x.shape[-1])]
+        shape = np.broadcast_shapes(*(v.shape for v in values))
+        with np.errstate(all="ignore"):
+            partials = self.functions[f"leaf_{kind}{number}_partials"](*values)
+        size = coordinates[0].shape[-1]
+        out = []
+        for point, spread in enumerate(spreads):
+            stacked = [np.broadcast_to(np.asarray(p, dtype=float), shape) for p in partials[point * size :][:size]]
+            out.append(np.einsum("...c,...cd->...d", np.stack(stacked, axis=-1), spread))
+        return out
+
+    def table(self, kind: str, coordinates: Floats) -> Floats:
+        """All quantities of a class, (count, n) or (count, n, n), of coordinates (n, c)."""
+        count = self.plan["leaves"][kind]
+        n = len(coordinates)
+        pair = len(kind) == 2
+        if not self.used(kind):
+            return np.zeros((0, 1, 1) if pair else (0, 1))
+        out = np.zeros((count, n, n) if pair else (count, n))
+        points = (coordinates[:, None], coordinates[None, :]) if pair else (coordinates,)
+        for k in self.used(kind):
+            out[k] = self.leaf(kind, k, *points)
+        return out
+
+    def noise_table(self, kind: str, coordinates: Floats, spread: Floats) -> Floats:
+        """Their derivatives in unit noise; see `rootmatch.kernels.derived.tables.DerivedTables` for the layout."""
+        count, axes = self.plan["leaves"][kind], spread.shape[-1]
+        n = len(coordinates)
+        pair = len(kind) == 2
+        if not self.used(kind) or not axes:
+            return np.zeros((0, 1, 1) if pair else (0, 1))
+        if not pair:
+            out = np.zeros((count, axes, n))
+            for k in self.used(kind):
+                out[k] = self.leaf_noise(kind, k, [coordinates], [spread])[0].T
+            return out.reshape(count * axes, n)
+        out = np.zeros((count, 2, axes, n, n))
+        points = [coordinates[:, None], coordinates[None, :]]
+        spreads = [spread[:, None], spread[None, :]]
+        for k in self.used(kind):
+            for end, part in enumerate(self.leaf_noise(kind, k, points, spreads)):
+                out[k, end] = np.moveaxis(part, -1, 0)
+        return out.reshape(count * 2 * axes, n, n)
+
+    def arguments(self, source: Floats, target: Floats) -> list[Floats]:
+        """Arguments of the formulas for minimal sets of points (E, m, dimension)."""
+        measured = {"s": self.source.measure(source), "t": self.target.measure(target)}
+        return [
+            self.leaf(kind, number, *(measured[kind[0]][:, slot] for slot in slots))
+            for kind, number, slots in self.plan["arguments"]
+        ]
+
+    def coefficients(self, source: Floats, target: Floats) -> Floats:
+        """Coefficients (E, k + 1), highest degree first, of minimal sets of points (E, m, dimension)."""
+        values = self.functions["polynomial"](*self.arguments(source, target))
+        return np.stack(np.broadcast_arrays(*values, np.zeros(len(source)))[:-1], axis=-1)
+
+    def partials(self, x: Floats, source: Floats, target: Floats, sigma: float = 1.0) -> tuple[Floats, Floats, Floats]:
+        """Value (E,) and slope (E,) at x (E,), and derivatives (E, m, D) in unit noise, the source's axes first."""
+        arguments = self.arguments(source, target)
+        gradient = [np.broadcast_to(r, x.shape) for r in self.functions["partials"](x, *arguments)]
+        value, slope = np.zeros(len(x)), np.zeros(len(x))
+        for coefficient in self.functions["polynomial"](*arguments):
+            slope = slope * x + value
+            value = value * x + coefficient
+        measured = {"s": self.source.measure(source), "t": self.target.measure(target)}
+        axes = self.source.noise_dimensions
+        out = np.zeros((len(x), self.plan["minimal"], axes + self.target.noise_dimensions))
+        spreads = {}
+        for side, what, points in (("s", self.source, source), ("t", self.target, target)):
+            flat = points.reshape(-1, points.shape[-1])
+            spread = what.spread(flat, np.full(len(flat), sigma))
+            spreads[side] = spread.reshape(*points.shape[:2], *spread.shape[1:])
+        for derivative, place in zip(gradient, self.plan["noisy"], strict=True):
+            kind, number, slots = self.plan["arguments"][place]
+            side = kind[0]
+            parts = self.leaf_noise(
+                kind, number, [measured[side][:, slot] for slot in slots], [spreads[side][:, slot] for slot in slots]
+            )
+            columns = slice(0, axes) if side == "s" else slice(axes, None)
+            for slot, part in zip(slots, parts, strict=True):
+                out[:, slot, columns] += derivative[:, None] * part
+        return value, slope, out

@@ -1,0 +1,157 @@
+"""Random exact hyper-edges of a stated problem: from the user's sampler, or solved for numerically."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rootmatch.errors import InputError, RootmatchError
+from rootmatch.problems.derived.leaves import COMMON, Expr
+from rootmatch.problems.derived.statement import Statement, places_of
+
+Floats = NDArray[np.float64]
+Sampler = Callable[[np.random.Generator], Any]
+ATTEMPTS = 60
+"""Starts of the numerical solution for one instance."""
+
+
+class Instance(NamedTuple):
+    """One exact hyper-edge: points (m + 1, dimension) as a caller gives them, and the shared variable if known."""
+
+    source: Floats
+    target: Floats
+    shared: float | None
+
+
+def sampled(sample: Sampler, statement: Statement, rng: np.random.Generator) -> Instance:
+    """An instance from the user's sampler.
+
+    Raises
+    ------
+    InputError
+        If it gives anything but matching points of the right shape.
+    """
+    given = tuple(sample(rng))
+    if len(given) not in (2, 3):
+        raise InputError("sample: it must return source, target and perhaps the shared variable's value")
+    count = statement.minimal + 1
+    points = []
+    for name, array, what in (("source", given[0], statement.source), ("target", given[1], statement.target)):
+        array = np.asarray(array, dtype=float)
+        if array.ndim != 2 or len(array) < count or array.shape[1] != what.dimension or not np.all(np.isfinite(array)):
+            raise InputError(
+                f"sample: {name} of shape {array.shape} returned; ({count}, {what.dimension}) finite numbers expected, "
+                "row i of the one matching row i of the other"
+            )
+        points.append(array[:count])
+    return Instance(points[0], points[1], float(given[2]) if len(given) == 3 else None)
+
+
+class Solver:
+    """Solves for exact hyper-edges: random source points, then target points and unknowns that satisfy all equations.
+
+    All minimal sets of the hyper-edge must hold at once. Unknowns that belong to some of the correspondences (a depth)
+    are one for each choice of those, the others (a pose) are the same in all.
+    """
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        m = statement.minimal
+        points: dict[str, list[Any]] = {}
+        slot_of: dict[Expr, int] = {}
+        for side, what in (("s", statement.source), ("t", statement.target)):
+            points[side] = [sp.Matrix([sp.Symbol(n, real=True) for n in what.names(side, k)]) for k in range(m + 1)]
+            own = what.coordinates - what.common
+            for slot, column in enumerate(points[side]):
+                slot_of |= {symbol: slot if k < own else COMMON for k, symbol in enumerate(column)}
+        base = statement.build(points["s"][:m], points["t"][:m])
+        self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, self._local())
+        equations: dict[Expr, None] = {}
+        for chosen in combinations(range(m + 1), m):
+            built = statement.build([points["s"][k] for k in chosen], [points["t"][k] for k in chosen])
+            swap = {symbol: self.copy(symbol, chosen) for symbol in (*statement.unknowns, statement.shared)}
+            equations |= dict.fromkeys(e.xreplace(swap) for e in built)
+        every = [symbol for group in points.values() for column in group for symbol in column]
+        measured = list(dict.fromkeys(every))
+        self.first_places = [every.index(symbol) for symbol in measured]
+        self.unknowns = sorted({s for e in equations for s in e.free_symbols if s not in slot_of}, key=str)
+        self.shared = self.unknowns.index(self.copy(statement.shared, tuple(range(m))))
+        expressions = list(equations)
+        zero = {s: 0 for s in self.unknowns if not str(s).startswith(f"{statement.shared.name}__")}
+        self.homogeneous = all(e.xreplace(zero) == 0 for e in expressions) and bool(zero)
+        if self.homogeneous:
+            expressions.append(sum(s**2 for s in zero) - 1)
+        self.function = sp.lambdify([self.unknowns, measured], expressions, "numpy", cse=True)
+
+    def _local(self) -> dict[Expr, int]:
+        statement = self.statement
+        return {copy: place for place in range(statement.minimal) for copy in statement.copies(place).values()}
+
+    def copy(self, symbol: Expr, chosen: tuple[int, ...]) -> Expr:
+        """The copy of an unknown in the minimal set of the chosen correspondences."""
+        places = self.places[symbol]
+        base = symbol.name.split("__")[0] if symbol in self._local() else symbol.name
+        belongs = places if len(places) < self.statement.minimal else ()
+        return sp.Symbol("__".join([base, *(str(chosen[k]) for k in belongs)]) + "__")
+
+    def solve(self, rng: np.random.Generator, interval: tuple[float, float] | None) -> Instance:
+        """One exact instance.
+
+        Raises
+        ------
+        RootmatchError
+            If no start leads to one.
+        """
+        statement = self.statement
+        count = statement.minimal + 1
+        size = len(self.unknowns)
+        for _ in range(ATTEMPTS):
+            source = statement.source.sample(rng, count)
+            start = statement.target.sample(rng, count)
+            unit = np.abs(start).mean()
+            coordinates = statement.source.measure(source).ravel()
+
+            def residual(
+                v: Floats, start: Floats = start, unit: float = unit, coordinates: Floats = coordinates
+            ) -> Floats:
+                target = start + v[size:].reshape(start.shape) * unit
+                measured = np.concatenate([coordinates, statement.target.measure(target).ravel()])
+                return np.asarray(self.function(v[:size], measured[self.first_places]), dtype=float)
+
+            guess = np.concatenate([rng.uniform(0.3, 2.0, size), np.zeros(start.size)])
+            found = least_squares(residual, guess, xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=200)
+            x = float(found.x[self.shared])
+            inside = interval is None or interval[0] < x < interval[1]
+            if np.abs(found.fun).max() < 1e-11 and inside and abs(x) < 30.0 and self._isolated(found):
+                return Instance(source, start + found.x[size:].reshape(start.shape) * unit, x)
+        raise RootmatchError(
+            "check: no exact instance was found numerically; give sample=, a function of a random generator that "
+            f"returns {count} true correspondences (source, target)"
+        )
+
+    def _isolated(self, found: Any) -> bool:
+        """Whether the points determine the unknowns, and none is so near 0 that an equation loses its sense."""
+        size = len(self.unknowns)
+        values = np.abs(found.x[:size])
+        singular = np.linalg.svd(found.jac[:, :size], compute_uv=False)
+        return bool(values.max() < 1e3 and values.min() > 1e-2 and singular[-1] > 1e-3 * singular[0])
+
+
+def instances(
+    statement: Statement,
+    sample: Sampler | None,
+    interval: tuple[float, float] | None,
+    rng: np.random.Generator,
+    count: int,
+) -> list[Instance]:
+    """So many exact hyper-edges."""
+    if sample is not None:
+        return [sampled(sample, statement, rng) for _ in range(count)]
+    solver = Solver(statement)
+    return [solver.solve(rng, interval) for _ in range(count)]

@@ -1,0 +1,135 @@
+"""A problem made of a generated module."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch._version import __version__
+from rootmatch.errors import InputError
+from rootmatch.kernels.derived.compile import register_residuals, tag_name
+from rootmatch.kernels.derived.residuals import Residuals, pair_orders
+from rootmatch.kernels.derived.tables import DerivedTables, tag_of
+from rootmatch.kernels.derived.text import Shape
+from rootmatch.problems.derived.evaluator import Evaluator
+from rootmatch.problems.derived.measurements import Measurement
+from rootmatch.problems.derived.store import Generated
+from rootmatch.problems.problem import Problem, check_noise, check_points
+
+
+@dataclass(frozen=True)
+class DerivedProblem(Problem):
+    """A minimal problem whose kernels were generated from equations; made by `rootmatch.derive`.
+
+    Parameters
+    ----------
+    title : str
+        Its name.
+    generated : Generated
+        The vetted module.
+    source, target : Measurement
+        What is measured of a point.
+
+    Notes
+    -----
+    ``"joint"`` holds `constraints` resultants against their covariance, evaluated at the roots of the first minimal
+    set; ``"normalised"`` one of them. Both grow where a root is badly determined, so near-degenerate sets fade by
+    themselves. Degenerate are the sets that the equations leave undetermined, which only their author can name.
+    """
+
+    title: str
+    generated: Generated
+    source: Measurement
+    target: Measurement
+
+    def __post_init__(self) -> None:
+        plan = self.generated.plan
+        if plan["source"] != self.source.key or plan["target"] != self.target.key:
+            raise InputError(
+                f"{self.title}: derived for {plan['source']} and {plan['target']}, {self.source.key} and "
+                f"{self.target.key} given; measure the same quantities"
+            )
+        m = int(plan["minimal"])
+        # what other problems say once for their class differs from one derived problem to the next
+        self.__dict__.update(
+            name=self.title,
+            minimal=m,
+            order=m + 1,
+            degree=int(plan["degree"]),
+            constraints=len(plan["orders"]),
+            pair_count=len(pair_orders(m)),
+            source_dimension=self.source.dimension,
+            target_dimension=self.target.dimension,
+        )
+        shape = Shape(plan, self.source.noise_dimensions, self.target.noise_dimensions)
+        residuals = Residuals(shape, tuple(plan["orders"]), plan["interval"])
+        self.__dict__["residuals"] = residuals
+        self.__dict__["tag"] = tag_name(residuals, self.generated.text, __version__)
+
+    @property
+    def code(self) -> str:
+        """Source of the generated formulas."""
+        return self.generated.text
+
+    @property
+    def evaluator(self) -> Evaluator:
+        """The formulas on arrays."""
+        return Evaluator(self.generated.plan, self.generated.functions, self.source, self.target)
+
+    def measured(self, source: Measurement | None = None, target: Measurement | None = None) -> DerivedProblem:
+        """The same problem seen otherwise: by another camera, or turned."""
+        return DerivedProblem(self.title, self.generated, source or self.source, target or self.target)
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> DerivedTables:
+        """Tables for the kernels; see `Problem.prepare`.
+
+        Noise is that of a given coordinate (pixels for images). Where the source is noisy too, one number holds for
+        both; n' numbers are those of the target, and their root mean square that of the source; a pair gives both.
+        """
+        if normals is not None:
+            raise InputError(f"normals: {self.title} has no use for them; leave them out")
+        first = check_points(source, self.source.dimension, "source", self.order)
+        second = check_points(target, self.target.dimension, "target", self.order)
+        if isinstance(noise, tuple | list) and len(noise) == 2:
+            sigma = check_noise(noise[0], len(first), "noise of the source")
+            sigma2 = check_noise(noise[1], len(second), "noise of the target")
+        else:
+            sigma2 = check_noise(noise, len(second))
+            sigma = np.full(len(first), np.sqrt(np.mean(sigma2**2)))
+        register_residuals(self.__dict__["residuals"], self.generated.functions, self.__dict__["tag"])
+        tables = self.evaluator
+        x, u = self.source.measure(first), self.target.measure(second)
+        dx, du = self.source.spread(first, sigma), self.target.spread(second, sigma2)
+        return DerivedTables(
+            source=tables.table("s", x),
+            source_pair=tables.table("ss", x),
+            target=tables.table("t", u),
+            target_pair=tables.table("tt", u),
+            source_noise=tables.noise_table("s", x, dx),
+            source_pair_noise=tables.noise_table("ss", x, dx),
+            target_noise=tables.noise_table("t", u, du),
+            target_pair_noise=tables.noise_table("tt", u, du),
+            tag=tag_of(self.__dict__["tag"]),
+        )
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials of minimal sets; see `Problem.coefficients`."""
+        result: NDArray[np.float64] = self.evaluator.coefficients(
+            np.asarray(source, dtype=float), np.asarray(target, dtype=float)
+        )
+        return result
+
+    def __reduce__(self) -> Any:
+        """Pickled as text, which is vetted again where it is read."""
+        return _rebuilt, (self.title, self.generated.text, self.source, self.target)
+
+
+def _rebuilt(title: str, text: str, source: Measurement, target: Measurement) -> DerivedProblem:
+    from rootmatch.problems.derived.store import vetted
+
+    return DerivedProblem(title, vetted(text, title), source, target)
