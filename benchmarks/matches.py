@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numba
 import numpy as np
 
 import rootmatch as rm
@@ -31,6 +32,10 @@ TOLERANCE = 3.5
 """The yardstick's distance within which a point is matched, in σ, as in its own benchmark."""
 PATIENCE = 60.0
 """Seconds after which the yardstick gives up."""
+
+
+FRAMES = 9
+"""Frames of a tracked scene, after a first that is not counted."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Case:
     seconds: float | None = None
     """Seconds that the median may take."""
     tracked: bool = False
-    """Frame after frame of one `Matcher`."""
+    """Frame after frame of one `Matcher`; the median of FRAMES."""
 
     @property
     def name(self) -> str:
@@ -93,10 +98,11 @@ def load_yardstick(folder: str | None) -> ModuleType | None:
     if not (folder or "ROOTMATCH_PEERS" in os.environ) or not path.is_file():
         print("no yardstick: name its folder by --peers or ROOTMATCH_PEERS", file=sys.stderr)
         return None
-    spec = importlib.util.spec_from_file_location("yardstick", path)
+    spec = importlib.util.spec_from_file_location("ransac", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules["ransac"] = module  # its compiled kernels, when read from the cache, ask for it by name
     spec.loader.exec_module(module)
     return module
 
@@ -108,39 +114,48 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
     return result, time.perf_counter() - started
 
 
-def ours(case: Case, scene: Scene, seed: int) -> Callable[[], rm.Match]:
-    """One match; a tracker's has its source prepared before."""
-    if case.tracked:
-        matcher = rm.Matcher(scene.source, scene.problem, noise=case.sigma, seed=seed)
-        return lambda: matcher.match(scene.target)
-    return lambda: rm.match(scene.source, scene.target, scene.problem, noise=case.sigma, seed=seed)
+def ours(case: Case, scene: Scene, seed: int) -> tuple[rm.Match, float]:
+    """Our match and its seconds."""
+    if not case.tracked:
+        return timed(lambda: rm.match(scene.source, scene.target, scene.problem, noise=case.sigma, seed=seed))
+    matcher = rm.Matcher(scene.source, scene.problem, noise=case.sigma, seed=seed)
+    match = matcher.match(scene.target)
+    return match, statistics.median(timed(lambda: matcher.match(scene.target))[1] for _ in range(FRAMES))
+
+
+def theirs(case: Case, scene: Scene, seed: int, yardstick: ModuleType) -> tuple[Any, float]:
+    """The yardstick's assignment and its seconds; the number of threads that it sets is set back."""
+    allowed = numba.get_num_threads()
+    answer, seconds = timed(
+        lambda: yardstick.ransac_match(
+            scene.source, scene.target, scene.cameras[0].matrix, TOLERANCE * case.sigma,
+            max_seconds=PATIENCE, seed=seed, problem=case.problem,
+        )
+    )  # fmt: skip
+    numba.set_num_threads(allowed)
+    return answer[0], seconds
 
 
 def run(case: Case, seeds: list[int], yardstick: ModuleType | None) -> Row:
     """All seeds of a case, one matcher after the other on each."""
     make = SCENES[case.problem]
     mine: list[tuple[float, float, float]] = []
-    theirs: list[tuple[float, float]] = []
+    other: list[tuple[float, float]] = []
     for turn, seed in enumerate([seeds[0], *seeds]):
         scene = make(case.points, case.outliers, noise=case.sigma, seed=seed, hidden=case.hidden)
-        match, seconds = timed(ours(case, scene, seed))
+        match, seconds = ours(case, scene, seed)
         if turn:  # the first time compiles
             mine.append((seconds, scene.accuracy(match.assignment), float(match.hyperedges)))
         if yardstick is not None:
-            points, pixels, matrix = scene.source, scene.target, scene.cameras[0].matrix
-            answer, seconds = timed(
-                lambda p=points, q=pixels, K=matrix, s=seed: yardstick.ransac_match(
-                    p, q, K, TOLERANCE * case.sigma, max_seconds=PATIENCE, seed=s, problem=case.problem
-                )
-            )
+            assignment, seconds = theirs(case, scene, seed, yardstick)
             if turn:
-                theirs.append((seconds, scene.accuracy(answer[0])))
+                other.append((seconds, scene.accuracy(assignment)))
     times, accuracies, evaluations = (np.array(column) for column in zip(*mine, strict=True))
     median, accuracy = float(np.median(times)), float(accuracies.mean())
     peer_median = peer_accuracy = peer_failures = None
     reached: bool | None = None if case.seconds is None else median <= case.seconds
-    if theirs:
-        peer_times, peer_accuracies = (np.array(column) for column in zip(*theirs, strict=True))
+    if other:
+        peer_times, peer_accuracies = (np.array(column) for column in zip(*other, strict=True))
         peer_median, peer_accuracy = float(np.median(peer_times)), float(peer_accuracies.mean())
         peer_failures = [seed for seed, value in zip(seeds, peer_accuracies, strict=True) if value < 0.5]
         reached = accuracy >= peer_accuracy - 0.01 and reached is not False

@@ -19,7 +19,7 @@ from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided.gather import hyperedges_among
+from rootmatch.guided.gather import hyperedges_among, random_hyperedges
 from rootmatch.guided.search import Search
 from rootmatch.kernels import (  # noqa: F401  (two of them register what they propose)
     kinds,
@@ -32,7 +32,7 @@ from rootmatch.tensor import AffinityTensor
 
 __all__ = ["Choice", "Guided", "Weighed", "can_propose", "pays"]
 
-CHANCE_SAMPLES = 2048
+CHANCE_SAMPLES = 1024
 """Random hyper-edges that tell how well chance does."""
 CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
 """Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
@@ -161,10 +161,9 @@ class Guided:
         search.run(progress)
         search.refine()
         source, target, share = hyperedges_among(search.settle(), shape, order, self, search.rng)
-        random = next(hyperedges.random_hyperedges(*shape, order, CHANCE_SAMPLES, seed, CHANCE_SAMPLES))
         with threads_for(len(source) // CHUNK):
             residuals = cpu.residuals(tables, kind, source, target)
-            by_chance = cpu.residuals(tables, kind, *random)
+            by_chance = cpu.residuals(tables, kind, *random_hyperedges(shape, order, CHANCE_SAMPLES, search.rng))
         keep = residuals <= weigh.gate
         indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
         tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)

@@ -66,3 +66,16 @@ def _subsets(found: Found, n: int, order: int, most: int, rng: np.random.Generat
     drawn = np.unique(drawn[(drawn[:, 1:] != drawn[:, :-1]).all(axis=1)], axis=0)
     drawn = drawn[np.sort(rng.permutation(len(drawn))[:most])]
     return points[drawn], len(drawn) / every
+
+
+def random_hyperedges(
+    shape: tuple[int, int], order: int, count: int, rng: np.random.Generator
+) -> tuple[Integers, Integers]:
+    """Uniform hyper-edges (count, d), a quick draw for few of them."""
+    chosen = []
+    for points in shape:
+        drawn = rng.integers(0, points, (count, order))
+        while len(same := np.flatnonzero((np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1))):
+            drawn[same] = rng.integers(0, points, (len(same), order))
+        chosen.append(drawn)
+    return chosen[0], chosen[1]
