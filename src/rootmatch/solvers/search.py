@@ -30,7 +30,7 @@ FIRST_ROUND, LARGEST_ROUND = 2, 64
 CLEAR, CLEAR_AFTER = 1.5, 24
 """After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
 
-RIVALS = 32
+RIVALS = 16
 """Candidates outside of all that was found from which an ascent is made in any case."""
 
 DENSE = 0.2
@@ -164,7 +164,7 @@ class Search:
             self.candidates, self.known(), self.index.n_target, order
         )
         # Fewer where an ascent is dear.
-        count = int(min(RIVALS, max(RIVALS / 8, RIVALS / 4 / self.effort)))
+        count = int(min(RIVALS, max(RIVALS / 4, RIVALS / 2 / self.effort)))
         rivals = different(self.candidates, open_, count)
         if rivals.size:
             self.climb(self.empty, self.alone(rivals))

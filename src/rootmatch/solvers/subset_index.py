@@ -25,8 +25,8 @@ from rootmatch.tensor import AffinityTensor
 PART_BITS = 17
 """2^17 buckets are sorted at a time: their counters, half a megabyte, stay in the cache of one core."""
 
-LONG = 8
-"""Buckets with more entries are sorted, so that those of one subset lie together."""
+FEW, LONG = 4, 32
+"""Buckets with more than FEW entries mostly hold one subset; those with more than LONG are sorted to find theirs."""
 
 
 class SubsetIndex(NamedTuple):
@@ -93,13 +93,12 @@ def _random_keys(count: int) -> NDArray[np.uint64]:
 
 
 @njit(cache=True)
-def _subset_hashes(indices, keys, e, out):  # type: ignore[no-untyped-def]
-    """Hashes of the d subsets of a hyper-edge: the sum of all keys less one."""
+def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
+    """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
     total = np.uint64(0)
-    for p in range(out.size):
+    for p in range(indices.shape[1]):
         total += keys[indices[e, p]]
-    for p in range(out.size):
-        out[p] = total - keys[indices[e, p]]
+    return total
 
 
 @njit(cache=True)
@@ -110,25 +109,26 @@ def _sort_at_once(  # type: ignore[no-untyped-def]
     edges, order = indices.shape
     down, tag_down, up = np.uint64(bucket_shift), np.uint64(tag_shift), np.uint64(edge_bits)
     tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
-    hashes = np.empty(order, np.uint64)
     # Counted two ahead, so that filling moves each to where the next bucket starts.
     start = np.zeros((1 << bits) + 2, np.uint32)
     for e in range(edges):
-        _subset_hashes(indices, keys, e, hashes)
+        total = _total_hash(indices, keys, e)
         for p in range(order):
-            start[np.int64(hashes[p] >> down) + 2] += np.uint32(1)
+            start[np.int64((total - keys[indices[e, p]]) >> down) + 2] += np.uint32(1)
     for bucket in range(2, start.size):
         start[bucket] += start[bucket - 1]
     entries = np.empty(edges * order, np.uint32)
     for e in range(edges):
-        _subset_hashes(indices, keys, e, hashes)
+        total = _total_hash(indices, keys, e)
         for p in range(order):
-            tag = (hashes[p] >> tag_down) & tag_mask
-            place = np.int64(hashes[p] >> down) + 1
-            entries[start[place]] = np.uint32((tag << up) | np.uint64(e))
-            start[place] += np.uint32(1)
-    for bucket in range(1 << bits):
-        _sort_long(entries, int(start[bucket]), int(start[bucket + 1]))
+            subset = total - keys[indices[e, p]]
+            own = np.int64(subset >> down) + 1
+            place = start[own]
+            entries[place] = np.uint32((((subset >> tag_down) & tag_mask) << up) | np.uint64(e))
+            start[own] = place + np.uint32(1)
+    for b in range(1 << bits):
+        if start[b + 1] - start[b] > LONG:
+            _sort_long(entries, int(start[b]), int(start[b + 1]))
     return start[: start.size - 1], entries
 
 
@@ -148,36 +148,35 @@ def _sort_by_parts(  # type: ignore[no-untyped-def]
 
     place = np.zeros((chunks, parts), np.int64)
     for chunk in prange(chunks):
-        hashes = np.empty(order, np.uint64)
         for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            _subset_hashes(indices, keys, e, hashes)
+            total = _total_hash(indices, keys, e)
             for p in range(order):
-                place[chunk, np.int64((hashes[p] >> down) >> part_down)] += 1
+                place[chunk, np.int64(((total - keys[indices[e, p]]) >> down) >> part_down)] += 1
     first = np.zeros(parts + 1, np.int64)
-    total = 0
+    before = 0
     for part in range(parts):
-        first[part] = total
+        first[part] = before
         for chunk in range(chunks):
             count = place[chunk, part]
-            place[chunk, part] = total
-            total += count
-    first[parts] = total
+            place[chunk, part] = before
+            before += count
+    first[parts] = before
 
     # Bucket and entry side by side.
     moved = np.empty(edges * order, np.uint64)
     for chunk in prange(chunks):
-        hashes = np.empty(order, np.uint64)
         for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            _subset_hashes(indices, keys, e, hashes)
+            total = _total_hash(indices, keys, e)
             for p in range(order):
-                bucket = hashes[p] >> down
-                tag = (hashes[p] >> tag_down) & tag_mask
-                own = np.int64(bucket >> part_down)
-                moved[place[chunk, own]] = (bucket << half) | (tag << up) | np.uint64(e)
-                place[chunk, own] += 1
+                subset = total - keys[indices[e, p]]
+                bucket = subset >> down
+                tag = (subset >> tag_down) & tag_mask
+                to = np.int64(bucket >> part_down)
+                moved[place[chunk, to]] = (bucket << half) | (tag << up) | np.uint64(e)
+                place[chunk, to] += 1
 
     start = np.empty((1 << bits) + 1, np.uint32)
-    start[1 << bits] = np.uint32(total)
+    start[1 << bits] = np.uint32(before)
     entries = np.empty(edges * order, np.uint32)
     for part in prange(parts):
         base = part * local
@@ -194,15 +193,14 @@ def _sort_by_parts(  # type: ignore[no-untyped-def]
             ends[bucket_in_part] += np.uint32(1)
         # Each end has moved to where the next bucket starts.
         for b in range(local):
-            _sort_long(entries, int(start[base + b]), int(ends[b]))
+            if ends[b] - start[base + b] > LONG:
+                _sort_long(entries, int(start[base + b]), int(ends[b]))
     return start, entries
 
 
 @njit(cache=True)
 def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
     """Ascending order of a long bucket, by Shell's steps: popular subsets may fill it with thousands."""
-    if last - first <= LONG:
-        return
     gap = 1
     while 9 * gap < last - first:
         gap = 3 * gap + 1
@@ -228,13 +226,23 @@ def index_support(index: SubsetIndex) -> NDArray[np.float64]:
     up, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
     for bucket in range(index.start.size - 1):
         t, last = np.int64(index.start[bucket]), np.int64(index.start[bucket + 1])
+        total, single = 0.0, last - t > FEW
+        if single:
+            # Most buckets of this length hold one subset only.
+            for s in range(t, last):
+                total += weights[entries[s] & mask]
+                single = single and entries[s] >> up == entries[t] >> up
+        if single:
+            for s in range(t, last):
+                support[entries[s] & mask] += total
+            continue
         if last - t <= LONG:
             for s in range(t, last):
-                total, own = 0.0, entries[s] >> up
+                total = 0.0
                 for r in range(t, last):
                     # A choice of values, not of ways: nobody could predict it.
                     h = weights[entries[r] & mask]
-                    total += h if entries[r] >> up == own else 0.0
+                    total += h if entries[r] >> up == entries[s] >> up else 0.0
                 support[entries[s] & mask] += total
             continue
         while t < last:
