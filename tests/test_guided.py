@@ -127,7 +127,7 @@ def test_more_points_than_hyperedges_can_be_kept() -> None:
 
 
 def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
-    scene = up2p_scene(12, 12, noise=2.0, seed=1)
+    scene = up2p_scene(12, 12, noise=8.0, seed=1)
     chance = of_scene(scene).chance
     tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
     source, target = next(hyperedges.random_hyperedges(12, 24, 3, 200_000, seed=99, block=200_000))

@@ -32,7 +32,7 @@ from rootmatch.tensor import AffinityTensor
 
 __all__ = ["Choice", "Guided", "Weighed", "can_propose", "pays"]
 
-CHANCE_SAMPLES = 1024
+CHANCE_SAMPLES = 4096
 """Random hyper-edges that tell how well chance does."""
 CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
 """Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
