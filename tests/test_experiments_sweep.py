@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, RootmatchError
 from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import run, units
-from tiny_sweep import METHODS, PLAN, SEEDS, UNITS, sweep
+from tiny_sweep import METHODS, PLAN, SEEDS, UNITS, dies, sweep
 
 ROWS = sum(len(sizes) for _, sizes in METHODS) * len(PLAN) * len(SEEDS)
 
@@ -141,3 +141,10 @@ def test_a_failing_unit_ends_the_sweep_and_keeps_what_was_done(tmp_path):
     with Store(path) as store, pytest.raises(RuntimeError, match="broken"):
         run(units(PLAN, SEEDS, store), store, jobs=1, function=fail_later)
     assert units_done(path) == 2
+
+
+def test_a_worker_that_dies_is_said_in_one_line_and_the_sweep_goes_on(tmp_path, unbroken):
+    path = tmp_path / "results.sqlite"
+    with Store(path) as store, pytest.raises(RootmatchError, match="a worker process died"):
+        run(units(PLAN, SEEDS, store), store, jobs=2, function=dies)
+    assert sweep(path, jobs=2) == unbroken

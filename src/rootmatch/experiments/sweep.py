@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
@@ -93,6 +95,8 @@ def run(
     ------
     InputError
         If Dask is not installed or the scheduler does not answer.
+    RootmatchError
+        If a worker dies; what is done is kept.
     """
     if not work:
         return
@@ -119,7 +123,16 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
     check_jobs(jobs)
     # One unit a batch: a batch comes back as a whole, and what is in flight is what a kill loses.
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-    yield from parallel(joblib.delayed(_timed)(function, unit) for unit in work)
+    with warnings.catch_warnings():
+        # A worker that has grown by 300 MB, as the compiler makes it, is replaced once it is idle; nothing is lost.
+        warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
+        try:
+            yield from parallel(joblib.delayed(_timed)(function, unit) for unit in work)
+        except BrokenProcessPool:
+            raise RootmatchError(
+                "a worker process died, of lack of memory perhaps; what is done is kept and the same command goes on, "
+                "with fewer --jobs if need be"
+            ) from None
 
 
 def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Result]:

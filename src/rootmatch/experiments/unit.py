@@ -67,7 +67,7 @@ class Stream:
 
     Attributes
     ----------
-    source, target : (E, d) int64 arrays
+    source, target : (E, d) int32 arrays
         Indices of the points of each hyper-edge drawn.
     group : (E,) int64 array
         Which different hyper-edge each is, numbered in the order of first appearance.
@@ -79,8 +79,8 @@ class Stream:
 
     def __init__(self, shape: tuple[int, int], order: int, count: int, seed: int) -> None:
         blocks = list(random_hyperedges(*shape, order, count, seed))
-        self.source = np.concatenate([block[0] for block in blocks]).astype(np.int64)
-        self.target = np.concatenate([block[1] for block in blocks]).astype(np.int64)
+        self.source = np.concatenate([block[0] for block in blocks])
+        self.target = np.concatenate([block[1] for block in blocks])
         rows = sorted_rows((self.source * shape[1] + self.target).astype(np.int32))
         base = math.prod(shape)
         if base**order >= 2**63:
