@@ -126,6 +126,23 @@ def test_more_points_than_hyperedges_can_be_kept() -> None:
     assert scene.accuracy(MultiStartAscent()(tensor).assignment) >= 0.95
 
 
+def test_a_symmetric_object_is_proposed_both_ways() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.uniform(-2.0, 2.0, (6, 3))
+    points = np.concatenate([half, half * [-1.0, -1.0, 1.0]])  # half a turn about z
+    partner = np.concatenate([np.arange(6, 12), np.arange(6)])
+    both = 0
+    for seed in range(6):
+        scene = p3p_scene(12, 12, noise=0.5, seed=seed)
+        ((R, t),) = scene.poses
+        pixels = scene.target.copy()
+        pixels[scene.truth] = scene.cameras[0].project(points @ R.T + t) + rng.normal(0.0, 0.5, (12, 2))
+        tensor, *_ = search(scene.problem, points, pixels, 0.5, seed=seed)
+        straight, turned = tensor.score(scene.truth), tensor.score(scene.truth[partner])
+        both += min(straight, turned) > 0.8 * max(straight, turned) > 0.3 * math.comb(12, 4)
+    assert both == 6
+
+
 def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     scene = up2p_scene(12, 12, noise=8.0, seed=1)
     chance = of_scene(scene).chance
@@ -151,6 +168,15 @@ def test_two_motions_are_both_proposed() -> None:
     for motion in (0, 1):
         alone = np.where(scene.motions == motion, scene.truth, -1)
         assert tensor.score(alone) >= 0.2 * math.comb(8, 4)
+
+
+def test_the_search_ends_when_all_motions_are_beyond_chance() -> None:
+    scene = p3p_scene(40, noise=0.5, seed=1, motions=2)
+    tensor, evaluated, *_ = of_scene(scene, motions=2)
+    assert evaluated < 0.2 * Guided().budget
+    for motion in (0, 1):
+        alone = np.where(scene.motions == motion, scene.truth, -1)
+        assert tensor.score(alone) >= 0.02 * math.comb(20, 4)
 
 
 def test_forbidden_correspondences_are_never_tried() -> None:

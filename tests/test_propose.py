@@ -200,9 +200,7 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     arrangements = np.array(list(permutations(range(n_target), m - 1)), dtype=np.int32)
     rules = Rules(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, least=n, normals=False)
     tasks = len(points) * len(arrangements)
-    found, ratios, counts = propose(
-        tables, built, rules, sets, arrangements, 0, tasks, (0, len(points)), EVERYTHING, 2000, 3
-    )
+    found, ratios, counts = propose(tables, built, rules, sets, arrangements, 0, tasks, EVERYTHING, 2000, 3)
     assert counts[:, 0].sum() == len(points) * math.perm(n_target, m)
     got = {(int(row[0]), *map(int, row[2:])) for row in found.reshape(-1, m + 2) if row[0] >= 0}
     assert (ratios[found[:, :, 0] >= 0] > 0.0).all()
@@ -243,7 +241,7 @@ def test_a_floor_saves_looks_and_keeps_the_truth() -> None:
     results = {}
     for floor in (-100.0, -3.5):
         rules = Rules(hit=3.0, fall=3.0, miss=-1.8, floor=floor, least=8, normals=False)
-        found, ratios, counts = propose(tables, built, rules, sets, arrangements, 0, 4 * 380, (0, 4), EVERYTHING, 4, 2)
+        found, ratios, counts = propose(tables, built, rules, sets, arrangements, 0, 4 * 380, EVERYTHING, 4, 2)
         best = found.reshape(-1, 5)[np.argmax(ratios)]
         assert np.array_equal(scene.truth[points[best[0]]], best[2:])
         results[floor] = counts.sum(axis=0)

@@ -6,6 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +15,6 @@ from rootmatch.affinity import Progress
 from rootmatch.guided.found import Found, Proposals
 from rootmatch.guided.sets import minimal_sets, others_of, widest
 from rootmatch.kernels import proposals
-from rootmatch.kernels.contraction import threads_for
 from rootmatch.kernels.propose import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.kernels.raster import build_raster
 from rootmatch.kernels.weigh import weigh
@@ -34,6 +34,10 @@ COMPLETE = 0.9
 """Part of the points that can be matched from which a proposal cannot be bettered by much."""
 PATIENCE = 1.0
 """True minimal sets that must have been met, on average, before an incomplete proposal is believed to be the best."""
+RIVAL_SETS = 3.0
+"""Minimal sets, all of them seen, for which the detections of the answer are tried in every other arrangement."""
+MANY_PARTS = 16
+"""Batches whose proposals are kept apart until they are joined and the weakest forgotten."""
 NEAR = 0.5
 """Part of the best evidence from which another proposal is an alternative."""
 CANDIDATE2 = 3.5**2
@@ -86,7 +90,9 @@ class Search:
         options: Guided,
         candidates: NDArray[np.bool_] | None,
     ) -> None:
-        self.tables, self.options, self.single = tables, options, motions == 1
+        self.tables, self.options = tables, options
+        self.single = motions == 1
+        self.motions = math.inf if motions == "auto" else float(motions)
         self.n, self.n_target = shape
         self.minimal = minimal
         self.rng = np.random.default_rng([seed, *shape])
@@ -107,20 +113,30 @@ class Search:
         arrangements = self.rng.permutation(hyperedges.target_arrangements(self.n_target, self.minimal - 1))
         batch = FIRST_BATCH
         for wave, points in enumerate(minimal_sets(self.places, self.minimal, self.rng)):
-            offset = self.rng.integers(0, len(arrangements), len(points))
-            sets = prepare_sets(self.tables, points, others_of(points, self.n), offset)
+            sets = self._sets(points, len(arrangements))
             rules = self._rules(wave)
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 last = min(tasks, done + max(CHUNKS, batch // (self.n_target - self.minimal + 1)))
-                self._try(sets, rules, arrangements, done, last)
+                self._try(sets, rules, arrangements, done, last, self.allowed)
                 done, batch = last, min(2 * batch, LARGEST_BATCH)
                 if progress is not None:
                     progress(min(self.evaluated, self.options.budget), self.options.budget)
-                if self._spent() or (self.single and self._enough()):
+                if self._spent():
                     return
-                if len(self.parts) > 16:
+                if self._enough():
+                    self._seek_rivals()
+                    return
+                if len(self.parts) > MANY_PARTS:
                     self._groups()
+
+    def _sets(self, points: Integers, arrangements: int) -> Sets:
+        """Minimal sets with what is the same for all their images, each beginning elsewhere in the arrangements."""
+        offset = self.rng.integers(0, arrangements, len(points))
+        # in random order: were the first ones looked up all hidden, or of another motion, the test would end too soon
+        others = self.rng.permuted(others_of(points, self.n), axis=1)
+        sets: Sets = prepare_sets(self.tables, points, others, offset)
+        return sets
 
     def _spent(self) -> bool:
         limit = self.options.max_seconds
@@ -128,17 +144,45 @@ class Search:
         return late or self.evaluated >= self.options.budget
 
     def _enough(self) -> bool:
-        """Whether the strongest proposal is beyond chance and a stronger one would have been met by now."""
+        """Whether as many proposals as there are motions are beyond chance, and stronger ones would have been met."""
         if not self.parts or max(part.evidence.max() for part in self.parts) <= self._accident():
             return False
         self.refine()
-        _, _, every = self._groups()
-        matched = int((every.best[0] >= 0).sum())
-        if matched >= COMPLETE * min(self.n, self.n_target):
+        leaders, _, every = self._groups()
+        covered = np.zeros(self.n, np.bool_)
+        sizes: list[int] = []
+        for leader in leaders[every.evidence[leaders] > self._accident()]:
+            matched = every.best[leader] >= 0
+            if (matched & covered).sum() <= ALIKE * matched.sum():
+                covered |= matched
+                sizes.append(int(matched.sum()))
+        if covered.sum() >= COMPLETE * min(self.n, self.n_target):
             return True
-        # how many minimal sets must be solved for one true one to be among them, on average
-        expected = math.perm(self.n_target, self.minimal) * (self.n / matched) ** self.minimal
-        return self.solved >= PATIENCE * expected
+        # how many minimal sets must be solved for one of the smallest motion's to be among them, on average
+        expected = math.perm(self.n_target, self.minimal) * (self.n / min(sizes)) ** self.minimal
+        return len(sizes) >= self.motions and self.solved >= PATIENCE * expected
+
+    def _seek_rivals(self) -> None:
+        """Whether the detections of the strongest proposal could as well be other points: a symmetric object.
+
+        Only they are tried as images, so this takes a fraction of what the search took.
+        """
+        _, _, every = self._groups()
+        images = every.best[0][every.best[0] >= 0]
+        mask = np.zeros((self.n, self.n_target), np.bool_)
+        mask[:, images] = True
+        if self.allowed.size:
+            mask &= self.allowed
+        few = hyperedges.target_arrangements(len(images), self.minimal - 1)
+        arrangements = np.ascontiguousarray(images[few].astype(np.int32))
+        wanted = math.ceil(RIVAL_SETS * (self.n / len(images)) ** self.minimal)
+        for points in minimal_sets(self.places, self.minimal, self.rng):
+            some = points[:wanted]
+            sets = self._sets(some, len(arrangements))
+            self._try(sets, self._rules(0), arrangements, 0, len(some) * len(arrangements), mask)
+            wanted -= len(some)
+            if wanted <= 0 or self._spent():
+                return
 
     def _accident(self) -> float:
         """Evidence that chance reaches once in a thousand searches as long as this one."""
@@ -158,19 +202,26 @@ class Search:
             normals=self.normals,
         )
 
-    def _try(self, sets: Sets, rules: Rules, arrangements: NDArray[np.int32], first: int, last: int) -> None:
+    def _try(
+        self,
+        sets: Sets,
+        rules: Rules,
+        arrangements: NDArray[np.int32],
+        first: int,
+        last: int,
+        allowed: NDArray[np.bool_],
+    ) -> None:
         """One batch of tasks."""
         solved = (last - first) * (self.n_target - self.minimal + 1)
         if self.single:
             most = max(LEAST_WEIGHED, solved // SOLVED_A_WEIGHED)
         else:
             most = max(LEAST_WEIGHED_OF_MANY, solved // SOLVED_A_WEIGHED_OF_MANY)
-        wave = (0, len(sets.points))
-        with threads_for(solved // WORTH_A_THREAD):
-            found, ratios, counts = propose(
-                self.tables, self.raster, rules, sets, arrangements, first, last, wave, self.allowed,
-                max(8, most // (CHUNKS // 2)), CHUNKS,
-            )  # fmt: skip
+        threads = max(1, min(numba.get_num_threads(), solved // WORTH_A_THREAD))
+        found, ratios, counts = propose(
+            self.tables, self.raster, rules, sets, arrangements, first, last, allowed,
+            max(8, most // (CHUNKS // 2)), CHUNKS, threads,
+        )  # fmt: skip
         self.solved += int(counts[:, 0].sum())
         self.tested += int(counts[:, 1].sum())
         self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
@@ -186,7 +237,9 @@ class Search:
             self.tables, points, images, self.density, CANDIDATE2, self.allowed, self.seen
         )
         self.evaluated += len(points) * (self.n - self.minimal)
-        self.parts.append(Proposals(points, images, evidence, best, candidates).taken(evidence > -np.inf))
+        real = evidence > -np.inf
+        if real.any():
+            self.parts.append(Proposals(points, images, evidence, best, candidates).taken(real))
 
     def refine(self) -> None:
         """Propose anew from within the best groups: minimal sets of their own correspondences, wide ones.

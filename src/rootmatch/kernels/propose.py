@@ -9,15 +9,16 @@ ratio test). What survives is weighed with the covariance of each prediction, in
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH
 from rootmatch.kernels.proposers import set_coordinates, set_frame, solve_set
-from rootmatch.kernels.raster import look_up
+from rootmatch.kernels.raster import Raster, look_up
 
 ROOTS = 4
 """Most solutions of a minimal set; where a problem has fewer, the others are not there."""
@@ -98,9 +99,20 @@ def _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, t
     return ratio, found, looked
 
 
-@njit(parallel=True, cache=True, fastmath=FASTMATH, error_model="numpy")
-def propose(tables, raster, rules, sets, arrangements, first, last, wave, allowed, keep, chunks):  # type: ignore[no-untyped-def]
-    """Best proposals among the tasks ``first … last − 1`` of a wave of minimal sets.
+def propose(
+    tables: Any,
+    raster: Raster,
+    rules: Rules,
+    sets: Sets,
+    arrangements: NDArray[np.int32],
+    first: int,
+    last: int,
+    allowed: NDArray[np.bool_],
+    keep: int,
+    chunks: int,
+    threads: int = 1,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Best proposals among the tasks ``first … last − 1``.
 
     Parameters
     ----------
@@ -108,13 +120,14 @@ def propose(tables, raster, rules, sets, arrangements, first, last, wave, allowe
     arrangements : (P, m − 1) int32 array
         Images of all points of a minimal set but the last, which runs over all detections.
     first, last : int
-        Task t is arrangement t // W + offset, modulo P, of set t % W of the wave of W sets.
-    wave : (first set, W)
+        Task t is arrangement t // S + offset, modulo P, of set t % S.
     allowed : (n, n') bool array, or (0, 0) for all
     keep : int
         Most proposals that a chunk reports.
     chunks : int
         Pieces that the tasks are cut into; the result depends on it, not on the number of threads.
+    threads : int
+        Threads of Python: compiled code does not hold its lock, and it compiles in half the time of a parallel loop.
 
     Returns
     -------
@@ -125,71 +138,79 @@ def propose(tables, raster, rules, sets, arrangements, first, last, wave, allowe
     counts : (chunks, 3) int64 array
         Minimal sets solved, solutions tested, points looked up.
     """
-    m = sets.points.shape[1]
-    found = np.full((chunks, keep, m + 2), -1, np.int64)
+    found = np.full((chunks, keep, sets.points.shape[1] + 2), -1, np.int64)
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
-    for chunk in prange(chunks):
-        _examine(
-            tables, raster, rules, sets, arrangements, wave, allowed,
-            first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks,
-            found[chunk], ratios[chunk], counts[chunk],
-        )  # fmt: skip
+
+    def examine(part: int) -> None:
+        some = chunks * part // threads, chunks * (part + 1) // threads
+        _examine(tables, raster, rules, sets, arrangements, allowed, first, last, some, chunks, found, ratios, counts)
+
+    if threads == 1:
+        examine(0)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(examine, range(threads)))
     return found, ratios, counts
 
 
-@njit(fastmath=FASTMATH, error_model="numpy")
-def _examine(tables, raster, rules, sets, arrangements, wave, allowed, first, last, found, ratios, counts):  # type: ignore[no-untyped-def]
-    """The tasks of one chunk; fills ``found`` (keep, m + 2), ``ratios`` (keep,) and ``counts`` (3,)."""
-    m = sets.points.shape[1]
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _examine(tables, raster, rules, sets, arrangements, allowed, first, last, some, chunks, found, ratios, counts):  # type: ignore[no-untyped-def]
+    """Chunks ``some[0] … some[1] − 1`` of the tasks."""
+    count, m = sets.points.shape
     n_target = raster.places.shape[1]
     masked = allowed.shape[0] > 0
     scratch = np.empty((2 * ROOTS, n_target))
     stamp = np.zeros(n_target, np.int64)
     j = np.empty(m, np.int64)
     tick = 0
-    weakest = 0
-    for task in range(first, last):
-        s = wave[0] + task % wave[1]
-        i = sets.points[s]
-        others = sets.others[s]
-        coordinates = sets.coordinates[s]
-        rank = (sets.offset[s] + task // wave[1]) % arrangements.shape[0]
-        possible = True
-        for p in range(m - 1):
-            j[p] = arrangements[rank, p]
-            possible = possible and (not masked or allowed[i[p], j[p]])
-        if not possible:
-            continue
-        solve_set(tables, i, j, scratch)
-        counts[0] += n_target - m + 1
-        for k in range(n_target):
-            free = not masked or allowed[i[m - 1], k]
+    for chunk in range(some[0], some[1]):
+        start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
+        weakest, solved, tested, looked = 0, 0, 0, 0
+        for task in range(start, end):
+            s = task % count
+            i = sets.points[s]
+            others = sets.others[s]
+            coordinates = sets.coordinates[s]
+            rank = (sets.offset[s] + task // count) % arrangements.shape[0]
+            possible = True
             for p in range(m - 1):
-                free = free and j[p] != k
-            if not free:
+                j[p] = arrangements[rank, p]
+                possible = possible and (not masked or allowed[i[p], j[p]])
+            if not possible:
                 continue
-            j[m - 1] = k
-            for root in range(ROOTS):
-                real, frame = set_frame(tables, raster, i, j, k, scratch, root)
-                if not real or (rules.normals and not _faces(raster, sets.own[s], j, frame)):
+            solve_set(tables, i, j, scratch)
+            solved += n_target - m + 1
+            for k in range(n_target):
+                free = not masked or allowed[i[m - 1], k]
+                for p in range(m - 1):
+                    free = free and j[p] != k
+                if not free:
                     continue
-                tick += 1
-                counts[1] += 1
-                for p in range(m):
-                    stamp[j[p]] = tick
-                ratio, hits, looks = _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, tick)
-                counts[2] += looks
-                if ratio > ratios[weakest] and hits + m >= rules.least:
-                    ratios[weakest] = ratio
-                    found[weakest, 0] = s
-                    found[weakest, 1] = root
+                j[m - 1] = k
+                for root in range(ROOTS):
+                    real, frame = set_frame(tables, raster, i, j, k, scratch, root)
+                    if not real or (rules.normals and not _faces(raster, sets.own[s], j, frame)):
+                        continue
+                    tick += 1
+                    tested += 1
                     for p in range(m):
-                        found[weakest, 2 + p] = j[p]
-                    weakest = 0
-                    for q in range(ratios.size):
-                        if ratios[q] < ratios[weakest]:
-                            weakest = q
+                        stamp[j[p]] = tick
+                    ratio, hits, looks = _verify(
+                        raster, rules, others, coordinates, masked, allowed, frame, stamp, tick
+                    )
+                    looked += looks
+                    if ratio > ratios[chunk, weakest] and hits + m >= rules.least:
+                        ratios[chunk, weakest] = ratio
+                        found[chunk, weakest, 0] = s
+                        found[chunk, weakest, 1] = root
+                        for p in range(m):
+                            found[chunk, weakest, 2 + p] = j[p]
+                        weakest = 0
+                        for q in range(ratios.shape[1]):
+                            if ratios[chunk, q] < ratios[chunk, weakest]:
+                                weakest = q
+        counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked
 
 
 @njit(fastmath=FASTMATH, error_model="numpy")

@@ -66,7 +66,7 @@ def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
     return _PROPOSERS[type(tables)]["predict"](tables, i, j, root, out)
 
 
-@overload(set_coordinates)
+@overload(set_coordinates, inline="always")
 def _coordinates_overload(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Callable[..., Any]:
     function = _PROPOSERS[tables.instance_class]["coordinates"]
 
@@ -76,7 +76,7 @@ def _coordinates_overload(tables: Any, i: Any, others: Any, place: Any, own: Any
     return implementation
 
 
-@overload(solve_set)
+@overload(solve_set, inline="always")
 def _solve_overload(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., Any]:
     function = _PROPOSERS[tables.instance_class]["solve"]
 
@@ -86,7 +86,7 @@ def _solve_overload(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., 
     return implementation
 
 
-@overload(set_frame)
+@overload(set_frame, inline="always")
 def _hypothesis_overload(
     tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any
 ) -> Callable[..., Any]:
@@ -98,7 +98,7 @@ def _hypothesis_overload(
     return implementation
 
 
-@overload(predict_set)
+@overload(predict_set, inline="always")
 def _predict_overload(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
     function = _PROPOSERS[tables.instance_class]["predict"]
 
