@@ -120,6 +120,8 @@ def derive(
         target=measurement(target, "target"),
         positive=positive,
     )
+    if not statement.source.noise_dimensions + statement.target.noise_dimensions:
+        raise InputError("target: both sets are exact; noise must enter somewhere, say by Points(3, noisy=True)")
     limits = _interval(interval)
     key = _key(statement, limits, constraints, sample is not None)
     stem = f"{name}-{key[:24]}"
@@ -226,7 +228,12 @@ def _derive(
     positive = [leaves.abstract(e, {x}) for e in conditions]
     made = draft(leaves, definitions.entries, coefficients, value, x, positive)
     header = _header(statement, built, removed)
-    trial = store.vetted(made.text(header), "derived")
+    try:
+        trial = store.vetted(made.text(header), "derived")
+    except RootmatchError:
+        raise InputError(
+            f"equations: they hold something other than arithmetic and {', '.join(store.FUNCTIONS)}; rewrite them"
+        ) from None
     evaluator = Evaluator(trial.plan, trial.functions, statement.source, statement.target)
     judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES))
     shared = judge.shared_count()

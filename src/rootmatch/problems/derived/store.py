@@ -10,7 +10,6 @@ that others could have written is not read.
 from __future__ import annotations
 
 import ast
-import contextlib
 import os
 import re
 import stat
@@ -69,23 +68,28 @@ def vetted(text: str, where: str = "generated") -> Generated:
     except (SyntaxError, ValueError) as error:
         raise RootmatchError(f"{where}: no Python text ({error}); delete the file") from None
     plan: dict[str, Any] | None = None
+    functions: list[ast.stmt] = []
     names = []
     for number, node in enumerate(tree.body):
         if number == 0 and _is_text(node):
             continue
         if isinstance(node, ast.Assign) and plan is None and _target(node) == "plan":
-            with contextlib.suppress(ValueError):
+            try:
                 plan = ast.literal_eval(node.value)
+            except ValueError:
+                raise _refusal(where, node.value) from None
             continue
         if isinstance(node, ast.FunctionDef):
             _check_function(node, where)
+            functions.append(node)
             names.append(node.name)
             continue
         raise _refusal(where, node)
     if not isinstance(plan, dict):
         raise RootmatchError(f"{where}: it holds no plan; delete the file")
+    # nothing but the functions that were looked at is compiled
     namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__, **FUNCTIONS}
-    exec(compile(tree, where, "exec"), namespace)
+    exec(compile(ast.Module(functions, []), where, "exec"), namespace)
     return Generated(text, plan, {name: namespace[name] for name in names})
 
 

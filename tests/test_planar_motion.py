@@ -1,0 +1,186 @@
+"""Planar motion against the plain epipolar equations, brute force over the motion, and scenes of a robot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+import oracles
+import robot_scenes
+from instances import axis_rotation
+from robot_scenes import DOWN, INTRINSICS
+from rootmatch import match, residuals
+from rootmatch.camera import Camera
+from rootmatch.errors import InputError
+from rootmatch.problems.planar_motion import PlanarMotion, derivation
+
+CAMERA = Camera(*INTRINSICS)
+
+
+def problem_of(scene: robot_scenes.Scene) -> PlanarMotion:
+    return PlanarMotion(CAMERA, axis=scene.vertical, axis2=scene.vertical)
+
+
+def epipolar_determinant(first: np.ndarray, second: np.ndarray, angle: float) -> float:
+    """Of two correspondences of rays: zero where some motion (tx, 0, tz) explains both at that turn."""
+    rows = [np.cross(axis_rotation(DOWN, angle) @ p, q)[[0, 2]] for p, q in zip(first, second, strict=True)]
+    return float(np.linalg.det(rows))
+
+
+def test_quadratic_is_the_epipolar_determinant() -> None:
+    """At ten angles, up to one factor: (1 + x²) comes from the determinant's x = tan(θ/2), another was taken off."""
+    angles = np.linspace(-1.2, 1.3, 10)
+    for seed in range(20):
+        scene = robot_scenes.robot(4, noise=2.0, seed=seed)
+        pixels = scene.source[:2], scene.target[scene.truth[:2]]
+        found = PlanarMotion(CAMERA).coefficients(pixels[0][None], pixels[1][None])[0]
+        rays = [oracles.bearings(p, INTRINSICS) for p in pixels]
+        expected = np.array([epipolar_determinant(*rays, a) / math.cos(a / 2.0) ** 2 for a in angles])
+        # det · (1 + x²) is the quadratic: 1 / cos² = 1 + x²
+        values = np.polyval(found, np.tan(angles / 2.0))
+        ratio = values[0] / expected[0]
+        np.testing.assert_allclose(values, ratio * expected, rtol=1e-9, atol=1e-12 * np.abs(values).max())
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.4])
+def test_the_truth_is_a_root(tilt: float) -> None:
+    for seed in range(50):
+        scene = robot_scenes.robot(2, seed=seed, tilt=tilt)
+        found = problem_of(scene).coefficients(scene.source[None], scene.target[None, scene.truth])[0]
+        turn = scene.angle
+        assert oracles.relative_value(found, math.tan(turn / 2.0)) < 1e-9
+
+
+def test_shipped_formulas_are_those_of_the_equation() -> None:
+    fresh = derivation(CAMERA)
+    scene = robot_scenes.robot(8, noise=1.0, seed=1)
+    rng = np.random.default_rng(0)
+    sets = np.array([rng.permutation(8)[:2] for _ in range(50)])
+    args = scene.source[sets], scene.target[sets]
+    np.testing.assert_allclose(fresh.coefficients(*args), PlanarMotion(CAMERA).coefficients(*args), rtol=1e-9)
+    shipped = PlanarMotion(CAMERA).derived
+    for name in ("minimal", "order", "degree", "constraints", "pair_count", "source_dimension", "target_dimension"):
+        assert getattr(shipped, name) == getattr(fresh, name) == getattr(PlanarMotion(CAMERA), name)
+
+
+def best_motion_chi2(scene: robot_scenes.Scene, first: np.ndarray, second: np.ndarray, sigma: float) -> float:
+    """Least squared reprojection error over σ² of three points in both views, over planar motions near the truth."""
+
+    def residual(v: np.ndarray) -> np.ndarray:
+        rotation = axis_rotation(DOWN, v[0])
+        move = np.array([np.sin(v[1]), 0.0, np.cos(v[1])])
+        points = v[2:].reshape(3, 3)
+        fx, fy, cx, cy = INTRINSICS
+        views = []
+        for xyz, seen in ((points, first), (points @ rotation.T + move, second)):
+            pixels = np.stack((fx * xyz[:, 0] / xyz[:, 2] + cx, fy * xyz[:, 1] / xyz[:, 2] + cy), axis=1)
+            views.append((pixels - seen) / sigma)
+        return np.concatenate(views).ravel()
+
+    heading = math.atan2(scene.translation[0], scene.translation[2])
+    start = np.concatenate(([scene.angle, heading], scene.points[:3].ravel() / np.linalg.norm(scene.translation)))
+    return 2.0 * float(least_squares(residual, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).cost)
+
+
+def test_joint_is_the_reprojection_error_of_the_best_motion() -> None:
+    sigma = 0.05
+    errors = []
+    index = np.arange(3)[None]
+    for seed in range(30):
+        scene = robot_scenes.robot(3, noise=sigma, seed=seed)
+        target = scene.target[scene.truth]
+        value = residuals(scene.source, target, PlanarMotion(CAMERA), index, index, "joint", sigma)[0]
+        expected = best_motion_chi2(scene, scene.source, target, sigma)
+        errors.append(abs(value**2 - expected) / max(expected, 0.1))
+    assert np.quantile(errors, 0.5) < 0.05
+    assert np.quantile(errors, 0.8) < 0.2
+
+
+def test_calibration() -> None:
+    true, wrong = [], []
+    for seed in range(60):
+        scene = robot_scenes.robot(8, noise=0.2, seed=seed, tilt=0.2)
+        rng = np.random.default_rng(seed)
+        source = np.array([rng.permutation(8)[:3] for _ in range(80)])
+        other = np.array([rng.permutation(8)[:3] for _ in range(80)])
+        problem = problem_of(scene)
+        true.append(residuals(scene.source, scene.target, problem, source, scene.truth[source], "joint", 0.2))
+        wrong.append(residuals(scene.source, scene.target, problem, source, other, "joint", 0.2))
+    squares = np.concatenate(true) ** 2
+    for share in (0.5, 0.9):
+        assert abs(np.mean(squares < chi2.ppf(share, 1)) - share) < 0.08
+    assert np.mean(np.concatenate(true) < 3.5) > 0.94
+    assert np.mean(np.concatenate(wrong) < 3.5) < 0.05
+
+
+@pytest.mark.parametrize(("outliers", "noise", "least"), [(0, 0.5, 0.97), (5, 0.3, 0.95)])
+def test_match(outliers: int, noise: float, least: float) -> None:
+    accuracy = []
+    for seed in range(12):
+        scene = robot_scenes.robot(10, outliers, noise, seed, tilt=0.2)
+        found = match(scene.source, scene.target, problem_of(scene), noise=noise)
+        accuracy.append(np.mean(found.assignment == scene.truth))
+    assert np.mean(accuracy) >= least
+
+
+class TestDegenerate:
+    """What the class says about configurations that determine nothing."""
+
+    def test_a_turn_alone_says_little(self) -> None:
+        """Wrong hyper-edges must not be better than 3.5 more often than chance allows; nothing is NaN."""
+        index = np.arange(3)[None]
+        values = []
+        for seed in range(40):
+            scene = robot_scenes.robot(3, noise=0.2, seed=seed, step=1e-6)
+            target = scene.target[scene.truth]
+            for turned in (target, target[[1, 2, 0]]):
+                value = residuals(scene.source, turned, PlanarMotion(CAMERA), index, index, "joint", 0.2)[0]
+                assert np.isfinite(value)
+                assert value >= 0.0
+            values.append(value)
+        assert np.mean(np.array(values) > 3.5) > 0.7
+
+    def test_points_on_the_horizon_say_nothing(self) -> None:
+        """Their rays lie in the plane of the motion, so every pair's quadratic vanishes altogether."""
+        rng = np.random.default_rng(0)
+        source = np.column_stack((rng.uniform(100.0, 500.0, 4), np.full(4, INTRINSICS[3])))
+        target = np.column_stack((rng.uniform(100.0, 500.0, 4), np.full(4, INTRINSICS[3])))
+        assert np.all(PlanarMotion(CAMERA).coefficients(source[None, :2], target[None, :2]) == 0.0)
+        index = np.arange(3)[None]
+        for kind in ("qr", "qr-both", "svd", "normalised", "joint"):
+            value = residuals(source, target, PlanarMotion(CAMERA), index, index, kind, 0.5)[0]
+            assert value >= 1.4
+
+    def test_half_a_turn_is_only_far_out(self) -> None:
+        """θ near π: the root is near infinity, where reversed coefficients find it."""
+        found = 0
+        for seed in range(20):
+            scene = robot_scenes.robot(3, noise=0.0, seed=seed)
+            # count the angle from another zero: turn the second camera's frame about the vertical
+            about = axis_rotation(DOWN, math.pi - scene.angle - 1e-3)
+            rays = oracles.bearings(scene.target[scene.truth], INTRINSICS) @ about.T
+            if rays[:, 2].max() > -0.1:
+                continue
+            pixels = CAMERA.project(-rays)  # the same lines, seen behind
+            value = PlanarMotion(CAMERA).coefficients(scene.source[None, :2], pixels[None, :2])[0]
+            assert oracles.relative_value(value, math.tan((math.pi - 1e-3) / 2.0)) < 1e-9
+            found += 1
+        assert found >= 5
+
+
+@pytest.mark.parametrize("change", [{"axis": (0.0, 0.0, 0.0)}, {"axis2": (0.0, 1.0)}, {"axis": (np.nan, 1.0, 0.0)}])
+def test_bad_axis(change: dict[str, tuple[float, ...]]) -> None:
+    with pytest.raises(InputError, match="axis"):
+        PlanarMotion(CAMERA, **change)
+
+
+def test_bad_points() -> None:
+    scene = robot_scenes.robot(4, seed=0)
+    with pytest.raises(InputError, match="at least 3"):
+        PlanarMotion(CAMERA).prepare(scene.source[:2], scene.target)
+    with pytest.raises(InputError, match="normals"):
+        PlanarMotion(CAMERA).prepare(scene.source, scene.target, 1.0, np.ones((4, 3)))
