@@ -100,19 +100,25 @@ def test_joint_is_the_reprojection_error_of_the_best_motion() -> None:
     assert np.quantile(errors, 0.8) < 0.2
 
 
-def test_calibration() -> None:
+@pytest.mark.parametrize(("noise", "tolerance"), [(0.02, 0.06), (0.2, 0.12)])
+def test_calibration(noise: float, tolerance: float) -> None:
+    """χ² with one degree of freedom to first order.
+
+    At 0.2 px first order is left behind, and the better of two roots counts: 60 % lie below the median, of the least
+    reprojection errors of such triples (`best_motion_chi2`) 51 %.
+    """
     true, wrong = [], []
     for seed in range(60):
-        scene = robot_scenes.robot(8, noise=0.2, seed=seed, tilt=0.2)
+        scene = robot_scenes.robot(8, noise=noise, seed=seed, tilt=0.2)
         rng = np.random.default_rng(seed)
         source = np.array([rng.permutation(8)[:3] for _ in range(80)])
         other = np.array([rng.permutation(8)[:3] for _ in range(80)])
         problem = problem_of(scene)
-        true.append(residuals(scene.source, scene.target, problem, source, scene.truth[source], "joint", 0.2))
-        wrong.append(residuals(scene.source, scene.target, problem, source, other, "joint", 0.2))
+        true.append(residuals(scene.source, scene.target, problem, source, scene.truth[source], "joint", noise))
+        wrong.append(residuals(scene.source, scene.target, problem, source, other, "joint", noise))
     squares = np.concatenate(true) ** 2
     for share in (0.5, 0.9):
-        assert abs(np.mean(squares < chi2.ppf(share, 1)) - share) < 0.08
+        assert abs(np.mean(squares < chi2.ppf(share, 1)) - share) < tolerance
     assert np.mean(np.concatenate(true) < 3.5) > 0.94
     assert np.mean(np.concatenate(wrong) < 3.5) < 0.05
 
