@@ -12,6 +12,7 @@ from rootmatch.affinity import affinity
 from rootmatch.experiments.settings import DEFAULT_ROAD, Method, Setting
 from rootmatch.experiments.unit import Stream, Task, Unit, evaluate, nested_tensors
 from rootmatch.hyperedges import random_hyperedges
+from rootmatch.solvers import MultiStartAscent
 
 RHO = {"p3p": 1e-8, "up2p": 1e-2, "3p1": 1e-6}
 SETTINGS = [Setting("p3p", 0, 0.1), Setting("up2p", 5, 0.5), Setting("3p1", 0, 0.1, 1.0), Setting("up2p", motions=2)]
@@ -74,6 +75,22 @@ def test_a_row_of_the_papers_method_is_what_match_finds(setting, solver):
         assert row.accuracy == scene.accuracy(match.assignment)
         assert row.hyperedges == match.tensor.size
         assert row.score == pytest.approx(match.score, rel=1e-9)
+
+
+@pytest.mark.parametrize("setting", [*SETTINGS, Setting("p3p", 10, 0.5)], ids=str)
+def test_a_row_of_the_default_road_is_from_the_tensor_of_match(setting):
+    """Up to 15 image points all hyper-edges are looked at, with more those drawn."""
+    rows = evaluate(Unit(5, (Task(setting, ((DEFAULT_ROAD, (2000, 60_000)),)),)))
+    scene = setting.scene(5)
+    for row in rows:
+        match = rm.match(
+            scene.source, scene.target, scene.problem, noise=max(scene.noise, 0.01), seed=5,
+            hyperedges="random", samples=row.samples, motions=scene.motions.max() + 1,
+        )  # fmt: skip
+        assert row.hyperedges == match.tensor.size > 0
+        solution = MultiStartAscent(keep=0)(match.tensor, seed=5)
+        assert row.score == pytest.approx(solution.score, rel=1e-9)
+        assert row.accuracy == scene.accuracy(solution.assignment)
 
 
 def test_more_samples_find_what_fewer_do_not():

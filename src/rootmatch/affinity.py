@@ -14,6 +14,7 @@ from rootmatch import hyperedges
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.kernels import kinds
+from rootmatch.kernels.rows import sorted_rows
 from rootmatch.tensor import AffinityTensor
 
 KINDS: dict[str, type[kinds.Kind]] = {
@@ -140,25 +141,26 @@ class _Strongest:
         return indices, residuals
 
 
-def exhaustive_tensor(
+def exhaustive_residuals(
     tables: Any,
     kind: kinds.Kind,
-    weigh: Affinity,
+    gate: float,
     shape: tuple[int, int],
     order: int,
     *,
     max_hyperedges: int = 5_000_000,
     candidates: NDArray[np.bool_] | None = None,
     progress: Progress | None = None,
-) -> tuple[AffinityTensor, int]:
-    """Tensor of all hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
+) -> tuple[NDArray[np.int32], NDArray[np.float64], int]:
+    """All hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
 
     Parameters
     ----------
     tables
         Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
     kind : Kind
-    weigh : Affinity
+    gate : float
+        Residual above which a hyper-edge is dropped.
     shape : (n, n')
     order : int
     max_hyperedges : int
@@ -170,7 +172,9 @@ def exhaustive_tensor(
 
     Returns
     -------
-    tensor : AffinityTensor
+    indices : (E, d) int32 array
+        Flat correspondences, increasing in the source points.
+    residuals : (E,) array
     evaluated : int
         How many hyper-edges were looked at.
     """
@@ -181,7 +185,7 @@ def exhaustive_tensor(
         np.empty((0, 0), dtype=np.bool_) if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_)
     )
     total = len(bases) * len(arrangements)
-    strongest = _Strongest(max_hyperedges, weigh.gate)
+    strongest = _Strongest(max_hyperedges, gate)
     capacity = 1 << 14
     evaluated = 0
     rank = 0
@@ -210,9 +214,26 @@ def exhaustive_tensor(
         rank = last
         if progress is not None:
             progress(rank, total)
-    indices, chosen = strongest.settle()
-    indices = indices.reshape(-1, order)
-    return AffinityTensor.unchecked(indices, weigh.weights(chosen), shape), evaluated
+    indices, residuals = strongest.settle()
+    return indices.reshape(-1, order), residuals, evaluated
+
+
+def exhaustive_tensor(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    *,
+    max_hyperedges: int = 5_000_000,
+    candidates: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> tuple[AffinityTensor, int]:
+    """Tensor of `exhaustive_residuals`, and how many hyper-edges were looked at."""
+    indices, residuals, evaluated = exhaustive_residuals(
+        tables, kind, weigh.gate, shape, order, max_hyperedges=max_hyperedges, candidates=candidates, progress=progress
+    )
+    return AffinityTensor.unchecked(indices, weigh.weights(residuals), shape), evaluated
 
 
 def random_tensor(
@@ -229,15 +250,21 @@ def random_tensor(
 ) -> tuple[AffinityTensor, int]:
     """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
 
-    A hyper-edge drawn twice is one entry of the tensor.
+    A hyper-edge drawn twice is one entry of the tensor. A residual in units of the noise is worked out with the source
+    points in increasing order, whatever the order that was drawn, as `exhaustive_residuals` does.
     """
     n, n_target = shape
+    increasing = weigh.residual.kind in NOISE_KINDS
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
     done = 0
     for source, target in hyperedges.random_hyperedges(n, n_target, order, samples, seed, mask=candidates):
+        flat = (source * n_target + target).astype(np.int32)
+        if increasing:
+            flat = sorted_rows(flat)
+            source, target = np.divmod(flat, n_target)
         residuals = cpu.residuals(tables, kind, source, target)
         keep = residuals <= weigh.gate
-        parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
+        parts.append((flat[keep], residuals[keep]))
         done += len(source)
         if progress is not None:
             progress(done, samples)

@@ -6,18 +6,21 @@ import math
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numba
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.affinity import Affinity, Residual, affinity
+from rootmatch.affinity import NOISE_KINDS, Affinity, Residual, affinity, exhaustive_residuals
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row
-from rootmatch.hyperedges import random_hyperedges, wide_first
+from rootmatch.hyperedges import exhaustive_count, random_hyperedges, wide_first
+from rootmatch.kernels import kinds
 from rootmatch.kernels.rows import sorted_rows
 from rootmatch.simulation import Scene
 from rootmatch.solvers import MultiStartAscent, PowerIteration, Solver
@@ -26,6 +29,10 @@ from rootmatch.tensor import AffinityTensor
 BLOCK = 1 << 14
 """Draws evaluated at once. The compiler may round the last few of a block otherwise than the rest, so blocks always
 begin at the same draws and are always whole: a residual then does not depend on how many are asked for."""
+
+MOST_SWEPT = 8_000_000
+"""Hyper-edges up to which all are looked at for the default road: neighbours share the roots of a minimal set, so that
+takes less time than a million in the order of the stream."""
 
 NOISE_FLOOR = 0.01
 """σ in pixels told to the default road for noise-free scenes: with 0 it would weigh nothing but rounding errors."""
@@ -85,12 +92,30 @@ class Stream:
         base = math.prod(shape)
         if base**order >= 2**63:
             raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
-        keys = np.zeros(count, dtype=np.int64)
-        for column in rows.T:
-            keys = keys * base + column
-        self.group, first = _groups(keys)
+        self.base = base
+        self.group, first = _groups(self._keys(rows))
         self.indices = np.ascontiguousarray(rows[first])
         self.seen = np.maximum.accumulate(self.group) + 1
+
+    def _keys(self, rows: NDArray[np.int32]) -> NDArray[np.int64]:
+        """One number for each row of correspondences, ascending as the rows do."""
+        keys = np.zeros(len(rows), dtype=np.int64)
+        for column in rows.T:
+            keys = keys * self.base + column
+        return keys
+
+    @cached_property
+    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        keys = self._keys(self.indices)
+        order = np.argsort(keys)
+        return keys[order], order
+
+    def groups_of(self, rows: NDArray[np.int32]) -> NDArray[np.intp]:
+        """Group of each row of ascending correspondences; −1 for those that are not in the stream."""
+        keys, order = self._sorted
+        wanted = self._keys(rows)
+        place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        return np.where(keys[place] == wanted, order[place], -1)
 
 
 @njit(cache=True)
@@ -174,6 +199,30 @@ def _evaluate(unit: Unit) -> Iterator[Row]:
         yield from _rows(unit.seed, task, scene, streams[key], shape)
 
 
+def _as_drawn(stream: Stream, tables: Any, kernel: kinds.Kind, draws: int) -> NDArray[np.float64]:
+    """Residuals of the first draws, the points of each in the order that was drawn, as the paper has it."""
+    starts = range(0, draws, BLOCK)
+    blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
+    return np.concatenate([cpu.residuals(tables, kernel, *block) for block in blocks])
+
+
+def _in_one_order(
+    stream: Stream, tables: Any, kernel: kinds.Kind, gate: float, shape: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
+    count, order = stream.indices.shape
+    residual = np.full(-(-count // BLOCK) * BLOCK, np.inf)
+    if exhaustive_count(*shape, order) <= MOST_SWEPT:
+        rows, found, _ = exhaustive_residuals(tables, kernel, gate, shape, order, max_hyperedges=MOST_SWEPT)
+        group = stream.groups_of(rows)
+        residual[group[group >= 0]] = found[group >= 0]
+        return residual
+    whole = np.resize(stream.indices, (len(residual), order))
+    for k in range(0, len(whole), BLOCK):
+        residual[k : k + BLOCK] = cpu.residuals(tables, kernel, *np.divmod(whole[k : k + BLOCK], shape[1]))
+    return residual
+
+
 def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int, int]) -> Iterator[Row]:
     """Rows of one task: each kind of residual is evaluated once, as far as any method needs it.
 
@@ -189,9 +238,12 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
         methods = [(method, sizes) for method, sizes in task.methods if method.residual == kind]
         chosen = Residual(kind)
         kernel = chosen.kernel_kind(scene.problem.pair_count)
-        starts = range(0, max(max(sizes) for _, sizes in methods), BLOCK)
-        blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
-        residual = np.concatenate([cpu.residuals(tables, kernel, *block) for block in blocks])
+        draws = max(max(sizes) for _, sizes in methods)
+        if kind in NOISE_KINDS:
+            gate = max(affinity(chosen, method.rho).gate for method, _ in methods)
+            residual = _in_one_order(stream, tables, kernel, gate, shape)[stream.group[:draws]]
+        else:
+            residual = _as_drawn(stream, tables, kernel, draws)
         for rho in dict.fromkeys(method.rho for method, _ in methods):
             same_rho = [(method, sizes) for method, sizes in methods if method.rho == rho]
             sizes = tuple(sorted({size for _, sizes in same_rho for size in sizes}))
