@@ -3,7 +3,6 @@
 import sympy as sp
 
 import rootmatch as rm
-from rootmatch.problems.symbolic import Bearings, Points, derive
 from rootmatch.simulation import p3p_scene
 
 a, b, c, x = sp.symbols("a b c x")
@@ -20,14 +19,14 @@ def cosine_laws(X, u):
 
 def main() -> int:
     scene = p3p_scene(n=10, outliers=3, noise=0.5, seed=4)
-    problem = derive(
+    problem = rm.derive(
         "cosine-laws",
         cosine_laws,
         minimal=3,
         shared=x,
         eliminate=[a, b, c],
-        source=Points(3),
-        target=Bearings(scene.cameras[0]),
+        source=rm.Points(3),
+        target=rm.Bearings(scene.cameras[0]),
         interval=(0, None),
     )
     print(f"a polynomial of degree {problem.degree}, {problem.constraints} constraints for {problem.order} points")

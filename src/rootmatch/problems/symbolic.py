@@ -99,7 +99,7 @@ def derive(
         turn = sympy.Matrix([[1 - x**2, 0, 2 * x], [0, 1 + x**2, 0], [-2 * x, 0, 1 - x**2]])
         move = sympy.Matrix([tx, 0, tz])
         problem = rm.derive("floor", each=lambda p, q: q.dot(move.cross(turn * p)), minimal=2, shared=x,
-                            eliminate=[tx, tz], source=Bearings(camera), target=Bearings(camera))
+                            eliminate=[tx, tz], source=rm.Bearings(camera), target=rm.Bearings(camera))
     """
     try:
         import sympy
