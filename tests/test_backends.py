@@ -16,6 +16,7 @@ from rootmatch.affinity import Affinity, Residual, affinity, exhaustive_tensor, 
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.kernels.padding import padded, target_columns
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.three_plus_one import ThreePlusOne
 from rootmatch.problems.up2p import UP2P
@@ -244,3 +245,27 @@ def test_the_first_samples_are_the_same_for_every_number_of_samples() -> None:
     first, second = as_dict(small, weigh), as_dict(large, weigh)
     assert set(first) < set(second)
     assert all(second[key] >= weight for key, weight in first.items())
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("kind", [QR(), Normalised(), Joint()])
+def test_room_behind_the_targets_changes_nothing(problem: str, kind: Any) -> None:
+    """Loops over padded tables fill whole vectors; what is in the padding is never found."""
+    n, n_target, order = 6, 9, ORDER[problem]
+    bases, arrangements = hyperedges.source_bases(n, order), hyperedges.target_arrangements(n_target, order - 1)
+    tables = scene(problem, n, n_target)
+    wider = padded(tables, n_target)
+    assert (target_columns(tables, n_target), target_columns(wider, n_target)) == (9, 16)
+    everywhere = np.empty((0, 0), dtype=bool)
+    gate = 1e-3 if isinstance(kind, QR) else 2.0
+    found = [
+        cpu.sweep(each, kind, bases, 0, len(bases) * 60, arrangements, gate, everywhere, 1 << 16, n_target, n, 3)
+        for each in (tables, wider)
+    ]
+    (codes, residuals, counts, evaluated), (codes2, residuals2, counts2, evaluated2) = found
+    assert 0 < counts.max() <= 1 << 16
+    np.testing.assert_array_equal(counts, counts2)
+    np.testing.assert_array_equal(evaluated, evaluated2)
+    for chunk, count in enumerate(counts):
+        np.testing.assert_array_equal(codes[chunk, :count], codes2[chunk, :count])
+        np.testing.assert_allclose(residuals[chunk, :count], residuals2[chunk, :count], rtol=1e-5, atol=1e-9)

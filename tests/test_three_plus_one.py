@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError
-from rootmatch.kernels.dispatch import slab_residual
+from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.problems.three_plus_one import ThreePlusOne
 from rootmatch.simulation import Scene, three_plus_one_scene
@@ -549,7 +549,9 @@ class TestSlab:
             j = rng.choice(12, 3, replace=False) if rng.random() < 0.5 else scene.truth[i]
             first = int(i[2]) + 1
             out = np.full((9 - first, 12), -1.0)
-            slab_residual(tables, kind, np.append(i, first), np.append(j, 0), first, np.empty((32, 9)), out)
+            rooms = np.empty((PANEL_ROWS, 12)), np.empty((SCRATCH_ROWS, 9))
+            fill_panel(tables, kind, np.append(i, first), np.append(j, 0), rooms[0])
+            slab_residual(tables, kind, np.append(i, first), np.append(j, 0), first, *rooms, out)
             rest = [k for k in range(12) if k not in j]
             sources = np.array([[*i, first + r] for r in range(9 - first) for _ in rest])
             targets = np.array([[*j, k] for _ in range(9 - first) for k in rest])

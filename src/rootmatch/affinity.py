@@ -14,6 +14,7 @@ from rootmatch import hyperedges
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.kernels import kinds
+from rootmatch.kernels.padding import padded
 from rootmatch.kernels.rows import sorted_rows
 from rootmatch.tensor import AffinityTensor
 
@@ -179,6 +180,7 @@ def exhaustive_residuals(
         How many hyper-edges were looked at.
     """
     n, n_target = shape
+    tables = padded(tables, n_target)
     bases = hyperedges.source_bases(n, order)
     arrangements = hyperedges.target_arrangements(n_target, order - 1)
     allowed = (

@@ -14,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.guided import Weighed
 from rootmatch.kernels import kinds
 from rootmatch.kernels.contraction import threads_for
+from rootmatch.kernels.padding import padded
 from rootmatch.match import Match, match
 from rootmatch.problems.problem import Problem, check_points
 from rootmatch.tensor import AffinityTensor
@@ -51,6 +52,7 @@ class SmallSweep:
     ) -> Weighed:
         """Tensor of all hyper-edges below the gate; see `rootmatch.guided.Choice`."""
         n, n_target = shape
+        tables = padded(tables, n_target)
         if (n, order) not in self.bases:
             self.bases[n, order] = hyperedges.source_bases(n, order)
         if (n_target, order) not in self.arrangements:

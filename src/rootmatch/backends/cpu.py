@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import SCRATCH_ROWS, edge_residual, slab_residual
+from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, edge_residual, fill_panel, slab_residual
+from rootmatch.kernels.padding import target_columns
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
@@ -62,11 +63,14 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
     evaluated = np.zeros(chunks, np.int64)
     total = last_rank - first_rank
     masked = allowed.shape[0] > 0
+    columns = target_columns(tables, targets)
     for chunk in prange(chunks):
         i = np.empty(d, np.int64)
         j = np.empty(d, np.int64)
         scratch = np.empty((SCRATCH_ROWS, points))
-        out = np.empty((points, targets))
+        out = np.empty((points, columns))
+        panel = np.empty((PANEL_ROWS, columns))
+        before = np.full(d, -1)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
         count = 0
         done = 0
         for rank in range(first_rank + total * chunk // chunks, first_rank + total * (chunk + 1) // chunks):
@@ -84,17 +88,24 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
             rows = points - first
             i[d - 1] = first
             j[d - 1] = 0
-            slab_residual(tables, kind, i, j, first, scratch, out[:rows])
+            known = before[d - 1] == base
+            for k in range(d - 2):
+                known = known and before[k] == j[k]
+                before[k] = j[k]
+            if not known:
+                before[d - 1] = base
+                fill_panel(tables, kind, i, j, panel)
+            slab_residual(tables, kind, i, j, first, panel, scratch, out[:rows])
             done += rows * (targets - d + 1)
             for r in range(rows):
                 line = out[r]
+                hits = 0
+                for m in range(columns):
+                    hits += line[m] <= gate
+                if hits == 0:
+                    continue
                 for k in range(d - 1):
                     line[arrangements[order, k]] = np.inf
-                least = np.inf
-                for m in range(targets):
-                    least = min(least, line[m])
-                if not (least <= gate):
-                    continue
                 for m in range(targets):
                     if line[m] <= gate and (not masked or allowed[first + r, m]):
                         if count < capacity:

@@ -26,12 +26,25 @@ kernel = njit(fastmath=FASTMATH, error_model="numpy")
 
 _EDGE: dict[tuple[type, type], Callable[..., Any]] = {}
 _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
+_PANEL: dict[tuple[type, type], Callable[..., Any]] = {}
 
 
-def register(tables: type, kind: type, edge: Callable[..., Any], slab: Callable[..., Any]) -> None:
-    """Make ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)`` the kernels of a pair."""
+def register(
+    tables: type,
+    kind: type,
+    edge: Callable[..., Any],
+    slab: Callable[..., Any],
+    panel: Callable[..., Any] | None = None,
+) -> None:
+    """Make these functions the kernels of a pair of types.
+
+    They are ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)``; with
+    ``panel(tables, kind, i, j, panel)`` the slab's is ``slab(tables, kind, i, j, first, panel, scratch, out)``.
+    """
     _EDGE[tables, kind] = edge
     _SLAB[tables, kind] = slab
+    if panel is not None:
+        _PANEL[tables, kind] = panel
 
 
 def slab_of_rows(row: Callable[..., Any]) -> Any:
@@ -52,26 +65,44 @@ def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     return float(_EDGE[type(tables), type(kind)](tables, kind, i, j))
 
 
+def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64], panel: NDArray[np.float64]) -> None:
+    """What slabs share whose minimal sets differ in the last image alone, into ``panel`` (PANEL_ROWS, n').
+
+    ``i[:d - 1]`` are the minimal set's source points and ``j[:d - 2]`` the images of all but its last point; the panel
+    has what follows with every image of that one, say the roots, found in one loop that vectorises.
+    """
+    if (type(tables), type(kind)) in _PANEL:
+        _PANEL[type(tables), type(kind)](tables, kind, i, j, panel)
+
+
 def slab_residual(
     tables: Any,
     kind: Any,
     i: NDArray[np.int64],
     j: NDArray[np.int64],
     first: int,
+    panel: NDArray[np.float64],
     scratch: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
     """Residuals ``out`` (m, n') of a minimal set with every last correspondence (first + r, k), r < m, k < n'.
 
     ``i`` and ``j`` (d,) hold the minimal set; their last entries are free for the kernel. Entries of ``out`` whose k is
-    among ``j[:d - 1]`` belong to no hyper-edge and mean nothing. ``scratch`` has at least (SCRATCH_ROWS, m) entries.
-    What depends on the minimal set alone is computed once: that is most of the work.
+    among ``j[:d - 1]`` belong to no hyper-edge and mean nothing. ``panel`` is as `fill_panel` left it for this minimal
+    set or for one that differs in ``j[d - 2]`` alone; ``scratch`` has at least (SCRATCH_ROWS, m) entries. What depends
+    on the minimal set alone is computed once: that is most of the work.
     """
-    _SLAB[type(tables), type(kind)](tables, kind, i, j, first, scratch, out)
+    key = type(tables), type(kind)
+    if key in _PANEL:
+        _SLAB[key](tables, kind, i, j, first, panel, scratch, out)
+    else:
+        _SLAB[key](tables, kind, i, j, first, scratch, out)
 
 
 SCRATCH_ROWS = 32
 """Rows of the scratch array that every caller of a slab kernel provides."""
+PANEL_ROWS = 16
+"""Rows of the panel that every caller of a slab kernel provides."""
 
 
 @overload(edge_residual)
@@ -84,14 +115,35 @@ def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]
     return implementation
 
 
-@overload(slab_residual)
-def _slab_overload(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Callable[..., Any]:
-    function = _SLAB[tables.instance_class, kind.instance_class]
+@kernel
+def _no_panel(tables, kind, i, j, panel):  # type: ignore[no-untyped-def]
+    """Panel kernel of those that have none."""
 
-    def implementation(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Any:
-        function(tables, kind, i, j, first, scratch, out)
+
+@overload(fill_panel)
+def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Callable[..., Any]:
+    function: Callable[..., Any] = _PANEL.get((tables.instance_class, kind.instance_class), _no_panel)
+
+    def implementation(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Any:
+        function(tables, kind, i, j, panel)
 
     return implementation
+
+
+@overload(slab_residual)
+def _slab_overload(
+    tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any
+) -> Callable[..., Any]:
+    key = tables.instance_class, kind.instance_class
+    function = _SLAB[key]
+
+    def plain(tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any) -> Any:
+        function(tables, kind, i, j, first, scratch, out)
+
+    def with_panel(tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any) -> Any:
+        function(tables, kind, i, j, first, panel, scratch, out)
+
+    return with_panel if key in _PANEL else plain
 
 
 def kinds_of(tables: type) -> tuple[type, ...]:

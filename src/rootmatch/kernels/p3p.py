@@ -21,12 +21,15 @@ from rootmatch.kernels.bezout import (
 )
 from rootmatch.kernels.dispatch import kernel, register, scalar, slab_of_rows
 from rootmatch.kernels.kinds import QR, SVD, QRBoth
+from rootmatch.kernels.padding import register_targets
 from rootmatch.kernels.sylvester import smallest_singular_value_quartic
 
 STEP = 0.3
 """x = 1 + STEP z. At the paper's ranges |z| stays below 1, where the Bézout matrix is well scaled."""
 LARGE = 1e6
 """The residual of a hyper-edge that says nothing: no information is not agreement."""
+COINCIDENT = 1e-20
+"""Versine of the angle below which two bearings are one."""
 
 
 class P3PTables(NamedTuple):
@@ -44,6 +47,9 @@ class P3PTables(NamedTuple):
     """(n',) variance of a bearing, radians² on each axis across it."""
     normals: NDArray[np.float64]
     """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
+
+
+register_targets(P3PTables, "rays", "versine", "variance")
 
 
 @scalar
@@ -95,7 +101,7 @@ def quartic_in_ratio(A, B, C, hp, hq, hr):  # type: ignore[no-untyped-def]
 @scalar
 def distinct(hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
     """Whether no two bearings are one: there x = 1 solves every quartic, and agreement says nothing."""
-    return min(min(hab, hbc, hca), min(hbd, hda)) > 1e-20
+    return min(min(hab, hbc, hca), min(hbd, hda)) > COINCIDENT
 
 
 @scalar

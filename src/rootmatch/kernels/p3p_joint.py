@@ -16,7 +16,7 @@ import numpy as np
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import Joint
 from rootmatch.kernels.p3p import LARGE, P3PTables
-from rootmatch.kernels.p3p_roots import ratio_pairs
+from rootmatch.kernels.p3p_roots import ratio_pairs, solve_all
 from rootmatch.kernels.vector import cross, dot
 
 VAGUE2 = 1e-2
@@ -171,7 +171,7 @@ def affine_coordinates(affine, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+def slab_joint(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
     """Slab kernel of `Joint`."""
     s = t.distance2
     h = t.versine
@@ -180,7 +180,6 @@ def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-d
     rows, columns = out.shape
     A = s[i[0], i[1]]
     hab = h[j[0], j[1]]
-    ratios = ratio_pairs(A, s[i[1], i[2]], s[i[0], i[2]], hab, h[j[1], j[2]], h[j[0], j[2]])
     ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
     bx, by, bz = u[0, j[1]], u[1, j[1]], u[2, j[1]]
     cx, cy, cz = u[0, j[2]], u[1, j[2]], u[2, j[2]]
@@ -188,9 +187,12 @@ def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-d
     affine = affine_frame(t, i[0], i[1], i[2])
     px, py, pz = t.points[0, first:], t.points[1, first:], t.points[2, first:]
     rx, ry, rz = u[0], u[1], u[2]
-    fresh = True
+    found = False
+    for r in range(rows):
+        for m in range(columns):
+            out[r, m] = LARGE * LARGE
     for k in range(4):
-        x, y = ratios[2 * k], ratios[2 * k + 1]
+        x, y = panel[2 * k, j[2]], panel[2 * k + 1, j[2]]
         if not (x > 0.0 and y > 0.0):
             continue
         frame = solution_frame(A, x, y, hab, ax, ay, az, bx, by, bz, cx, cy, cz)
@@ -222,18 +224,14 @@ def slab_joint(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-d
                 scratch[11, r],
             )
             line = out[r]
-            if fresh:
-                for m in range(columns):
-                    line[m] = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
-            else:
-                for m in range(columns):
-                    chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
-                    line[m] = min(line[m], chi2)
-        fresh = False
+            for m in range(columns):
+                chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
+                line[m] = min(line[m], chi2)
+        found = True
     for r in range(rows):
         line = out[r]
         for m in range(columns):
-            line[m] = LARGE if fresh else np.sqrt(line[m])
+            line[m] = np.sqrt(line[m]) if found else LARGE
 
 
 @kernel
@@ -269,4 +267,12 @@ def edge_joint(t, kind, i, j):  # type: ignore[no-untyped-def]
     return np.sqrt(least)
 
 
-register(P3PTables, Joint, edge_joint, slab_joint)
+@kernel
+def panel_joint(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
+    """Panel kernel of `Joint`: the roots for every third image."""
+    s = t.distance2
+    h = t.versine
+    solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], h[j[0], j[1]], h[j[1]], h[j[0]], panel)
+
+
+register(P3PTables, Joint, edge_joint, slab_joint, panel_joint)

@@ -12,8 +12,8 @@ import numpy as np
 
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import Normalised
-from rootmatch.kernels.p3p import LARGE, SHARED_FIRST, STEP, P3PTables, distinct, quadratics
-from rootmatch.kernels.p3p_roots import ratio_pairs
+from rootmatch.kernels.p3p import COINCIDENT, LARGE, SHARED_FIRST, STEP, P3PTables, distinct, quadratics
+from rootmatch.kernels.p3p_roots import ratio_pairs, solve_all
 
 
 @scalar
@@ -82,32 +82,104 @@ def normalised2(p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd, hda, hcd
     return ratio if known else LARGE * LARGE
 
 
+@scalar
+def linear_forms(A, B2, C2, hab, x, dp):  # type: ignore[no-untyped-def]
+    """What the quartic of abd at x takes from a, b and d before their images are known; see `squared`."""
+    n2, n1, n0, _, _, m2, m1, m0 = quadratics(A, B2, C2, hab, 0.0, 0.0, STEP)
+    z = (x - 1.0) / STEP
+    inverse = 1.0 / (dp if dp != 0.0 else 1e-300)
+    N, M = (n2 * z + n1) * z + n0, 4.0 * ((m2 * z + m1) * z + m0)
+    by_ab = 2.0 * x / A
+    return (
+        N, M, (2.0 * n2 * z + n1) * inverse, STEP * inverse, 4.0 * (2.0 * m2 * z + m1) * inverse,
+        4.0 * C2 * by_ab, (B2 - C2) * by_ab,
+    )  # fmt: skip
+
+
+@scalar
+def squared(forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd, hda, hcd, waa, wbb, wab, tad, tbd):  # type: ignore[no-untyped-def]
+    """`normalised2` divided through by p', with all that does not depend on d's image taken out."""
+    N, M, inner_slope, mixed_slope, M_slope, c2, bc = forms
+    D = x * hbd - hda - (x - 1.0)
+    D2 = D * D
+    MD = M * D
+    K = MD - 4.0 * N * (1.0 - hda)
+    mixed = K + MD
+    inner = 2.0 * N - 4.0 * (1.0 - hda) * D
+    s = inner * inner_slope + mixed * (hbd - 1.0) * mixed_slope + D2 * M_slope
+    f = s * p - (N * N + D * K)
+    g_ab = s * p_ab - (c2 * D2 - bc * inner)
+    g_bd = x * mixed
+    g_da = 4.0 * N * D - mixed
+    variance = g_ab * (g_ab * k1 + s * k3 + g_da * tad + g_bd * tbd)
+    variance += s * (s * k2 + g_da * k4 * (hca + hda - hca * hda - hcd) + g_bd * k5 * (hbc + hbd - hbc * hbd - hcd))
+    variance += g_da * (g_da * waa + g_bd * wab) + g_bd * g_bd * wbb
+    ratio = f * f / variance
+    # collinear triples cancel to a variance below 0: no information
+    return ratio if 0.0 <= ratio < LARGE * LARGE else LARGE * LARGE
+
+
 @kernel
-def row_of_pair(t, a, b, c, d, k, l, m, out):  # type: ignore[no-untyped-def]  # noqa: E741
-    """Normalised resultants with (a, k), (b, l), (c, m) and d at every target."""
+def panel_normalised(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
+    """Panel kernel of `Normalised`: the roots for every third image, and d's part of the variance for every image.
+
+    Rows 8 to 12: weights of g_da², g_bd², g_da g_bd, g_ab g_da and g_ab g_bd.
+    """
+    s = t.distance2
+    h = t.versine
+    hab = h[j[0], j[1]]
+    va, vb, v = t.variance[j[0]], t.variance[j[1]], t.variance
+    hbd, hda = h[j[1]], h[j[0]]
+    solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], hab, hbd, hda, panel)
+    for n in range(panel.shape[1]):
+        apart = min(hbd[n], hda[n]) > COINCIDENT
+        panel[8, n] = (va + v[n]) * hda[n] * (2.0 - hda[n]) if apart else np.nan
+        panel[9, n] = (vb + v[n]) * hbd[n] * (2.0 - hbd[n])
+        panel[10, n] = 2.0 * v[n] * tangent_gram(hda[n], hbd[n], hab)
+        panel[11, n] = 2.0 * va * tangent_gram(hab, hda[n], hbd[n])
+        panel[12, n] = 2.0 * vb * tangent_gram(hab, hbd[n], hda[n])
+
+
+@kernel
+def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
+    """Normalised resultants of the triple with every last correspondence."""
     s = t.distance2
     h = t.versine
     v = t.variance
-    A, B, C, B2, C2 = s[a, b], s[b, c], s[a, c], s[b, d], s[a, d]
-    hab, hbc, hca = h[k, l], h[l, m], h[k, m]
-    va, vb, vc = v[k], v[l], v[m]
-    hbd, hda, hcd = h[l], h[k], h[m]
-    ratios = ratio_pairs(A, B, C, hab, hbc, hca)
-    fresh = True
+    A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
+    hab, hbc, hca = h[j[0], j[1]], h[j[1], j[2]], h[j[0], j[2]]
+    va, vb, vc = v[j[0]], v[j[1]], v[j[2]]
+    hbd, hda, hcd = h[j[1]], h[j[0]], h[j[2]]
+    waa, wbb, wab, tad, tbd = panel[8], panel[9], panel[10], panel[11], panel[12]
+    rows, columns = out.shape
+    for r in range(rows):
+        for n in range(columns):
+            out[r, n] = LARGE * LARGE
+    apart = min(min(hab, hbc), hca) > COINCIDENT
     for root in range(4):
-        x, y = ratios[2 * root], ratios[2 * root + 1]
-        if not (x > 0.0 and y > 0.0):
+        x, y = panel[2 * root, j[2]], panel[2 * root + 1, j[2]]
+        if not (x > 0.0 and y > 0.0 and apart):
             continue
-        z = (x - 1.0) / STEP
-        p, dp, p_ab, p_bc, p_ca = value_and_partials(A, B, C, hab, hbc, hca, z)
-        for n in range(out.shape[0]):
-            r = normalised2(
-                p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd[n], hda[n], hcd[n], va, vb, vc, v[n], z
-            )
-            out[n] = r if fresh else min(out[n], r)
-        fresh = False
-    for n in range(out.shape[0]):
-        out[n] = LARGE if fresh else np.sqrt(out[n])
+        p, dp, p_ab, p_bc, p_ca = value_and_partials(A, B, C, hab, hbc, hca, (x - 1.0) / STEP)
+        k1 = (va + vb) * hab * (2.0 - hab)
+        k2 = va * p_ca * p_ca * hca * (2.0 - hca) + vb * p_bc * p_bc * hbc * (2.0 - hbc)
+        k2 += vc * variance_of_two(hca, hbc, hab, p_ca, p_bc)
+        k3 = 2.0 * (va * p_ca * tangent_gram(hab, hca, hbc) + vb * p_bc * tangent_gram(hab, hbc, hca))
+        k4, k5 = 2.0 * va * p_ca, 2.0 * vb * p_bc
+        for r in range(rows):
+            d = first + r
+            line = out[r]
+            forms = linear_forms(A, s[i[1], d], s[i[0], d], hab, x, dp)
+            for n in range(columns):
+                ratio = squared(
+                    forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd[n], hda[n], hcd[n],
+                    waa[n], wbb[n], wab[n], tad[n], tbd[n],
+                )  # fmt: skip
+                line[n] = min(line[n], ratio)
+    for r in range(rows):
+        line = out[r]
+        for n in range(columns):
+            line[n] = np.sqrt(line[n])
 
 
 @kernel
@@ -145,16 +217,16 @@ def edge_normalised(t, kind, i, j):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def slab_normalised(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+def slab_normalised(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
     """Slab kernel of `Normalised`."""
-    for r in range(out.shape[0]):
-        i[3] = first + r
-        if kind.pairs == 1:
-            row_of_pair(t, i[0], i[1], i[2], i[3], j[0], j[1], j[2], out[r])
-        else:
+    if kind.pairs == 1:
+        slab_of_pair(t, i, j, first, panel, out)
+    else:
+        for r in range(out.shape[0]):
+            i[3] = first + r
             for n in range(out.shape[1]):
                 j[3] = n
                 out[r, n] = edge_normalised(t, kind, i, j)
 
 
-register(P3PTables, Normalised, edge_normalised, slab_normalised)
+register(P3PTables, Normalised, edge_normalised, slab_normalised, panel_normalised)

@@ -15,7 +15,7 @@ from rootmatch.kernels.p3p_joint import (
     solution_frame,
     triple_faces,
 )
-from rootmatch.kernels.p3p_roots import ratio_pairs
+from rootmatch.kernels.p3p_roots import ratio_pairs, solve_all
 from rootmatch.kernels.proposers import register_proposer
 from rootmatch.kernels.vector import cross
 
@@ -47,13 +47,7 @@ def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
     s = t.distance2
     h = t.versine
     A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
-    hab = h[j[0], j[1]]
-    hbc, hca = h[j[1]], h[j[0]]
-    for k in range(scratch.shape[1]):
-        (
-            scratch[0, k], scratch[1, k], scratch[2, k], scratch[3, k],
-            scratch[4, k], scratch[5, k], scratch[6, k], scratch[7, k],
-        ) = ratio_pairs(A, B, C, hab, hbc[k], hca[k])  # fmt: skip
+    solve_all(A, B, C, h[j[0], j[1]], h[j[1]], h[j[0]], scratch)
 
 
 @scalar

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.kernels.dispatch import scalar
+from rootmatch.kernels.dispatch import kernel, scalar
 from rootmatch.kernels.p3p import STEP, quadratics, quartic
 from rootmatch.kernels.polynomial import roots_quartic
 
@@ -62,3 +62,12 @@ def ratio_pairs(A, B, C, hab, hbc, hca):  # type: ignore[no-untyped-def]
     x2, y2 = ratio_pair(A, B, C, hab, hbc, hca, r2)
     x3, y3 = ratio_pair(A, B, C, hab, hbc, hca, r3)
     return x0, y0, x1, y1, x2, y2, x3, y3
+
+
+@kernel
+def solve_all(A, B, C, hab, hbc, hca, panel):  # type: ignore[no-untyped-def]
+    """`ratio_pairs` of a triple of source points with every image of the third, into rows 0 to 7 of the panel."""
+    for k in range(panel.shape[1]):
+        (
+            panel[0, k], panel[1, k], panel[2, k], panel[3, k], panel[4, k], panel[5, k], panel[6, k], panel[7, k],
+        ) = ratio_pairs(A, B, C, hab, hbc[k], hca[k])  # fmt: skip

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.kernels.dispatch import kernel, scalar
+from rootmatch.kernels.dispatch import scalar
 
 THIRD = 1.0 / 3.0
 
@@ -60,22 +60,47 @@ def roots_quadratic(a2, a1, a0):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def cube_root(v):  # type: ignore[no-untyped-def]
+    """Cube root of v ≥ 0 by square roots alone, which vectorise as powers do not: v^(21/64), then Halley's steps."""
+    fourth = math.sqrt(math.sqrt(v))
+    sixteenth = math.sqrt(math.sqrt(fourth))
+    s = fourth * sixteenth * math.sqrt(math.sqrt(sixteenth))
+    for _ in range(3):
+        cube = s * s * s
+        below = 2.0 * cube + v
+        s *= (cube + 2.0 * v) / (below if below > 0.0 else 1.0)
+    return s
+
+
+@scalar
+def cosine_of_third(w):  # type: ignore[no-untyped-def]
+    """cos(acos(w) / 3) for 0 ≤ w ≤ 1: the simple root of 4v³ − 3v = w, from a parabola 3e-4 off and Newton's steps."""
+    v = 0.86635526 + (0.16009645 - 0.02671697 * w) * w
+    for _ in range(2):
+        v2 = v * v
+        v -= ((4.0 * v2 - 3.0) * v - w) / (12.0 * v2 - 3.0)
+    return v
+
+
+@scalar
 def largest_root_cubic(a2, a1, a0):  # type: ignore[no-untyped-def]
-    """Largest real root of x³ + a2 x² + a1 x + a0 (Viète's cosine for three real roots, Cardano's radical for one)."""
+    """Largest real root of x³ + a2 x² + a1 x + a0 (Viète's cosine for three real roots, Cardano's radical for one).
+
+    Both are computed and one is chosen, by arithmetic and square roots alone, so that a loop over cubics vectorises.
+    Half the angle goes into Viète's cosine: its cosine w, unlike that of the whole, leaves a third of it well
+    conditioned where the largest root is a double one.
+    """
     shift = THIRD * a2
     q = shift * shift - THIRD * a1
     r = shift * (shift * shift - 0.5 * a1) + 0.5 * a0
     q3 = q * q * q
-    if r * r < q3:
-        size = math.sqrt(q)
-        cosine = -r / (size * q)
-        x = 2.0 * size * math.cos(THIRD * math.acos(min(1.0, max(-1.0, cosine)))) - shift
-    else:
-        size = (abs(r) + math.sqrt(r * r - q3)) ** THIRD
-        size = -size if r > 0.0 else size
-        x = size + (q / size if size != 0.0 else 0.0) - shift
-        # with r = √q³ the double root is the larger one
-        x = max(x, math.sqrt(max(q, 0.0)) - shift) if r * r == q3 else x
+    size = math.sqrt(max(q, 0.0))
+    weight = size * q
+    three = (r * r <= q3) & (weight > 0.0)
+    v = cosine_of_third(math.sqrt(min(1.0, max(0.0, 0.5 - 0.5 * r / (weight if weight > 0.0 else 1.0)))))
+    radical = cube_root(abs(r) + math.sqrt(max(r * r - q3, 0.0)))
+    single = radical + q / (radical if radical > 0.0 else 1.0)
+    x = (size * (4.0 * v * v - 2.0) if three else (-single if r > 0.0 else single)) - shift
     for _ in range(2):
         slope = (3.0 * x + 2.0 * a2) * x + a1
         value = ((x + a2) * x + a1) * x + a0
@@ -93,7 +118,13 @@ def polish(a4, a3, a2, a1, a0, x):  # type: ignore[no-untyped-def]
     return y if abs(value_quartic(a4, a3, a2, a1, a0, y)) < abs(before) else x
 
 
-@kernel
+@scalar
+def polish_twice(a4, a3, a2, a1, a0, x):  # type: ignore[no-untyped-def]
+    """Two steps of `polish`."""
+    return polish(a4, a3, a2, a1, a0, polish(a4, a3, a2, a1, a0, x))
+
+
+@scalar
 def roots_quartic(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     """Roots of a quartic by Descartes' factors (y² + uy + s)(y² − uy + t) and two Newton steps.
 
@@ -123,11 +154,9 @@ def roots_quartic(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     z = largest_root_cubic(2.0 * p, p * p - 4.0 * r, -q * q)
     u = math.sqrt(max(z, 0.0))
     half = 0.5 * (p + u * u)
-    if u * u > 0.01 * abs(p):
-        split = 0.5 * q / u
-    else:  # nearly a quadratic in y², where q and u both vanish
-        split = math.sqrt(max(half * half - r, 0.0))
-        split = split if q >= 0.0 else -split
+    # of what is nearly a quadratic in y², q and u both vanish
+    even = math.sqrt(max(half * half - r, 0.0))
+    split = 0.5 * q / (u if u > 0.0 else 1.0) if u * u > 0.01 * abs(p) else (even if q >= 0.0 else -even)
     s = half - split
     t = half + split
     r0, r1, i01 = roots_quadratic(1.0, u, s)
@@ -136,10 +165,8 @@ def roots_quartic(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     r1 -= shift
     r2 -= shift
     r3 -= shift
-    if i01 == 0.0:
-        r0 = polish(1.0, b, c, d, e, polish(1.0, b, c, d, e, r0))
-        r1 = polish(1.0, b, c, d, e, polish(1.0, b, c, d, e, r1))
-    if i23 == 0.0:
-        r2 = polish(1.0, b, c, d, e, polish(1.0, b, c, d, e, r2))
-        r3 = polish(1.0, b, c, d, e, polish(1.0, b, c, d, e, r3))
+    r0 = polish_twice(1.0, b, c, d, e, r0) if i01 == 0.0 else r0
+    r1 = polish_twice(1.0, b, c, d, e, r1) if i01 == 0.0 else r1
+    r2 = polish_twice(1.0, b, c, d, e, r2) if i23 == 0.0 else r2
+    r3 = polish_twice(1.0, b, c, d, e, r3) if i23 == 0.0 else r3
     return r0, r1, r2, r3, i01, i23

@@ -23,6 +23,7 @@ from rootmatch.kernels.bezout import (
 )
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import QR, SVD, QRBoth
+from rootmatch.kernels.padding import register_targets
 
 LARGE = 1e6
 """The residual of a hyper-edge that says nothing: no information is not agreement."""
@@ -43,6 +44,9 @@ class ThreePlusOneTables(NamedTuple):
     """(n',) likewise."""
     tilt_variance: NDArray[np.float64]
     """(1,) variance of the axis of one view against that of the other, radians² on each of two directions."""
+
+
+register_targets(ThreePlusOneTables, "target", "target_deviation")
 
 
 @scalar

@@ -22,6 +22,7 @@ from rootmatch.kernels.bezout import (
 )
 from rootmatch.kernels.dispatch import kernel, register, scalar, slab_of_rows
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.kernels.padding import register_targets
 from rootmatch.kernels.vector import cross, dot
 
 LARGE = 1e6
@@ -41,6 +42,9 @@ class UP2PTables(NamedTuple):
     """(1,) variance of the vertical, radians² on each of its two axes."""
     normals: NDArray[np.float64]
     """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
+
+
+register_targets(UP2PTables, "rays", "variance")
 
 
 @scalar

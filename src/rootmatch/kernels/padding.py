@@ -1,0 +1,55 @@
+"""Room behind the target points, so that loops over them fill whole vectors.
+
+A loop over 20 targets is two vectors of eight and four scalars, and the four cost more than the two. Tables whose
+target axis is a multiple of eight have no such rest. What is added repeats the last target and is never looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+
+LANES = 8
+"""Targets that are looked at together: the doubles of the widest vector."""
+
+_FIELDS: dict[type, tuple[str, ...]] = {}
+
+
+def register_targets(tables: type, *fields: str) -> None:
+    """Name the fields with a target axis: the first (k, n'), others (n',), (k, n') or (n', n')."""
+    _FIELDS[tables] = fields
+
+
+def padded(tables: Any, targets: int) -> Any:
+    """Tables of n' = ``targets`` points with room behind them; as they are where their type names no fields."""
+    room = -targets % LANES
+    if room == 0 or type(tables) not in _FIELDS:
+        return tables
+    wider = {}
+    for name in _FIELDS[type(tables)]:
+        field = getattr(tables, name)
+        axes = [(0, room if size == targets else 0) for size in field.shape[:-1]] + [(0, room)]
+        wider[name] = np.pad(field, axes, mode="edge")
+    return tables._replace(**wider)
+
+
+def target_columns(tables: Any, targets: int) -> int:
+    """Targets of the tables, the room behind them included."""
+    names = _FIELDS.get(type(tables))
+    return int(getattr(tables, names[0]).shape[1]) if names else targets
+
+
+@overload(target_columns)
+def _columns_overload(tables: Any, targets: Any) -> Callable[..., Any]:
+    names = _FIELDS.get(tables.instance_class)
+    if not names:
+        return lambda tables, targets: targets
+    position = tables.instance_class._fields.index(names[0])
+
+    def implementation(tables: Any, targets: Any) -> Any:
+        return tables[position].shape[1]
+
+    return implementation
