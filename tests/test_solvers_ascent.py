@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
 from rootmatch.solvers import MultiStartAscent
-from rootmatch.solvers.discrete_state import enter, leave, put, state_of
-from rootmatch.solvers.local_search import climb, modifications
+from rootmatch.solvers.discrete_state import change
+from rootmatch.solvers.local_search import climb, modifications, state_of
 from rootmatch.solvers.subset_index import build_index, index_support
 from rootmatch.tensor import AffinityTensor
 from solver_oracles import assignments, best_score, naive_support, objective, planted, random_edges
@@ -47,9 +47,12 @@ def test_gains_follow_a_random_walk_of_entries_and_removals(order, bits):
     for step in range(60):
         a = int(rng.integers(42))
         if rng.random() < 0.7 or state.size[0] == 0:
-            put(index, state, a)
+            taken = [b for b in state.members[: state.size[0]] if b // 7 == a // 7 or b % 7 == a % 7]
+            for b in taken:
+                change(index, state, b, False)
+            change(index, state, a, True)
         else:
-            leave(index, state, int(state.members[rng.integers(state.size[0])]))
+            change(index, state, int(state.members[rng.integers(state.size[0])]), False)
         if step % 6 == 0:
             gains, pairs = naive_gains(tensor, state.image)
             np.testing.assert_allclose(state.gains, gains, atol=1e-10)
@@ -129,7 +132,7 @@ def test_ascent_is_strictly_monotone(order, penalty):
     for _ in range(5):
         state = state_of(index, np.full(7, -1))
         for a in random_edges(rng, 7, 8, order, 1)[0]:
-            enter(index, state, int(a))
+            change(index, state, int(a), True)
         value = objective(tensor.indices, tensor.weights, state.image, 8, tensor.unary, penalty)
         steps = 0
         while climb(index, state, penalty, 1, True) == 1:

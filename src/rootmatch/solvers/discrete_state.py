@@ -10,6 +10,7 @@ When a correspondence enters or leaves X, only the C(|X|, d−2) subsets of d−
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,14 +34,13 @@ class State(NamedTuple):
     subset: NDArray[np.int64]  # (d,) scratch
 
 
-@njit(cache=True)
-def new_state(index: SubsetIndex) -> State:
+def empty_state(index: SubsetIndex) -> State:
     """The empty assignment."""
     order = index.indices.shape[1]
     return State(
         np.full(index.n, -1, np.int64),
         np.full(index.n_target, -1, np.int64),
-        np.empty(index.n, np.int64),
+        np.zeros(index.n, np.int64),
         np.zeros(1, np.int64),
         np.zeros(index.n * index.n_target),
         np.zeros((index.n, index.n)),
@@ -50,39 +50,18 @@ def new_state(index: SubsetIndex) -> State:
     )
 
 
-@njit(cache=True)
-def copy_state(state: State) -> State:
-    """A copy that can change by itself."""
-    return State(
-        state.image.copy(),
-        state.owner.copy(),
-        state.members.copy(),
-        state.size.copy(),
-        state.gains.copy(),
-        state.pairs.copy(),
-        state.total.copy(),
-        state.pick.copy(),
-        state.subset.copy(),
-    )
+def objective(index: SubsetIndex, state: State, penalty: float) -> float:
+    """f(X)."""
+    return float(state.total[0]) - penalty * math.comb(int(state.size[0]), index.indices.shape[1])
 
 
-@njit(cache=True)
-def bucket_of(index, key):  # type: ignore[no-untyped-def]
-    """First and last entry of the bucket of a subset's hash, and the tag of its entries."""
-    bucket = np.int64(key >> np.uint64(index.bucket_shift))
-    mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
-    tag = np.uint32((key >> np.uint64(index.tag_shift)) & mask)
-    return np.int64(index.start[bucket]), np.int64(index.start[bucket + 1]), tag
-
-
-@njit(cache=True)
-def completion(index, subset, entry):  # type: ignore[no-untyped-def]
-    """The correspondence that a hyper-edge has beyond the d−1 of a subset, or −1 if it does not contain these."""
-    order = index.indices.shape[1]
-    e = entry & np.uint32((1 << index.edge_bits) - 1)
+@njit(cache=True, nogil=True)
+def completion(indices, subset, e):  # type: ignore[no-untyped-def]
+    """The correspondence that hyper-edge e has beyond the d−1 of a subset, or −1 if it does not contain these."""
+    order = indices.shape[1]
     rest, common = -1, 0
     for p in range(order):
-        b = index.indices[e, p]
+        b = indices[e, p]
         hit = False
         for q in range(order - 1):
             hit = hit or subset[q] == b
@@ -93,7 +72,7 @@ def completion(index, subset, entry):  # type: ignore[no-untyped-def]
     return rest if common == order - 1 else -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     """Step to the next combination of `length` out of `count` numbers; False after the last."""
     q = length - 1
@@ -107,35 +86,50 @@ def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
-def _touch(index, state, a, sign):  # type: ignore[no-untyped-def]
-    """Add (sign 1) or take away (−1) what the subsets of a with d−2 members give; a is not in `members` meanwhile."""
-    order = index.indices.shape[1]
-    members, count, pick, subset = state.members, state.size[0], state.pick, state.subset
-    gains, pairs, image, n_target = state.gains, state.pairs, state.image, index.n_target
-    free = order - 2
-    if count < free:
-        return
-    edge_bits = np.uint32(index.edge_bits)
+@njit(cache=True, nogil=True)
+def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
+    """Add correspondence a, whose points are free, or remove it."""
+    order, n_target = index.indices.shape[1], index.n_target
+    image, owner, members, size = state.image, state.owner, state.members, state.size
+    gains, pairs, total, pick, subset = state.gains, state.pairs, state.total, state.pick, state.subset
+    indices, weights, keys, start, entries = index.indices, index.weights, index.keys, index.start, index.entries
+    row = a // n_target
+    k = a - row * n_target
+    sign = 1.0 if entering else -1.0
+    if entering:
+        total[0] += gains[a] + index.unary[a]
+    else:
+        place = 0
+        while members[place] != a:
+            place += 1
+        size[0] -= 1
+        members[place] = members[size[0]]
+        image[row], owner[k] = -1, -1
+
+    # What the subsets of a with d−2 members give; a is not in `members` meanwhile.
+    free, count = order - 2, size[0]
+    down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)
+    tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
+    edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
     for q in range(free):
         pick[q] = q
     subset[free] = a
-    row = a // n_target
-    more = True
+    more = count >= free
     while more:
-        key = index.keys[a]
+        key = keys[a]
         for q in range(free):
             subset[q] = members[pick[q]]
-            key += index.keys[subset[q]]
-        first, last, tag = bucket_of(index, key)
-        for t in range(first, last):
-            entry = index.entries[t]
-            if entry >> edge_bits != tag:
+            key += keys[subset[q]]
+        bucket = np.int64(key >> down)
+        tag = np.uint32((key >> tag_down) & tag_mask)
+        for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
+            if entries[t] >> edge_bits != tag:
                 continue
-            c = completion(index, subset, entry)
+            e = entries[t] & mask
+            c = completion(indices, subset, e)
             if c < 0:
                 continue
-            h = sign * index.weights[entry & np.uint32((1 << index.edge_bits) - 1)]
+            h = sign * weights[e]
             gains[c] += h
             i = c // n_target
             if image[i] == c - i * n_target:
@@ -145,71 +139,59 @@ def _touch(index, state, a, sign):  # type: ignore[no-untyped-def]
                     pairs[i, subset[q] // n_target] += h
         more = next_pick(pick, free, count)
 
-
-@njit(cache=True)
-def enter(index: SubsetIndex, state: State, a: int) -> None:
-    """Add correspondence a, whose points are free."""
-    i = a // index.n_target
-    k = a - i * index.n_target
-    state.total[0] += state.gains[a] + index.unary[a]
-    _touch(index, state, a, 1.0)
-    state.image[i], state.owner[k] = k, i
-    state.members[state.size[0]] = a
-    state.size[0] += 1
-
-
-@njit(cache=True)
-def leave(index: SubsetIndex, state: State, a: int) -> None:
-    """Remove correspondence a."""
-    i = a // index.n_target
-    k = a - i * index.n_target
-    place = 0
-    while state.members[place] != a:
-        place += 1
-    state.size[0] -= 1
-    state.members[place] = state.members[state.size[0]]
-    state.image[i], state.owner[k] = -1, -1
-    _touch(index, state, a, -1.0)
-    # What rounding leaves over must not look like evidence.
-    state.pairs[i, :] = 0.0
-    state.pairs[:, i] = 0.0
-    state.total[0] -= state.gains[a] + index.unary[a]
+    if entering:
+        image[row], owner[k] = k, row
+        members[size[0]] = a
+        size[0] += 1
+    else:
+        # What rounding leaves over must not look like evidence.
+        for i in range(image.size):
+            pairs[row, i] = 0.0
+            pairs[i, row] = 0.0
+        total[0] -= gains[a] + index.unary[a]
 
 
-@njit(cache=True)
-def put(index: SubsetIndex, state: State, a: int) -> None:
-    """Add correspondence a; those that share a point with it go."""
-    i = a // index.n_target
-    k = a - i * index.n_target
-    if state.image[i] == k:
-        return
-    if state.image[i] >= 0:
-        leave(index, state, i * index.n_target + state.image[i])
-    if state.owner[k] >= 0:
-        leave(index, state, state.owner[k] * index.n_target + k)
-    enter(index, state, a)
-
-
-@njit(cache=True)
-def state_of(index: SubsetIndex, image: NDArray[Any]) -> State:
-    """The state of an assignment (n,)."""
-    state = new_state(index)
-    for i in range(index.n):
-        if image[i] >= 0:
-            enter(index, state, i * index.n_target + image[i])
-    return state
-
-
-@njit(cache=True)
-def binomial(m, r):  # type: ignore[no-untyped-def]
-    """Number of ways to choose r of m, as a float; 0 when m < r."""
-    value = 1.0
-    for q in range(r):
-        value *= (m - q) / (q + 1.0)
-    return value if m >= r else 0.0
-
-
-@njit(cache=True)
-def objective(index: SubsetIndex, state: State, penalty: float) -> float:
-    """f(X)."""
-    return float(state.total[0] - penalty * binomial(state.size[0], index.indices.shape[1]))
+@njit(cache=True, nogil=True)
+def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: int) -> Any:
+    """Weight Q of the hyper-edges made of c, c2 and members other than those of source points i and j."""
+    order, n_target = index.indices.shape[1], index.n_target
+    pick, subset, members, count, image = state.pick, state.subset, state.members, state.size[0], state.image
+    indices, weights, keys, start, entries = index.indices, index.weights, index.keys, index.start, index.entries
+    down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)
+    tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
+    edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
+    # Looked up: c, c2 and d−3 members; of two correspondences c alone, and what completes it must be c2.
+    free = max(order - 3, 0)
+    subset[free] = c
+    if order > 2:
+        subset[free + 1] = c2
+    for q in range(free):
+        pick[q] = q
+    total = 0.0
+    more = count >= free
+    while more:
+        key = keys[c]
+        if order > 2:
+            key += keys[c2]
+        usable = True
+        for q in range(free):
+            b = members[pick[q]]
+            subset[q] = b
+            key += keys[b]
+            row = b // n_target
+            usable = usable and row != i and row != j
+        if usable:
+            bucket = np.int64(key >> down)
+            tag = np.uint32((key >> tag_down) & tag_mask)
+            for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
+                if entries[t] >> edge_bits != tag:
+                    continue
+                e = entries[t] & mask
+                rest = completion(indices, subset, e)
+                row = rest // n_target
+                inside = order > 2 and rest >= 0 and row != i and row != j and image[row] == rest - row * n_target
+                if inside or rest == c2:
+                    total += weights[e]
+        more = next_pick(pick, free, count)
+    # Each such hyper-edge was seen once for each of its d − 2 members.
+    return total / max(order - 2, 1)

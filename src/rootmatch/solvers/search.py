@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.kernels.contraction import threads_for
-from rootmatch.solvers.discrete_state import State, state_of
-from rootmatch.solvers.local_search import climb_from, modifications
+from rootmatch.kernels.threads import threads_worth
+from rootmatch.solvers.discrete_state import State, empty_state
+from rootmatch.solvers.local_search import climb_from, modifications, state_of
 from rootmatch.solvers.reweighted_walk import ReweightedWalk
 from rootmatch.solvers.selection import covered, different, forced, packed, within
 from rootmatch.solvers.solution import Alternatives, Solution
@@ -70,7 +70,7 @@ class Search:
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
-        self.state = self.empty = state_of(index, np.full(n, -1, np.int64))
+        self.state = self.empty = empty_state(index)
         self.best, self.value = self.empty.image, 0.0
         self.effort = 4.0 * math.comb(min(n, n_target), order - 1) / LOOKUPS
         self.made, self.moves, self.cut = 0, 0, 0
@@ -79,8 +79,8 @@ class Search:
         self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Ascents from assignments near a state: what they come to, (B, n), and the objectives (B,)."""
-        with threads_for(int(len(bases) * self.effort)):
-            images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges)
+        threads = threads_worth(int(len(bases) * self.effort))
+        images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges, threads)
         self.made += len(bases)
         self.moves += int(moves.sum())
         self.cut += int(np.sum(moves >= self.options.limit))
@@ -143,10 +143,13 @@ class Search:
 
     def from_cores(self) -> None:
         """Step 3."""
-        waiting, size = np.arange(len(self.cores)), FIRST_ROUND
+        waiting, size, checked = np.arange(len(self.cores)), FIRST_ROUND, 0
         while self.reached.get(self.best.tobytes(), 0) < self.options.agreement and not self.clear():
-            useful = (self.core_values[waiting] > HOPELESS * self.value) & ~covered(self.cores[waiting], self.known())
-            waiting = waiting[useful]
+            known = self.known()
+            useful = (self.core_values[waiting] > HOPELESS * self.value) & ~covered(
+                self.cores[waiting], known[checked:]
+            )
+            waiting, checked = waiting[useful], len(known)
             if waiting.size == 0:
                 break
             self.climb(self.empty, self.cores[waiting[:size]])

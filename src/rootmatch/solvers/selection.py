@@ -1,122 +1,100 @@
-"""Which starts differ, which are known already, and which go together: small loops of the multi-start search."""
+"""Which starts differ, which are known already, and which go together: small choices of the multi-start search."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+Assignments = NDArray[np.int64]
 
-@njit(cache=True)
-def different(candidates: NDArray[Any], open_: NDArray[Any], count: int) -> NDArray[Any]:
+
+def different(candidates: NDArray[np.int32], open_: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
     """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common."""
-    chosen = np.empty(count, np.int64)
-    found, order = 0, candidates.shape[1]
-    for c in range(candidates.shape[0]):
-        if found == count:
+    waiting = np.flatnonzero(open_)
+    chosen: list[int] = []
+    # A few times as many as are wanted mostly do, and those are compared quickly.
+    step = 4 * count
+    for first in range(0, len(waiting), step):
+        some = waiting[first : first + step]
+        rows = candidates[some]
+        if chosen:
+            fresh = _common(rows, candidates[chosen]).max(axis=1) <= 1
+            some, rows = some[fresh], rows[fresh]
+        fits = _common(rows, rows) <= 1
+        left = np.ones(len(some), np.bool_)
+        while len(chosen) < count and left.any():
+            c = int(left.argmax())
+            chosen.append(int(some[c]))
+            left &= fits[c]
+            left[c] = False
+        if len(chosen) == count:
             break
-        fresh = open_[c]
-        for s in range(found):
-            if not fresh:
-                break
-            common = 0
-            for p in range(order):
-                for q in range(order):
-                    common += candidates[c, p] == candidates[chosen[s], q]
-            fresh = common <= 1
-        if fresh:
-            chosen[found] = c
-            found += 1
-    return chosen[:found]
+    return np.array(chosen, np.int64)
 
 
-@njit(cache=True)
-def within(candidates: NDArray[Any], images: NDArray[Any], n_target: int, least: int) -> NDArray[Any]:
+def _common(rows: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int64]:
+    """How many entries rows (R, d) have in common with others (S, d), (R, S)."""
+    total = np.zeros((len(rows), len(others)), np.int64)
+    for p in range(rows.shape[1]):
+        for q in range(rows.shape[1]):
+            total += rows[:, p, None] == others[:, q]
+    return total
+
+
+def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> NDArray[np.bool_]:
     """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
-    out = np.zeros(candidates.shape[0], np.bool_)
-    for c in range(candidates.shape[0]):
-        for s in range(images.shape[0]):
-            common = 0
-            for p in range(candidates.shape[1]):
-                i = candidates[c, p] // n_target
-                common += images[s, i] == candidates[c, p] - i * n_target
-            if common >= least:
-                out[c] = True
-                break
-    return out
+    source, target = np.divmod(candidates, np.int32(n_target))
+    inside = np.zeros((len(images), len(candidates)), np.int8)
+    for p in range(candidates.shape[1]):
+        inside += images[:, source[:, p]] == target[:, p]
+    return np.asarray((inside >= least).any(axis=0))
 
 
-@njit(cache=True)
-def covered(cores: NDArray[Any], known: NDArray[Any]) -> NDArray[Any]:
+def covered(cores: Assignments, known: Assignments) -> NDArray[np.bool_]:
     """Which cores (B, n) lie in one of the known assignments (F, n)."""
-    out = np.zeros(cores.shape[0], np.bool_)
-    for c in range(cores.shape[0]):
-        for s in range(known.shape[0]):
-            i = 0
-            while i < cores.shape[1] and (cores[c, i] < 0 or cores[c, i] == known[s, i]):
-                i += 1
-            if i == cores.shape[1]:
-                out[c] = True
-                break
+    out = np.zeros(len(cores), np.bool_)
+    for image in known:
+        out |= ((cores < 0) | (cores == image)).all(axis=1)
     return out
 
 
-@njit(cache=True)
-def packed(cores: NDArray[Any], n: int, n_target: int) -> NDArray[Any]:
+def packed(cores: Assignments, n: int, n_target: int) -> Assignments:
     """The assignment (n,) of all cores, in order, that contradict none that was taken before."""
-    image, owner = np.full(n, -1, np.int64), np.full(n_target, -1, np.int64)
-    for c in range(cores.shape[0]):
-        fits = True
-        for i in range(n):
-            k = cores[c, i]
-            if k >= 0 and ((image[i] >= 0 and image[i] != k) or (owner[k] >= 0 and owner[k] != i)):
-                fits = False
-                break
-        if fits:
-            for i in range(n):
-                if cores[c, i] >= 0:
-                    image[i], owner[cores[c, i]] = cores[c, i], i
+    image, owner = np.full(n, -1), np.full(n_target, -1)
+    for core in cores:
+        i = np.flatnonzero(core >= 0)
+        k = core[i]
+        if np.all((image[i] < 0) | (image[i] == k)) and np.all((owner[k] < 0) | (owner[k] == i)):
+            image[i], owner[k] = k, i
     return image
 
 
-@njit(cache=True)
 def forced(
-    base: NDArray[Any],
-    gains: NDArray[Any],
-    cores: NDArray[Any],
-    values: NDArray[Any],
+    base: Assignments,
+    gains: NDArray[np.float64],
+    cores: Assignments,
+    values: NDArray[np.float64],
     n_target: int,
     worth: float,
     first: int,
     count: int,
-) -> tuple[NDArray[Any], int]:
+) -> tuple[Assignments, int]:
     """Assignments made of `base` (n,) with a core put in by force, up to `count`, from core `first` on.
 
     Those cores are used whose value is more than `worth` times what they push out, the gains (n n',) of the members in
     their way. Returns the assignments (B, n) and the number of the next core.
     """
-    n = base.size
-    bases = np.empty((count, n), np.int64)
-    found, c = 0, first
-    while c < cores.shape[0] and found < count:
-        image = bases[found]
-        image[:] = base
-        loss, new = 0.0, False
-        for i in range(n):
-            k = cores[c, i]
-            if k < 0 or image[i] == k:
-                continue
-            new = True
-            if image[i] >= 0:
-                loss += gains[i * n_target + image[i]]
-            for j in range(n):
-                if image[j] == k:
-                    loss += gains[j * n_target + k]
-                    image[j] = -1
-            image[i] = k
-        c += 1
-        if new and values[c - 1] > worth * loss:
-            found += 1
-    return bases[:found], c
+    matched = np.flatnonzero(base >= 0)
+    owner, own = np.full(n_target, -1), np.zeros(base.size)
+    owner[base[matched]] = matched
+    own[matched] = gains.reshape(-1, n_target)[matched, base[matched]]
+    cores, values = cores[first:], values[first:]
+    new = (cores >= 0) & (cores != base)
+    # Whose own target is given up or taken; one that is both is lost once.
+    out = new & (base >= 0)
+    b, i = np.nonzero(new)
+    j = owner[cores[b, i]]
+    out[b[j >= 0], j[j >= 0]] = True
+    used = np.flatnonzero(new.any(axis=1) & (values > worth * (out @ own)))[:count]
+    bases = np.where(new[used], cores[used], np.where(out[used], -1, base))
+    return bases, first + (int(used[-1]) + 1 if len(used) == count else len(cores))
