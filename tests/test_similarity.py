@@ -105,13 +105,13 @@ def test_resultants_of_the_sides(kind: type, oracle: object) -> None:
 
 @pytest.mark.parametrize(("problem", "dimension"), CASES)
 def test_slab_is_edge_by_edge(problem: type[Similarity], dimension: int) -> None:
-    """All hyper-edges of an exhaustive search against a list of them."""
+    """All hyper-edges of an exhaustive search against a list of them, where the slab is more than a loop over edges."""
     source, target, _ = made(problem, dimension, 5, 0.01, n=5)
     tables = problem(dimension).prepare(source, target, 0.01)
     every = oracles.all_hyperedges(5, 5, 3)
     i, j = (np.array([edge[side] for edge in every]) for side in (0, 1))
-    for kind in (Joint(), Normalised(), Normalised(0b110), QRBoth(0b101)):
-        name = {Joint: "joint", Normalised: "normalised", QRBoth: "qr-both"}[type(kind)]
+    for kind in (Joint(), Normalised(), Normalised(0b110)):
+        name = {Joint: "joint", Normalised: "normalised"}[type(kind)]
         weigh = affinity(name, rho=1.0, gate=1e9)
         tensor, evaluated = exhaustive_tensor(tables, kind, weigh, (5, 5), 3)
         assert evaluated == len(every)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ import robot_scenes
 from instances import axis_rotation
 from robot_scenes import DOWN
 from rootmatch.affinity import affinity, exhaustive_tensor
-from rootmatch.backends import cpu
 from rootmatch.errors import InputError
+from rootmatch.kernels.derived.compile import compile_residuals
 from rootmatch.kernels.kinds import Joint, Normalised
 from rootmatch.problems.up2pf import UP2PF, derivation
 from rootmatch.solvers import get_solver
@@ -109,6 +110,12 @@ def test_shipped_formulas_are_those_of_the_equations() -> None:
         assert getattr(ours, name) == getattr(fresh, name) == getattr(UP2PF(CENTRE), name)
 
 
+def interpreted(kind: type) -> Callable:
+    """The kernel of a residual as plain Python: compiling each takes ten seconds."""
+    derived = UP2PF(CENTRE).derived
+    return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
+
+
 def best_pose_chi2(scene: robot_scenes.Scene, pixels: np.ndarray, sigma: float) -> float:
     """Least squared reprojection error over σ², over turn, translation and focal length near the truth."""
 
@@ -124,12 +131,13 @@ def test_joint_is_the_reprojection_error_of_the_best_pose() -> None:
     """Three degrees of freedom, at a noise so small that first order holds for all but nearly degenerate sets."""
     sigma = 1e-4
     errors = []
-    index = np.arange(4)[None]
+    index = np.arange(4)
+    edge = interpreted(Joint)
     for seed in range(40):
         scene = robot_scenes.zoomed(4, noise=sigma, seed=seed)
         pixels = scene.target[scene.truth]
         tables = problem_of(scene).prepare(scene.source, pixels, sigma)
-        value = cpu.residuals(tables, Joint(), index, index)[0]
+        value = edge(tables, Joint(), index, index)
         expected = best_pose_chi2(scene, pixels, sigma)
         errors.append(abs(value**2 - expected) / max(expected, 0.1))
     assert np.quantile(errors, 0.5) < 0.02
@@ -138,12 +146,13 @@ def test_joint_is_the_reprojection_error_of_the_best_pose() -> None:
 
 def test_normalised_follows_the_normal_distribution() -> None:
     values = []
+    edge = interpreted(Normalised)
     for seed in range(60):
         scene = robot_scenes.zoomed(8, noise=0.05, seed=seed)
         rng = np.random.default_rng(seed)
-        source = np.array([rng.permutation(8)[:4] for _ in range(40)])
+        source = np.array([rng.permutation(8)[:4] for _ in range(20)])
         tables = problem_of(scene).prepare(scene.source, scene.target, 0.05)
-        values.append(cpu.residuals(tables, Normalised(), source, scene.truth[source]))
+        values.append([edge(tables, Normalised(), i, scene.truth[i]) for i in source])
     flat = np.concatenate(values)
     assert abs(np.mean(flat < 0.6745) - 0.5) < 0.08
     assert np.mean(flat < 3.0) > 0.9
@@ -163,15 +172,21 @@ def test_all_hyperedges_and_the_ascent_find_the_truth(outliers: int, noise: floa
         )
         accuracy.append(np.mean(get_solver("ascent")(tensor, seed=0).assignment == scene.truth))
     assert np.mean(accuracy) >= 0.97
+    # what was compiled is what is interpreted elsewhere
+    edge = interpreted(Joint)
+    for flat, weight in zip(tensor.indices[:20], tensor.weights[:20], strict=True):
+        value = edge(tables, Joint(), *np.divmod(flat, shape[1]))
+        assert weight == pytest.approx(math.exp(-0.5 * value**2), rel=1e-6, abs=1e-9)
 
 
 def test_any_frame_of_the_world() -> None:
     """A world whose vertical is not y: the same residuals."""
     scene = robot_scenes.zoomed(5, noise=0.1, seed=3)
     turn = axis_rotation(np.array([0.6, 0.0, 0.8]), 1.1)
-    index = np.arange(4)[None]
+    index = np.arange(4)
+    edge = interpreted(Joint)
     values = [
-        cpu.residuals(problem.prepare(points, scene.target[scene.truth], 0.1), Joint(), index, index)[0]
+        edge(problem.prepare(points, scene.target[scene.truth], 0.1), Joint(), index, index)
         for points, problem in (
             (scene.source, problem_of(scene)),
             (scene.source @ turn.T, UP2PF(CENTRE, scene.vertical, turn @ DOWN)),
@@ -185,12 +200,13 @@ class TestDegenerate:
 
     def test_without_perspective_residuals_fade(self) -> None:
         """Farther and farther away the wrong sets agree no more often than the noise allows, and nothing is NaN."""
-        index = np.arange(4)[None]
+        index = np.arange(4)
+        edge = interpreted(Joint)
         for depth in (8.0, 80.0, 8000.0):
             for seed in range(10):
                 scene = robot_scenes.zoomed(4, noise=0.1, seed=seed, depth=depth)
                 pixels = scene.target[scene.truth]
-                value = cpu.residuals(problem_of(scene).prepare(scene.source, pixels, 0.1), Joint(), index, index)[0]
+                value = edge(problem_of(scene).prepare(scene.source, pixels, 0.1), Joint(), index, index)
                 assert np.isfinite(value)
                 assert value >= 0.0
 
@@ -199,20 +215,21 @@ class TestDegenerate:
         points = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.3], [-1.0, 0.2, 0.8]])
         pixels = np.array([[320.0, 100.0], [320.0, 300.0], [500.0, 260.0], [111.0, 240.0]])
         tables = UP2PF(CENTRE).prepare(points, pixels, 0.5)
-        index = np.arange(4)[None]
+        index = np.arange(4)
         assert np.all(UP2PF(CENTRE).coefficients(points[None, :3], pixels[None, :3]) == 0.0)
-        for kind in (Normalised(), Joint()):
-            assert cpu.residuals(tables, kind, index, index)[0] >= 1e6
+        for kind in (Normalised, Joint):
+            assert interpreted(kind)(tables, kind(), index, index) >= 1e6
 
     def test_a_negative_focal_length_does_not_count(self) -> None:
         """A scene seen as by a camera of focal length −f: the equations hold, the residual does not."""
         large = 0
+        edge = interpreted(Joint)
         for seed in range(20):
             scene = robot_scenes.zoomed(4, noise=0.0, seed=seed)
             mirrored = 2.0 * np.array(CENTRE) - scene.target[scene.truth]
             tables = problem_of(scene).prepare(scene.source, mirrored, 0.1)
-            index = np.arange(4)[None]
-            large += cpu.residuals(tables, Joint(), index, index)[0] > 3.5
+            index = np.arange(4)
+            large += edge(tables, Joint(), index, index) > 3.5
         assert large >= 18
 
 

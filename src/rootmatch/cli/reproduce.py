@@ -1,4 +1,4 @@
-"""The command ``rootmatch reproduce``: the paper's experiments, figures and claims."""
+"""The command ``rootmatch reproduce``: the paper's experiments, figures and claims, and the public protocols."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ class Which(StrEnum):
     THREE_PLUS_ONE = "3p1"
     UP2P = "up2p"
     ALL = "all"
+    HYPERGRAPH = "hypergraph"
 
 
 def reproduce(
-    which: Annotated[Which, typer.Argument(help="A problem of the paper, or all of them.")],
+    which: Annotated[
+        Which,
+        typer.Argument(help="A problem of the paper, all of them, or the public protocols of hypergraph matching."),
+    ],
     output: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder of the results; one that holds some is gone on with.")
     ],
@@ -33,6 +37,8 @@ def reproduce(
 ) -> None:
     """Run the paper's experiments, draw its figures and judge its claims.
 
+    With `hypergraph`, all solvers run on the public protocols of hypergraph matching instead.
+
     Results are kept as they come: after an interruption, however rough, the same command goes on. The same seed gives
     the same results whatever the number of processes.
     """
@@ -42,6 +48,16 @@ def reproduce(
     from rootmatch.experiments.reproduce import reproduce as run
     from rootmatch.experiments.settings import PROBLEMS
 
+    if which is Which.HYPERGRAPH:
+        from rootmatch.experiments.hypergraph.run import reproduce as run_protocols
+
+        with nullcontext() if quiet else Console() as progress:
+            files = run_protocols(
+                output, instances=instances, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress
+            )
+        for path in files:
+            typer.echo(path)
+        return
     problems = PROBLEMS if which is Which.ALL else (which.value,)
     with nullcontext() if quiet else Console() as progress:
         done = run(problems, output, instances=instances, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress)

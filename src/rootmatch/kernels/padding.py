@@ -46,7 +46,11 @@ def target_columns(tables: Any, targets: int) -> int:
 def _columns_overload(tables: Any, targets: Any) -> Callable[..., Any]:
     names = _FIELDS.get(tables.instance_class)
     if not names:
-        return lambda tables, targets: targets
+
+        def as_given(tables: Any, targets: Any) -> Any:  # with the annotations of the overload, which Numba compares
+            return targets
+
+        return as_given
     position = tables.instance_class._fields.index(names[0])
 
     def implementation(tables: Any, targets: Any) -> Any:
