@@ -18,6 +18,7 @@ from rootmatch.problems.invariants import (
     invariant_affinities,
     nearest_hyperedges,
     side_lengths,
+    signed_sines,
 )
 from rootmatch.solvers import get_solver
 from rootmatch.tensor import AffinityTensor
@@ -58,6 +59,18 @@ def test_what_each_transformation_keeps() -> None:
     homography = np.eye(3) + 0.2 * rng.normal(size=(3, 3))
     lifted = np.concatenate((FIVES, np.ones((50, 5, 1))), axis=2) @ homography.T
     np.testing.assert_allclose(cross_ratios(lifted[..., :2] / lifted[..., 2:]), cross_ratios(FIVES), atol=1e-6)
+
+
+def test_signed_sines_tell_a_triangle_from_its_mirror_image() -> None:
+    triangles = TRIANGLES[2]
+    for triangle, sines in zip(triangles, signed_sines(triangles), strict=True):
+        for k in range(3):
+            to = [triangle[(k + s) % 3] - triangle[k] for s in (1, 2)]
+            angle = math.atan2(to[0][0] * to[1][1] - to[0][1] * to[1][0], to[0] @ to[1])
+            assert sines[k] == pytest.approx(math.sin(angle), abs=1e-12)
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    np.testing.assert_allclose(signed_sines(1.9 * triangles @ turn.T + 3.0), signed_sines(triangles), atol=1e-9)
+    np.testing.assert_allclose(signed_sines(triangles * (-1.0, 1.0)), -signed_sines(triangles), atol=1e-12)
 
 
 def test_what_they_do_not_keep() -> None:
@@ -117,7 +130,7 @@ def test_affinities_make_a_tensor_whose_weights_fall_with_the_distance() -> None
 
 @pytest.mark.parametrize(
     ("name", "dimension", "scale"),
-    [("angles", 2, 1.7), ("angles", 3, 0.4), ("distances", 2, 1.0), ("distances", 3, 1.0)],
+    [("angles", 2, 1.7), ("signed-angles", 2, 0.8), ("angles", 3, 0.4), ("distances", 2, 1.0), ("distances", 3, 1.0)],
 )
 def test_the_classical_road_matches(name: str, dimension: int, scale: float) -> None:
     """Points, their nearest tuples, a tensor, a solver."""

@@ -56,6 +56,17 @@ def angle_sines(points: Floats) -> Floats:
     return sines
 
 
+def signed_sines(points: Floats) -> Floats:
+    """`angle_sines` of triangles of a plane (T, 3, 2), negative where they turn clockwise: a mirror changes them.
+
+    What the code of Duchenne et al. computes, and with it all later ones that match points of a plane.
+    """
+    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    area2 = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    signed: Floats = np.sign(area2)[:, None] * angle_sines(points)
+    return signed
+
+
 def side_lengths(points: Floats) -> Floats:
     """Lengths (T, 3) of the sides of triangles (T, 3, k) opposite their points: kept by rigid motion."""
     lengths: Floats = np.stack(
@@ -85,6 +96,7 @@ def cross_ratios(points: Floats) -> Floats:
 
 INVARIANTS = {
     "angles": Invariant(3, (2, 3), angle_sines),
+    "signed-angles": Invariant(3, (2,), signed_sines),
     "distances": Invariant(3, (2, 3), side_lengths),
     "cross-ratios": Invariant(5, (2,), cross_ratios),
 }
@@ -108,7 +120,8 @@ def nearest_hyperedges(
     ----------
     source, target : (n, k) and (n', k) arrays
         Points of a plane or of space.
-    invariant : {"angles", "distances", "cross-ratios"} or Invariant
+    invariant : {"angles", "signed-angles", "distances", "cross-ratios"} or Invariant
+        What is alike up to a similarity, one without mirroring (of a plane), a rigid motion, a homography.
     tuples : int, optional
         Source tuples, n · n' if not given; all where there are fewer.
     neighbours : int, optional
@@ -125,6 +138,12 @@ def nearest_hyperedges(
     ------
     InputError
         If the points or numbers cannot be used.
+
+    Notes
+    -----
+    Degenerate: points on a line have sines of 0 and are all alike, whatever their distances; so are cross-ratios of
+    five points of which four are on a line. Symmetric sets have several right matches. Noise is not looked at: small
+    tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` weigh it.
     """
     chosen = _chosen(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
