@@ -18,7 +18,7 @@ OUTLIER_NOISE = 0.01
 
 SETTINGS: dict[str, tuple[Setting, ...]] = {
     DEFORMATION: tuple(Setting(DEFORMATION, 0, round(0.05 * k, 2)) for k in range(9)),
-    OUTLIERS: tuple(Setting(OUTLIERS, k, OUTLIER_NOISE) for k in (0, 20, 40, 60, 80, 100, 150, 200)),
+    OUTLIERS: tuple(Setting(OUTLIERS, k, OUTLIER_NOISE) for k in range(0, 201, 20)),
 }
 """Settings of both protocols; noise is in units of the spread of the points."""
 
