@@ -31,8 +31,7 @@ def test_many_answers_at_once_are_as_one_by_one(order: int, unary: bool) -> None
     answers[0] = -1
     dropped = 0
     for fraction in (0.0, 0.2, 0.8):
-        prior = np.empty((0, 0)) if tensor.unary is None else tensor.unary
-        kept, scores = supported_answers(tensor.indices, tensor.weights, prior, 9, answers, fraction)
+        kept, scores = supported_answers(tensor.indices, tensor.weights, tensor.unary, 9, answers, fraction)
         for answer, got, score in zip(answers, kept, scores, strict=True):
             expected = drop_unsupported(answer, tensor, fraction)
             assert got.tolist() == expected.tolist()

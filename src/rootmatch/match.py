@@ -295,8 +295,7 @@ def _supported(
 ) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
     """Answers without the points that nothing supports, distinct, best first."""
     asked = np.array([assignment, *(other for other, _ in alternatives)])
-    unary = np.empty((0, 0)) if tensor.unary is None else tensor.unary
-    kept, scores = supported_answers(tensor.indices, tensor.weights, unary, tensor.shape[1], asked, SUPPORT)
+    kept, scores = supported_answers(tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked, SUPPORT)
     answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
     ranked = sorted(answers.values(), key=lambda pair: -pair[1])
     (best, score), rest = ranked[0], ranked[1:]

@@ -74,9 +74,7 @@ class AffinityTensor:
         weights = _float_array("weights", self.weights)
         if weights.shape != (indices.shape[0],):
             raise InputError(f"weights: got shape {weights.shape}; expected ({indices.shape[0]},), one a hyper-edge")
-        chunks = contraction.chunk_count(weights.size, 1)
-        with contraction.threads_for(chunks):
-            fault, edge = contraction.first_fault(indices, weights, n, n_target, chunks)
+        fault, edge = contraction.first_fault(indices, weights, n, n_target)
         if fault != contraction.VALID:
             pairs = [divmod(int(a), n_target) for a in indices[edge]]
             raise InputError(f"hyper-edge {edge}, (i, i') = {pairs}, weight {weights[edge]:g}: {_FAULTS[fault]}")
@@ -142,12 +140,7 @@ class AffinityTensor:
         soft = _float_array("x", x)
         if soft.shape != self.shape:
             raise InputError(f"x: got shape {soft.shape}; expected (n, n') = {self.shape}")
-        chunks = contraction.chunk_count(self.size, soft.size)
-        if chunks == 1:
-            v = contraction.contract_serial(self.indices, self.weights, soft.ravel())
-        else:
-            v = contraction.contract_parallel(self.indices, self.weights, soft.ravel(), chunks)
-        v = v.reshape(self.shape)
+        v = contraction.contract(self.indices, self.weights, soft.ravel()).reshape(self.shape)
         return v if self.unary is None else v + self.unary
 
     def marginals(self) -> NDArray[np.float64]:
@@ -158,15 +151,14 @@ class AffinityTensor:
     def score(self, assignment: ArrayLike) -> float:
         """Objective of an assignment (n,): the target of each source point, each once at most; −1 where unmatched."""
         chosen = self._indicator(assignment)
-        chunks = contraction.chunk_count(self.size, 1)
-        with contraction.threads_for(chunks):
-            score = float(contraction.inside_score(self.indices, self.weights, chosen.ravel(), chunks))
+        _, edges = contraction.inside(self.indices, chosen.reshape(1, -1))
+        score = float(self.weights[edges].sum())
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
     def inside(self, assignment: ArrayLike) -> AffinityTensor:
         """The part of the tensor that makes up the score of an assignment: few hyper-edges, quick to look at again."""
         chosen = self._indicator(assignment)
-        edges = contraction.inside_edges(self.indices, chosen.ravel())
+        _, edges = contraction.inside(self.indices, chosen.reshape(1, -1))
         unary = None if self.unary is None else np.where(chosen, self.unary, 0.0)
         return AffinityTensor.unchecked(self.indices[edges], self.weights[edges], self.shape, unary)
 

@@ -9,24 +9,40 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, edge_residual, fill_panel, slab_residual
 from rootmatch.kernels.padding import target_columns
+from rootmatch.kernels.threads import in_threads, threads_worth
+
+PARTS = 4
+"""Ranges of chunks for each thread: where much is found, or forbidden, takes another time."""
+WORTH_A_THREAD = 16384
+"""Hyper-edges of a list, a few milliseconds."""
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def evaluate(tables, kind, source_index, target_index):  # type: ignore[no-untyped-def]
-    """Residuals (E,) of given hyper-edges, index arrays (E, d)."""
-    residual = np.empty(source_index.shape[0])
-    for e in prange(source_index.shape[0]):
+@njit(cache=True, nogil=True, error_model="numpy")
+def evaluate(tables, kind, source_index, target_index, first, last, residual):  # type: ignore[no-untyped-def]
+    """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,)."""
+    for e in range(first, last):
         residual[e] = edge_residual(tables, kind, source_index[e], target_index[e])
-    return residual
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, capacity, targets, points, chunks):  # type: ignore[no-untyped-def]
+def sweep(
+    tables: Any,
+    kind: Any,
+    bases: NDArray[np.int64],
+    first_rank: int,
+    last_rank: int,
+    arrangements: NDArray[np.int32],
+    gate: float,
+    allowed: NDArray[np.bool_],
+    capacity: int,
+    targets: int,
+    points: int,
+    chunks: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Hyper-edges below the gate among the slabs of ranks ``first_rank … last_rank − 1``.
 
     Parameters
@@ -56,21 +72,40 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
     counts, evaluated : (chunks,) int64 arrays
         Found and looked at. A count above ``capacity`` tells that the rest was lost.
     """
-    d = bases.shape[1] + 1
     codes = np.empty((chunks, capacity), np.int64)
     residuals = np.empty((chunks, capacity))
     counts = np.zeros(chunks, np.int64)
     evaluated = np.zeros(chunks, np.int64)
+
+    def work(first: int, last: int) -> None:
+        _sweep(
+            tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
+            chunks, first, last, codes, residuals, counts, evaluated,
+        )  # fmt: skip
+
+    in_threads(work, chunks, threads_worth(chunks), PARTS)
+    return codes, residuals, counts, evaluated
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sweep(  # type: ignore[no-untyped-def]
+    tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
+    chunks, first_chunk, last_chunk, codes, residuals, counts, evaluated,
+):  # fmt: skip
+    """Chunks first_chunk … last_chunk − 1 of `sweep`."""
+    d = bases.shape[1] + 1
+    capacity = codes.shape[1]
     total = last_rank - first_rank
     masked = allowed.shape[0] > 0
     columns = target_columns(tables, targets)
-    for chunk in prange(chunks):
-        i = np.empty(d, np.int64)
-        j = np.empty(d, np.int64)
+    i = np.empty(d, np.int64)
+    j = np.empty(d, np.int64)
+    before = np.empty(d, np.int64)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
+    for chunk in range(first_chunk, last_chunk):
         scratch = np.empty((SCRATCH_ROWS, points))
         out = np.empty((points, columns))
         panel = np.empty((PANEL_ROWS, columns))
-        before = np.full(d, -1)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
+        before[d - 1] = -1
         count = 0
         done = 0
         for rank in range(first_rank + total * chunk // chunks, first_rank + total * (chunk + 1) // chunks):
@@ -114,21 +149,18 @@ def sweep(tables, kind, bases, first_rank, last_rank, arrangements, gate, allowe
                         count += 1
         counts[chunk] = count
         evaluated[chunk] = done
-    return codes, residuals, counts, evaluated
 
 
-@njit(cache=True)
-def decode(codes, bases, arrangements, targets, points):  # type: ignore[no-untyped-def]
+def decode(
+    codes: NDArray[np.int64], bases: NDArray[np.int64], arrangements: NDArray[np.int32], targets: int, points: int
+) -> NDArray[np.int32]:
     """Flat correspondences (E, d) int32 of the codes that `sweep` returns."""
-    d = bases.shape[1] + 1
-    indices = np.empty((codes.shape[0], d), np.int32)
-    for e in range(codes.shape[0]):
-        rest, m = divmod(codes[e], targets)
-        rank, last = divmod(rest, points)
-        base, order = divmod(rank, arrangements.shape[0])
-        for k in range(d - 1):
-            indices[e, k] = bases[base, k] * targets + arrangements[order, k]
-        indices[e, d - 1] = last * targets + m
+    rest, last_target = np.divmod(codes, targets)
+    rank, last = np.divmod(rest, points)
+    base, order = np.divmod(rank, len(arrangements))
+    indices = np.empty((codes.size, bases.shape[1] + 1), np.int32)
+    indices[:, :-1] = bases[base] * targets + arrangements[order]
+    indices[:, -1] = last * targets + last_target
     return indices
 
 
@@ -136,7 +168,12 @@ def residuals(
     tables: Any, kind: Any, source_index: NDArray[np.integer], target_index: NDArray[np.integer]
 ) -> NDArray[np.float64]:
     """Residuals (E,) of hyper-edges given as index arrays (E, d)."""
-    result: NDArray[np.float64] = evaluate(
-        tables, kind, np.ascontiguousarray(source_index, np.int64), np.ascontiguousarray(target_index, np.int64)
-    )
-    return result
+    source = np.ascontiguousarray(source_index, np.int64)
+    target = np.ascontiguousarray(target_index, np.int64)
+    residual = np.empty(len(source))
+
+    def work(first: int, last: int) -> None:
+        evaluate(tables, kind, source, target, first, last, residual)
+
+    in_threads(work, len(source), threads_worth(len(source) // WORTH_A_THREAD))
+    return residual

@@ -26,7 +26,6 @@ from rootmatch.kernels import (  # noqa: F401  (two of them register what they p
     p3p_propose,
     up2p_propose,
 )
-from rootmatch.kernels.contraction import CHUNK, threads_for
 from rootmatch.kernels.proposers import can_propose
 from rootmatch.tensor import AffinityTensor
 
@@ -161,9 +160,8 @@ class Guided:
         search.run(progress)
         search.refine()
         source, target, share = hyperedges_among(search.settle(), shape, order, self, search.rng)
-        with threads_for(len(source) // CHUNK):
-            residuals = cpu.residuals(tables, kind, source, target)
-            by_chance = cpu.residuals(tables, kind, *random_hyperedges(shape, order, CHANCE_SAMPLES, search.rng))
+        residuals = cpu.residuals(tables, kind, source, target)
+        by_chance = cpu.residuals(tables, kind, *random_hyperedges(shape, order, CHANCE_SAMPLES, search.rng))
         keep = residuals <= weigh.gate
         indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
         tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
+
+from rootmatch.kernels.threads import in_threads, threads_worth
 
 CHUNK = 32768
 """Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread."""
@@ -27,10 +28,8 @@ MOST_CHUNKS = 64
 VALID, OUT_OF_RANGE, SHARED_SOURCE, SHARED_TARGET, BAD_WEIGHT = 0, 1, 2, 3, 4
 """Verdicts of `first_fault`."""
 
-
-def chunk_count(edges: int, correspondences: int) -> int:
-    """Chunks for a tensor: enough to share among threads, few enough that clearing their tables costs nothing."""
-    return max(1, min(edges // CHUNK, MOST_CHUNKS, edges // max(1, correspondences)))
+USUALLY_INSIDE = 4096
+"""Hyper-edges inside an assignment for which there is room at once; where there are more they are counted first."""
 
 
 @contextmanager
@@ -47,50 +46,52 @@ def threads_for(tasks: int) -> Iterator[None]:
         numba.set_num_threads(allowed)
 
 
-@njit(cache=True, error_model="numpy")
-def _scatter(indices, weights, x, first, last, even, odd):  # type: ignore[no-untyped-def]
-    """Add the contraction of hyper-edges first…last−1 into the sum of two tables.
+def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Contraction v (n n',) of the hyper-edges (E, d) by x (n n',)."""
+    # Enough chunks to share among threads, few enough that clearing their tables costs nothing.
+    chunks = max(1, min(weights.size // CHUNK, MOST_CHUNKS, weights.size // x.size))
+    tables = np.zeros((chunks, 2, x.size))
+
+    def scatter(first: int, last: int) -> None:
+        for chunk in range(first, last):
+            begin, end = chunk * weights.size // chunks, (chunk + 1) * weights.size // chunks
+            _scatter(indices, weights, x, begin, end, tables[chunk])
+
+    in_threads(scatter, chunks, threads_worth(chunks))
+    return np.asarray(tables.sum(axis=1).sum(axis=0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
+    """Add the contraction of hyper-edges first…last−1 into the sum of two tables (2, n n').
 
     Neighbouring hyper-edges of a sorted tensor share most of their correspondences. Two tables taken in turn keep the
     processor from waiting for the sum it has just stored: 1.5 against 3.1 ms for a million sorted triples.
     """
     order = indices.shape[1]
-    if order == 2:
+    if order == 3:
         for e in range(first, last):
-            v = even if e & 1 == 0 else odd
-            a, b, h = indices[e, 0], indices[e, 1], weights[e]
-            v[a] += h * x[b]
-            v[b] += h * x[a]
-    elif order == 3:
-        pairs = (last - first) // 2
-        for t in range(pairs + 1):
-            e = first + 2 * t
-            if e < last:
-                a, b, c, h = indices[e, 0], indices[e, 1], indices[e, 2], weights[e]
-                xa, xb, xc = x[a], x[b], h * x[c]
-                even[a] += xb * xc
-                even[b] += xa * xc
-                even[c] += h * (xa * xb)
-            if e + 1 < last:
-                a, b, c, h = indices[e + 1, 0], indices[e + 1, 1], indices[e + 1, 2], weights[e + 1]
-                xa, xb, xc = x[a], x[b], h * x[c]
-                odd[a] += xb * xc
-                odd[b] += xa * xc
-                odd[c] += h * (xa * xb)
+            t = e & 1
+            a, b, c, h = indices[e, 0], indices[e, 1], indices[e, 2], weights[e]
+            xa, xb, xc = x[a], x[b], h * x[c]
+            tables[t, a] += xb * xc
+            tables[t, b] += xa * xc
+            tables[t, c] += h * (xa * xb)
     elif order == 4:
         for e in range(first, last):
-            v = even if e & 1 == 0 else odd
+            t = e & 1
             a, b, c, d, h = indices[e, 0], indices[e, 1], indices[e, 2], indices[e, 3], weights[e]
             xa, xb, xc, xd = x[a], x[b], x[c], x[d]
             ab, cd = h * (xa * xb), h * (xc * xd)
-            v[a] += xb * cd
-            v[b] += xa * cd
-            v[c] += xd * ab
-            v[d] += xc * ab
+            tables[t, a] += xb * cd
+            tables[t, b] += xa * cd
+            tables[t, c] += xd * ab
+            tables[t, d] += xc * ab
     else:
         # Products of all but one: those before, times those after, without a division that a zero would spoil.
         before = np.empty(order)
         for e in range(first, last):
+            t = e & 1
             product = weights[e]
             for p in range(order):
                 before[p] = product
@@ -98,103 +99,70 @@ def _scatter(indices, weights, x, first, last, even, odd):  # type: ignore[no-un
             product = 1.0
             for p in range(order - 1, -1, -1):
                 a = indices[e, p]
-                even[a] += before[p] * product
+                tables[t, a] += before[p] * product
                 product *= x[a]
 
 
-@njit(cache=True, error_model="numpy")
-def contract_serial(indices: NDArray[Any], weights: NDArray[Any], x: NDArray[Any]) -> NDArray[Any]:
-    """Contraction of a small tensor on the calling thread."""
-    even, odd = np.zeros(x.size), np.zeros(x.size)
-    _scatter(indices, weights, x, 0, weights.size, even, odd)
-    return even + odd
+def inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Hyper-edges all of whose correspondences are chosen, (A, n n') for A assignments.
+
+    Returns the numbers of assignments and of hyper-edges, assignment by assignment.
+    """
+    count = min(len(chosen) * len(indices), USUALLY_INSIDE)
+    while True:
+        which, edges = np.empty(count, np.int64), np.empty(count, np.int64)
+        count = int(_inside(indices, chosen, which, edges))
+        if count <= edges.size:
+            return which[:count], edges[:count]
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def contract_parallel(indices: NDArray[Any], weights: NDArray[Any], x: NDArray[Any], chunks: int) -> NDArray[Any]:
-    """Contraction by several threads, one table pair a chunk."""
-    tables = np.zeros((chunks, 2, x.size))
-    edges = weights.size
-    for chunk in prange(chunks):
-        first, last = chunk * edges // chunks, (chunk + 1) * edges // chunks
-        _scatter(indices, weights, x, first, last, tables[chunk, 0], tables[chunk, 1])
-    out = np.zeros(x.size)
-    for chunk in range(chunks):
-        for a in range(x.size):
-            out[a] += tables[chunk, 0, a] + tables[chunk, 1, a]
-    return out
+@njit(cache=True, nogil=True)
+def _inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
+    """Fill in what is inside as far as there is room, and count all of it."""
+    count = 0
+    for s in range(chosen.shape[0]):
+        for e in range(indices.shape[0]):
+            p = 0
+            while p < indices.shape[1] and chosen[s, indices[e, p]]:
+                p += 1
+            if p == indices.shape[1]:
+                if count < edges.size:
+                    which[count], edges[count] = s, e
+                count += 1
+    return count
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def inside_score(indices: NDArray[Any], weights: NDArray[Any], chosen: NDArray[Any], chunks: int) -> float:
-    """Sum of the weights of the hyper-edges all of whose correspondences are chosen (boolean, (n n',))."""
-    edges, order = indices.shape
-    sums = np.zeros(chunks)
-    for chunk in prange(chunks):
-        total = 0.0
-        for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            inside = True
-            for p in range(order):
-                inside = inside and chosen[indices[e, p]]
-            if inside:
-                total += weights[e]
-        sums[chunk] = total
-    score = 0.0
-    for chunk in range(chunks):
-        score += sums[chunk]
-    return score
-
-
-@njit(cache=True)
-def inside_edges(indices: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
-    """Numbers of the hyper-edges all of whose correspondences are chosen (boolean, (n n',))."""
-    edges, order = indices.shape
-    found, count = np.empty(256, np.int64), 0
-    for e in range(edges):
-        p = 0
-        while p < order and chosen[indices[e, p]]:
-            p += 1
-        if p == order:
-            if count == found.size:
-                longer = np.empty(2 * count, np.int64)
-                longer[:count] = found
-                found = longer
-            found[count] = e
-            count += 1
-    return found[:count]
-
-
-@njit(cache=True, error_model="numpy")
-def _fault(indices, weights, n, n_target, e):  # type: ignore[no-untyped-def]
-    """Verdict on one hyper-edge."""
-    order = indices.shape[1]
-    for p in range(order):
-        a = indices[e, p]
-        if a < 0 or a >= n * n_target:
-            return OUT_OF_RANGE
-        i = a // n_target
-        k = a - i * n_target
-        for q in range(p):
-            j = indices[e, q] // n_target
-            if i == j:
-                return SHARED_SOURCE
-            if k == indices[e, q] - j * n_target:
-                return SHARED_TARGET
-    # Written so that NaN fails too.
-    return VALID if 0.0 <= weights[e] < np.inf else BAD_WEIGHT
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def first_fault(indices: NDArray[Any], weights: NDArray[Any], n: int, n_target: int, chunks: int) -> tuple[int, int]:
+def first_fault(indices: NDArray[np.int32], weights: NDArray[np.float64], n: int, n_target: int) -> tuple[int, int]:
     """Verdict and number of the first hyper-edge that is no good; `VALID` and −1 when all are."""
-    edges = weights.size
-    where = np.full(chunks, -1, np.int64)
-    for chunk in prange(chunks):
-        for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            if _fault(indices, weights, n, n_target, e) != VALID:
-                where[chunk] = e
-                break
-    for chunk in range(chunks):
-        if where[chunk] >= 0:
-            return _fault(indices, weights, n, n_target, where[chunk]), where[chunk]
+    found: list[tuple[int, int]] = []
+
+    def look(first: int, last: int) -> None:
+        verdict, edge = _first_fault(indices, weights, n, n_target, first, last)
+        if verdict != VALID:
+            found.append((int(edge), int(verdict)))
+
+    in_threads(look, weights.size, threads_worth(weights.size // CHUNK))
+    edge, verdict = min(found, default=(-1, VALID))
+    return verdict, edge
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_fault(indices, weights, n, n_target, first, last):  # type: ignore[no-untyped-def]
+    """Verdict and number of the first hyper-edge of first…last−1 that is no good."""
+    for e in range(first, last):
+        for p in range(indices.shape[1]):
+            a = indices[e, p]
+            if a < 0 or a >= n * n_target:
+                return OUT_OF_RANGE, e
+            i = a // n_target
+            k = a - i * n_target
+            for q in range(p):
+                j = indices[e, q] // n_target
+                if i == j:
+                    return SHARED_SOURCE, e
+                if k == indices[e, q] - j * n_target:
+                    return SHARED_TARGET, e
+        # Written so that NaN fails too.
+        if not (0.0 <= weights[e] < np.inf):
+            return BAD_WEIGHT, e
     return VALID, -1

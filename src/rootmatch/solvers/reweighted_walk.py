@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -94,19 +93,20 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4) -> NDA
 
     Sinkhorn's alternation on the matrix with a slack line, at most `steps` times or until sums are within tolerance.
     """
-    if y.shape[0] > y.shape[1]:
-        return np.asarray(_sinkhorn(np.ascontiguousarray(y.T), steps, tolerance).T)
-    return np.asarray(_sinkhorn(np.ascontiguousarray(y), steps, tolerance))
+    wide = y.shape[0] <= y.shape[1]
+    # A scale of its own makes no difference.
+    out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
+    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), steps, tolerance)
+    return out if wide else out.T
 
 
 @njit(cache=True, error_model="numpy")
-def _sinkhorn(y: NDArray[Any], steps: int, tolerance: float) -> NDArray[Any]:
-    """Balanced matrix for n ≤ n'; the slack row, of total n' − n, is kept as one factor a column."""
+def _sinkhorn(y, row, column, steps, tolerance):  # type: ignore[no-untyped-def]
+    """Balance a matrix with n ≤ n' in place; the slack row, of total n' − n, is kept as one factor a column."""
     n, n_target = y.shape
     spare = float(n_target - n)
-    # y_ik r_i c_k, and the slack row s c_k; a scale of its own makes no difference to either.
-    y = y / y.max()
-    row, column, slack = np.ones(n), np.ones(n_target), 1.0
+    # y_ik r_i c_k, and the slack row s c_k.
+    slack = 1.0
     for _ in range(steps):
         for i in range(n):
             total = 0.0
@@ -127,8 +127,6 @@ def _sinkhorn(y: NDArray[Any], steps: int, tolerance: float) -> NDArray[Any]:
             column[k] = 1.0 / total
         if worst < tolerance:
             break
-    out = np.empty((n, n_target))
     for i in range(n):
         for k in range(n_target):
-            out[i, k] = y[i, k] * row[i] * column[k]
-    return out
+            y[i, k] *= row[i] * column[k]

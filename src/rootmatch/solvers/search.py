@@ -243,16 +243,14 @@ def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
     return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
 
 
-@njit(cache=True)
-def _best_of_each(index, rank):  # type: ignore[no-untyped-def]
-    """The hyper-edge of the highest rank that contains each correspondence, −1 for none."""
-    best = np.full(index.keys.size, -1, np.int64)
-    for e in range(rank.size):
-        for p in range(index.indices.shape[1]):
-            a = index.indices[e, p]
+@njit(cache=True, nogil=True)
+def _best_of_each(indices, rank, best):  # type: ignore[no-untyped-def]
+    """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none."""
+    for e in range(indices.shape[0]):
+        for p in range(indices.shape[1]):
+            a = indices[e, p]
             if best[a] < 0 or rank[e] > rank[best[a]]:
                 best[a] = e
-    return best
 
 
 def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -261,7 +259,8 @@ def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDAr
     rank += index.weights
     count = min(count, rank.size)
     best = np.argpartition(-rank, count - 1)[:count] if count else np.empty(0, np.int64)
-    each = _best_of_each(index, rank)
+    each = np.full(index.keys.size, -1)
+    _best_of_each(index.indices, rank, each)
     chosen = np.union1d(best, each[each >= 0])
     chosen = chosen[index.weights[chosen] > 0]
     chosen = chosen[np.argsort(-rank[chosen], kind="stable")]
