@@ -20,25 +20,26 @@ from rootmatch.kernels.proposers import register_proposer
 from rootmatch.kernels.vector import cross
 
 
-@kernel
-def coordinates(t, i, others, place, own):  # type: ignore[no-untyped-def]
-    """Affine coordinates in the triple's frame of the other points, of their normals and of its own normals."""
-    affine = affine_frame(t, i[0], i[1], i[2])
-    ox, oy, oz = t.points[0, i[0]], t.points[1, i[0]], t.points[2, i[0]]
-    for r in range(others.shape[0]):
-        d = others[r]
-        place[r, 0], place[r, 1], place[r, 2] = affine_coordinates(
-            affine, t.points[0, d], t.points[1, d], t.points[2, d]
+def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
+    """Affine coordinates in each triple's frame of the other points, of their normals and of its own normals."""
+    points, normals = t.points.T, t.normals.T
+    origin = points[sets[:, 0]]
+    e, f = points[sets[:, 1]] - origin, points[sets[:, 2]] - origin
+    across = np.cross(e, f)
+    with np.errstate(divide="ignore", invalid="ignore"):  # points on one line: nothing is found at infinity
+        across2 = 1.0 / (across * across).sum(axis=1)
+        ee, ff, ef = (e * e).sum(axis=1) * across2, (f * f).sum(axis=1) * across2, (e * f).sum(axis=1) * across2
+        # rows: α, β, γ of a difference to the origin
+        frame = np.stack(
+            [
+                ff[:, None] * e - ef[:, None] * f,
+                ee[:, None] * f - ef[:, None] * e,
+                across * across2[:, None],
+            ],
+            axis=2,
         )
-        # of a direction: the difference to the origin
-        place[r, 3], place[r, 4], place[r, 5] = affine_coordinates(
-            affine, t.normals[0, d] + ox, t.normals[1, d] + oy, t.normals[2, d] + oz
-        )
-    for p in range(3):
-        d = i[p]
-        own[p, 0], own[p, 1], own[p, 2] = affine_coordinates(
-            affine, t.normals[0, d] + ox, t.normals[1, d] + oy, t.normals[2, d] + oz
-        )
+        place = (points[others] - origin[:, None]) @ frame
+        return np.concatenate([place, normals[others] @ frame], axis=2), normals[sets] @ frame
 
 
 @kernel

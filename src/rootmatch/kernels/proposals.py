@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
 
 LIST = 6
 """Detections that a group keeps for one source point."""
@@ -11,8 +14,9 @@ WORD = 64
 """Groups a word of the membership mask."""
 
 
-@njit(cache=True)
-def group(evidence, best, candidates, groups, alike, weak):  # type: ignore[no-untyped-def]
+def group(
+    evidence: NDArray[np.float64], best: Integers, candidates: Integers, groups: int, alike: float, weak: float
+) -> tuple[Integers, Integers]:
     """Join proposals that mean the same.
 
     Parameters
@@ -35,25 +39,31 @@ def group(evidence, best, candidates, groups, alike, weak):  # type: ignore[no-u
     lists : (G, n, LIST) int64 array
         Candidates of each group: those of its leader, then of the others; −1 for none.
     """
-    n = best.shape[1]
+    groups = min(groups, len(best))
     leaders = np.empty(groups, np.int64)
-    lists = np.full((groups, n, LIST), -1, np.int64)
-    size = np.zeros(best.shape[0], np.int64)
+    lists = np.full((groups, best.shape[1], LIST), -1)
+    made = _group(evidence, best, candidates, alike, weak, (best >= 0).sum(axis=1), leaders, lists)
+    return leaders[:made], lists[:made]
+
+
+@njit(cache=True, nogil=True)
+def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
+    """Fill in leaders and lists; how many there are. ``size`` (K,) is how many correspondences each has."""
+    n = best.shape[1]
     made = 0
     for q in range(best.shape[0]):
-        for d in range(n):
-            size[q] += best[q, d] >= 0
         home = -1
         for g in range(made):
             leader = leaders[g]
             shared = 0
             for d in range(n):
                 shared += best[q, d] >= 0 and best[q, d] == best[leader, d]
-            if shared >= alike * min(size[q], size[leader]):
+            fewer = size[q] if size[q] < size[leader] else size[leader]
+            if shared >= alike * fewer:
                 home = g
                 break
         if home < 0:
-            if made == groups:
+            if made == leaders.size:
                 continue
             home = made
             leaders[home] = q
@@ -71,20 +81,15 @@ def group(evidence, best, candidates, groups, alike, weak):  # type: ignore[no-u
                     if lists[home, d, place] < 0:
                         lists[home, d, place] = k
                         break
-    return leaders[:made], lists[:made]
+    return made
 
 
-@njit(cache=True)
-def membership(lists, n_target):  # type: ignore[no-untyped-def]
+def membership(lists: Integers, n_target: int) -> NDArray[np.uint64]:
     """Which groups hold each correspondence: bits (n, n', words)."""
-    groups, n, length = lists.shape
-    mask = np.zeros((n, n_target, (groups + WORD - 1) // WORD), np.uint64)
-    for g in range(groups):
-        for d in range(n):
-            for place in range(length):
-                k = lists[g, d, place]
-                if k >= 0:
-                    mask[d, k, g // WORD] |= np.uint64(1) << np.uint64(g % WORD)
+    mask = np.zeros((lists.shape[1], n_target, (len(lists) + WORD - 1) // WORD), np.uint64)
+    g, d, place = np.nonzero(lists >= 0)
+    bits = np.left_shift(np.uint64(1), (g % WORD).astype(np.uint64))
+    np.bitwise_or.at(mask, (d, lists[g, d, place], g // WORD), bits)
     return mask
 
 
@@ -103,7 +108,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
         Filled with how many there are in each group.
     """
     order = subsets.shape[1]
-    place = np.zeros(order, np.int64)
+    place = np.empty(order, np.int64)
     count = 0
     for g in range(lists.shape[0]):
         before = count

@@ -9,7 +9,6 @@ ratio test). What survives is weighed with the covariance of each prediction, in
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from rootmatch.kernels.dispatch import FASTMATH
 from rootmatch.kernels.proposers import set_coordinates, set_frame, solve_set
 from rootmatch.kernels.raster import Raster, look_up
+from rootmatch.kernels.threads import in_threads
 
 ROOTS = 4
 """Most solutions of a minimal set; where a problem has fewer, the others are not there."""
@@ -56,14 +56,9 @@ class Sets(NamedTuple):
     """(S,) where in the list of arrangements each set begins."""
 
 
-@njit(cache=True, error_model="numpy")
-def prepare_sets(tables, points, others, offset):  # type: ignore[no-untyped-def]
+def prepare_sets(tables: Any, points: NDArray[np.int64], others: NDArray[np.int64], offset: NDArray[np.int64]) -> Sets:
     """`Sets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
-    count, rest = others.shape
-    coordinates = np.empty((count, rest, 6))
-    own = np.empty((count, points.shape[1], 3))
-    for s in range(count):
-        set_coordinates(tables, points[s], others[s], coordinates[s], own[s])
+    coordinates, own = set_coordinates(tables, points, others)
     return Sets(points, others, coordinates, own, offset)
 
 
@@ -89,7 +84,8 @@ def _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, t
         k, distance2 = look_up(raster, x, y, z)
         if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
             stamp[k] = tick
-            ratio += max(rules.hit - fall * distance2, rules.miss)
+            hit = rules.hit - fall * distance2
+            ratio += hit if hit > rules.miss else rules.miss
             found += 1
         else:
             ratio += rules.miss
@@ -142,29 +138,33 @@ def propose(
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
 
-    def examine(part: int) -> None:
-        some = chunks * part // threads, chunks * (part + 1) // threads
-        _examine(tables, raster, rules, sets, arrangements, allowed, first, last, some, chunks, found, ratios, counts)
+    def examine(first_chunk: int, last_chunk: int) -> None:
+        n_target = raster.places.shape[1]
+        scratch, stamp = np.empty((2 * ROOTS, n_target)), np.zeros(n_target, np.int64)
+        image = np.zeros(sets.points.shape[1], np.int64)
+        _examine(
+            tables, raster, rules, sets, arrangements, allowed, first, last, first_chunk, last_chunk, chunks,
+            scratch, stamp, image, found, ratios, counts,
+        )  # fmt: skip
 
-    if threads == 1:
-        examine(0)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(examine, range(threads)))
+    in_threads(examine, chunks, threads)
     return found, ratios, counts
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _examine(tables, raster, rules, sets, arrangements, allowed, first, last, some, chunks, found, ratios, counts):  # type: ignore[no-untyped-def]
-    """Chunks ``some[0] … some[1] − 1`` of the tasks."""
+def _examine(  # type: ignore[no-untyped-def]
+    tables, raster, rules, sets, arrangements, allowed, first, last, first_chunk, last_chunk, chunks,
+    scratch, stamp, j, found, ratios, counts,
+):  # fmt: skip
+    """Chunks ``first_chunk … last_chunk − 1`` of the tasks; ``scratch`` (8, n'), ``stamp`` (n',), j (m,) are its own.
+
+    What could be allocated or filled in here is so outside: each array made in jitted code costs compile time.
+    """
     count, m = sets.points.shape
     n_target = raster.places.shape[1]
     masked = allowed.shape[0] > 0
-    scratch = np.empty((2 * ROOTS, n_target))
-    stamp = np.zeros(n_target, np.int64)
-    j = np.empty(m, np.int64)
     tick = 0
-    for chunk in range(some[0], some[1]):
+    for chunk in range(first_chunk, last_chunk):
         start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
         weakest, solved, tested, looked = 0, 0, 0, 0
         for task in range(start, end):

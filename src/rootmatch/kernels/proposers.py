@@ -1,7 +1,8 @@
 """What makes a problem fit for proposals, chosen by the type of its tables.
 
-Four functions serve a problem; as in `rootmatch.kernels.dispatch`, the type of the tables
-chooses them while a driver is compiled, so one driver serves all problems and is found again in the on-disk cache.
+Four functions serve a problem. One is of NumPy, called once for many minimal sets; as in `rootmatch.kernels.dispatch`,
+the type of the tables chooses the others while a driver is compiled, so one driver serves all problems and is found
+again in the on-disk cache.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ def register_proposer(
     ----------
     tables : type
         Of the problem; it has ``rays`` (3, n') and ``variance`` (n',) of the detections.
-    coordinates : ``(tables, i, others, place, own)``
-        Fill the coordinates (n − m, 6) of the other points and the normals (m, 3) of the set's own in the set's frame.
+    coordinates : ``(tables, sets, others)`` → (S, n − m, 6), (S, m, 3)
+        Of sets (S, m) and the other points (S, n − m) of each, in the frame of the set: the others' coordinates, which
+        end with their normals, and the normals of the set's own points. Not jitted.
     solve : ``(tables, i, j, scratch)``
         Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
     hypothesis : ``(tables, raster, i, j, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
@@ -46,9 +48,9 @@ def can_propose(tables: type) -> bool:
     return tables in _PROPOSERS
 
 
-def set_coordinates(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Any:
-    """Coordinates of the other points and the normals of a set; see `register_proposer`."""
-    _PROPOSERS[type(tables)]["coordinates"](tables, i, others, place, own)
+def set_coordinates(tables: Any, sets: Any, others: Any) -> Any:
+    """Coordinates of the other points and the normals of sets; see `register_proposer`."""
+    return _PROPOSERS[type(tables)]["coordinates"](tables, sets, others)
 
 
 def solve_set(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
@@ -64,16 +66,6 @@ def set_frame(tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any,
 def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
     """Prediction of every point at one root; see `register_proposer`."""
     return _PROPOSERS[type(tables)]["predict"](tables, i, j, root, out)
-
-
-@overload(set_coordinates, inline="always")
-def _coordinates_overload(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Callable[..., Any]:
-    function = _PROPOSERS[tables.instance_class]["coordinates"]
-
-    def implementation(tables: Any, i: Any, others: Any, place: Any, own: Any) -> Any:
-        return function(tables, i, others, place, own)
-
-    return implementation
 
 
 @overload(solve_set, inline="always")

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import scalar
@@ -45,102 +44,60 @@ class Raster(NamedTuple):
     """Detections a unit of area, as a prediction placed like the detections themselves meets them."""
 
 
-@njit(cache=True, error_model="numpy")
-def mean_basis(rays):  # type: ignore[no-untyped-def]
+def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed."""
-    x, y, z = 0.0, 0.0, 0.0
-    for k in range(rays.shape[1]):
-        x, y, z = x + rays[0, k], y + rays[1, k], z + rays[2, k]
-    length = 1.0 / np.sqrt(x * x + y * y + z * z)
-    x, y, z = x * length, y * length, z * length
+    mean = rays.sum(axis=1)
+    x, y, z = (mean / np.sqrt(mean @ mean)).tolist()
     # an axis across without a branch (Duff et al. 2017)
     sign = 1.0 if z >= 0.0 else -1.0
     w = -1.0 / (sign + z)
     v = x * y * w
-    basis = np.empty((3, 3))
-    basis[0, 0], basis[0, 1], basis[0, 2] = 1.0 + sign * x * x * w, sign * v, -sign * x
-    basis[1, 0], basis[1, 1], basis[1, 2] = v, sign + y * y * w, -y
-    basis[2, 0], basis[2, 1], basis[2, 2] = x, y, z
-    return basis
+    return np.array([[1.0 + sign * x * x * w, sign * v, -sign * x], [v, sign + y * y * w, -y], [x, y, z]])
 
 
-@njit(cache=True, error_model="numpy")
-def build_raster(rays, gate):  # type: ignore[no-untyped-def]
+def build_raster(rays: NDArray[np.float64], gate: float) -> Raster:
     """Raster of bearings (3, n') with a gate in radians (at the mean bearing).
 
     The density is that of a normal distribution with the detections' covariance, averaged over itself:
     n' / (4π √det Σ), which is also right for a filled rectangle but for a factor of 1.05.
     """
-    count = rays.shape[1]
     basis = mean_basis(rays)
-    places = np.empty((2, count))
-    turned = np.empty((3, count))
-    low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
-    for k in range(count):
-        for axis in range(3):
-            turned[axis, k] = basis[axis, 0] * rays[0, k] + basis[axis, 1] * rays[1, k] + basis[axis, 2] * rays[2, k]
-        ahead = turned[2, k] > LEAST_COSINE
-        places[0, k] = turned[0, k] / turned[2, k] if ahead else np.nan
-        places[1, k] = turned[1, k] / turned[2, k] if ahead else np.nan
-        if ahead:
-            low_u, high_u = min(low_u, places[0, k]), max(high_u, places[0, k])
-            low_v, high_v = min(low_v, places[1, k]), max(high_v, places[1, k])
-    extent = max(high_u - low_u, high_v - low_v, 1e-9)
+    turned = basis @ rays
+    ahead = turned[2] > LEAST_COSINE
+    places = np.where(ahead, turned[:2] / np.where(ahead, turned[2], 1.0), np.nan)
+    inside = places[:, ahead]
+    low, high = inside.min(axis=1, initial=np.inf), inside.max(axis=1, initial=-np.inf)
+    extent = max(float((high - low).max()), 1e-9)
     # a gate below a ten-thousandth of the extent is rounding, not noise
     gate = max(gate, 1e-4 * extent)
     size = max(gate / CELLS_A_GATE, (extent + 2.0 * gate) / MOST_CELLS)
-    corner = np.empty(2)
-    corner[0], corner[1] = low_u - gate - size, low_v - gate - size
-    width = int((high_u - corner[0] + gate) / size) + 2
-    height = int((high_v - corner[1] + gate) / size) + 2
-    cells = np.empty((height, width), np.int16)
-    nearest = np.empty((height, width))
-    for row in range(height):
-        for column in range(width):
-            cells[row, column] = NOBODY
-            nearest[row, column] = np.inf
+    corner = low - gate - size
+    width, height = ((high - corner + gate) / size).astype(np.int64) + 2
+    cells = np.full((height, width), NOBODY, np.int16)
+    nearest = np.full((height, width), np.inf)
     # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
     reach = gate + 0.71 * size
-    for k in range(count):
-        if np.isnan(places[0, k]):
-            continue
-        u = (places[0, k] - corner[0]) / size
-        v = (places[1, k] - corner[1]) / size
-        cells_reach = int(reach / size) + 1
-        for row in range(max(0, int(v) - cells_reach), min(height, int(v) + cells_reach + 1)):
-            for column in range(max(0, int(u) - cells_reach), min(width, int(u) + cells_reach + 1)):
-                du = (column + 0.5 - u) * size
-                dv = (row + 0.5 - v) * size
-                distance2 = du * du + dv * dv
-                if distance2 <= reach * reach and distance2 < nearest[row, column]:
-                    nearest[row, column] = distance2
-                    cells[row, column] = k
-    return Raster(cells, places, turned, basis, corner, 1.0 / size, gate * gate, _density(places, gate))
+    about = int(reach / size) + 1
+    for k in np.flatnonzero(ahead).tolist():
+        u, v = ((places[:, k] - corner) / size).tolist()
+        rows = slice(max(0, int(v) - about), int(v) + about + 1)
+        columns = slice(max(0, int(u) - about), int(u) + about + 1)
+        window = nearest[rows, columns]
+        du = (np.arange(columns.start, columns.start + window.shape[1]) + 0.5 - u) * size
+        dv = (np.arange(rows.start, rows.start + window.shape[0]) + 0.5 - v) * size
+        distance2 = du * du + (dv * dv)[:, None]
+        nearer = (distance2 <= reach * reach) & (distance2 < window)
+        window[nearer] = distance2[nearer]
+        cells[rows, columns][nearer] = k
+    return Raster(cells, places, turned, basis, corner, 1.0 / size, gate * gate, _density(inside, gate))
 
 
-@njit(cache=True, error_model="numpy")
-def _density(places, gate):  # type: ignore[no-untyped-def]
+def _density(places: NDArray[np.float64], gate: float) -> float:
     """Density n' / (4π √det Σ) of the places, each blurred by the gate so that a line of points has an area too."""
-    inside = 0
-    mu, mv = 0.0, 0.0
-    for k in range(places.shape[1]):
-        if not np.isnan(places[0, k]):
-            inside += 1
-            mu += places[0, k]
-            mv += places[1, k]
-    mu /= inside
-    mv /= inside
-    suu, suv, svv = 0.0, 0.0, 0.0
-    for k in range(places.shape[1]):
-        if not np.isnan(places[0, k]):
-            du, dv = places[0, k] - mu, places[1, k] - mv
-            suu += du * du
-            suv += du * dv
-            svv += dv * dv
-    suu = suu / inside + gate * gate
-    svv = svv / inside + gate * gate
-    suv /= inside
-    return inside / (4.0 * np.pi * np.sqrt(suu * svv - suv * suv))
+    count = places.shape[1]
+    centred = places - places.mean(axis=1, keepdims=True)
+    (suu, suv), (_, svv) = centred @ centred.T / count
+    return float(count / (4.0 * np.pi * np.sqrt((suu + gate * gate) * (svv + gate * gate) - suv * suv)))
 
 
 @scalar
@@ -154,7 +111,7 @@ def look_up(raster, x, y, z):  # type: ignore[no-untyped-def]
     found, distance2 = NOBODY, np.inf
     height, width = raster.cells.shape
     # written so that NaN and a point behind the camera are outside
-    if z > 0.0 and 0.0 <= column < width and 0.0 <= row < height:
+    if z > 0.0 and column >= 0.0 and column < width and row >= 0.0 and row < height:
         k = int(raster.cells[int(row), int(column)])
         if k >= 0:
             du = u - raster.places[0, k]

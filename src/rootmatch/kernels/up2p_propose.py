@@ -15,16 +15,11 @@ VAGUE2 = 1e-2
 """Variance, in radians², of a prediction beyond which it says nothing about where the point is."""
 
 
-@kernel
-def coordinates(t, i, others, place, own):  # type: ignore[no-untyped-def]
-    """Differences of the other points to the pair's first, and the normals as they are."""
-    for r in range(others.shape[0]):
-        for axis in range(3):
-            place[r, axis] = t.points[axis, others[r]] - t.points[axis, i[0]]
-            place[r, 3 + axis] = t.normals[axis, others[r]]
-    for p in range(2):
-        for axis in range(3):
-            own[p, axis] = t.normals[axis, i[p]]
+def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
+    """Differences of the other points to each pair's first, and the normals as they are."""
+    points, normals = t.points.T, t.normals.T
+    place = points[others] - points[sets[:, 0], None]
+    return np.concatenate([place, normals[others]], axis=2), np.ascontiguousarray(normals[sets])
 
 
 @scalar

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH, scalar
 from rootmatch.kernels.proposers import predict_set
@@ -16,8 +18,15 @@ FAR2 = 1e11
 """χ² of a detection behind the camera."""
 
 
-@njit(cache=True, fastmath=FASTMATH, error_model="numpy")
-def weigh(tables, points, images, density, gate2, allowed, seen):  # type: ignore[no-untyped-def]
+def weigh(
+    tables: Any,
+    points: NDArray[np.int64],
+    images: NDArray[np.int64],
+    density: float,
+    gate2: float,
+    allowed: NDArray[np.bool_],
+    seen: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Evidence for proposals from the covariance of each prediction.
 
     The ratio of one source point is (1 − v) + v N(e; S) / λ, e the distance of its best detection, S the covariance,
@@ -48,21 +57,34 @@ def weigh(tables, points, images, density, gate2, allowed, seen):  # type: ignor
     candidates : (K, n, CANDIDATES) int64 array
         Detections within the gate, nearest first, then −1.
     """
-    count, m = points.shape
-    n, n_target = tables.points.shape[1], tables.rays.shape[1]
+    count, n, n_target = len(points), tables.points.shape[1], tables.rays.shape[1]
     evidence = np.full(count, -np.inf)
-    best = np.full((count, n), -1, np.int64)
-    candidates = np.full((count, n, CANDIDATES), -1, np.int64)
+    best = np.full((count, n), -1)
+    candidates = np.full((count, n, CANDIDATES), -1)
+    scratch = np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES)
+    roots, sets = images[:, 0].copy(), images[:, 1:].copy()
+    _weigh(tables, points, roots, sets, density, gate2, allowed, seen, *scratch, evidence, best, candidates)
+    return evidence, best, candidates
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _weigh(  # type: ignore[no-untyped-def]
+    tables, points, roots, images, density, gate2, allowed, seen, out, owner, strength, distances,
+    evidence, best, candidates,
+):  # fmt: skip
+    """Fill in evidence, best and candidates; the arrays before them are scratch."""
+    count, m = points.shape
+    n, n_target = best.shape[1], owner.size
     masked = allowed.shape[0] > 0
     for q in range(count):
         i = points[q]
-        j = images[q, 1:]
-        out = np.empty((13, n))
-        if not predict_set(tables, i, j, images[q, 0], out):
+        j = images[q]
+        if not predict_set(tables, i, j, roots[q], out):
             continue
-        owner = np.full(n_target, -1, np.int64)
-        strength = np.zeros(n)
-        distances = np.empty(CANDIDATES)
+        for k in range(n_target):
+            owner[k] = -1
+        for d in range(n):
+            strength[d] = 0.0
         for d in range(n):
             member = -1
             for p in range(m):
@@ -94,7 +116,7 @@ def weigh(tables, points, images, density, gate2, allowed, seen):  # type: ignor
                     owner[k] = d
                     best[q, d] = k
                     strength[d] = ratio
-                place = min(held, CANDIDATES - 1)
+                place = held if held < CANDIDATES else CANDIDATES - 1
                 if held < CANDIDATES or chi2 < distances[place]:
                     while place > 0 and distances[place - 1] > chi2:
                         distances[place] = distances[place - 1]
@@ -102,14 +124,14 @@ def weigh(tables, points, images, density, gate2, allowed, seen):  # type: ignor
                         place -= 1
                     distances[place] = chi2
                     candidates[q, d, place] = k
-                    held = min(held + 1, CANDIDATES)
+                    held = held + 1 if held < CANDIDATES else held
         total = -np.inf
         for s in range(seen.size):
             logarithm = 0.0
             for d in range(n):
                 if out[12, d] != 0.0 and strength[d] < np.inf:
                     logarithm += math.log((1.0 - seen[s]) + seen[s] * strength[d])
-            top = max(total, logarithm)
+            top = total if total > logarithm else logarithm
             total = top + math.log(math.exp(total - top) + math.exp(logarithm - top))
         evidence[q] = total - math.log(seen.size)
     return evidence, best, candidates

@@ -161,7 +161,7 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
     tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
     edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
     # Looked up: c, c2 and d−3 members; of two correspondences c alone, and what completes it must be c2.
-    free = max(order - 3, 0)
+    free = order - 3 if order > 3 else 0
     subset[free] = c
     if order > 2:
         subset[free + 1] = c2
@@ -194,4 +194,4 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
                     total += weights[e]
         more = next_pick(pick, free, count)
     # Each such hyper-edge was seen once for each of its d − 2 members.
-    return total / max(order - 2, 1)
+    return total / (order - 2) if order > 3 else total

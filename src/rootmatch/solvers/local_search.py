@@ -98,7 +98,7 @@ def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
             gain = gains[c] + unary[c] + gains[c2] + unary[c2] + state.pairs[i, j]
             gain -= gains[b] + unary[b] + gains[b2] + unary[b2]
             # An upper bound first: the weight of all hyper-edges of either.
-            if gain + min(marginals[c], marginals[c2]) > least:
+            if gain + marginals[c] > least and gain + marginals[c2] > least:
                 gain += joint_weight(index, state, c, c2, i, j)
                 if gain > least:
                     return i, j, i * n + j
@@ -128,15 +128,16 @@ def _ascend(  # type: ignore[no-untyped-def]
             gains[a] = root.gains[a]
         size[0], total[0] = root.size[0], root.total[0]
 
-        stage, i, made, begin = REMOVING, 0, 0, 1
+        stage, i, made = REMOVING, 0, 0
+        begin = np.int64(1)  # of the type it will have, or the search would be compiled for both
         while True:
             # At most two that leave and two that enter, −1 for none.
             out, out2, enter, enter2 = -1, -1, -1, -1
             if stage == CLIMBING:
-                least = LEAST_STEP * max(total[0], 0.0)
+                least = LEAST_STEP * total[0] if total[0] > 0.0 else 0.0
                 gain, enter, out = 0.0, -1, -1
                 if made < limit:
-                    gain, enter, out = _best_move(unary, state, dues[size[0]], dues[max(size[0] - 1, 0)])
+                    gain, enter, out = _best_move(unary, state, dues[size[0]], dues[size[0] - 1 if size[0] else 0])
                 if gain > least:
                     if enter >= 0:
                         p = enter // n_target
