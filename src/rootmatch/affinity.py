@@ -209,9 +209,10 @@ def exhaustive_residuals(
             if counts.max() <= capacity:
                 break
             capacity = 1 << int(counts.max()).bit_length()
-        kept = np.arange(capacity)[None, :] < counts[:, None]
         if counts.any():
-            strongest.add(cpu.decode(codes[kept], bases, arrangements, n_target, n), residuals[kept])
+            found = [chunk[:count] for chunk, count in zip(codes, counts, strict=True)]
+            worth = [chunk[:count] for chunk, count in zip(residuals, counts, strict=True)]
+            strongest.add(cpu.decode(np.concatenate(found), bases, arrangements, n_target, n), np.concatenate(worth))
         evaluated += int(looked.sum())
         rank = last
         if progress is not None:

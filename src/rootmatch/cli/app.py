@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from rootmatch._version import __version__
+from rootmatch.cli.benchmark import benchmark
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
@@ -23,7 +24,12 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 STOPPED = "interrupted; nothing half-written is left"
 
-COMMANDS: dict[str, Callable[..., None]] = {"match": match, "simulate": simulate, "reproduce": reproduce}
+COMMANDS: dict[str, Callable[..., None]] = {
+    "match": match,
+    "simulate": simulate,
+    "reproduce": reproduce,
+    "benchmark": benchmark,
+}
 """The commands by name. Their modules import what is heavy inside the function, so that help stays instant."""
 
 

@@ -21,7 +21,7 @@ from rootmatch.kernels.bezout import (
     unit_last_entry_quadratic,
 )
 from rootmatch.kernels.dispatch import kernel, register, scalar, slab_of_rows
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.kernels.kinds import QR, SVD, Joint, QRBoth
 from rootmatch.kernels.padding import register_targets
 from rootmatch.kernels.vector import cross, dot
 
@@ -226,8 +226,8 @@ def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
     return one, two, ax, az, bx, bz, va, vb, tilt
 
 
-def _rooted_kernels(value: Any) -> tuple[Any, Any]:
-    """Edge and slab kernels of a residual that is evaluated at both roots of the first pair."""
+def rooted_edge(value: Any) -> Any:
+    """Edge kernel of a residual that is evaluated at both roots of the first pair."""
 
     @scalar
     def at(t, i0, i1, i2, j0, j1, j2):  # type: ignore[no-untyped-def]
@@ -245,20 +245,25 @@ def _rooted_kernels(value: Any) -> tuple[Any, Any]:
                 worst = max(worst, at(t, i[a], i[b], i[c], j[a], j[b], j[c]))
         return worst
 
-    @kernel
-    def row(t, kind, i, j, out):  # type: ignore[no-untyped-def]
-        if kind.pairs == 1:
-            one, two, ax, az, bx, bz, va, vb, tilt = both_roots(t, i[0], i[1], i[2], j[0], j[1])
-            x, y, z, v = t.rays[0], t.rays[1], t.rays[2], t.variance
-            for k in range(out.shape[0]):
-                first = value(one, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
-                second = value(two, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
-                out[k] = np.sqrt(min(first, second))
-        else:
-            for k in range(out.shape[0]):
-                out[k] = edge(t, kind, i, (j[0], j[1], k))
+    return edge
 
-    return edge, slab_of_rows(row)
+
+edge_joint = rooted_edge(joint_at)
+
+
+@kernel
+def row_joint(t, kind, i, j, out):  # type: ignore[no-untyped-def]
+    """Row kernel of `Joint`."""
+    if kind.pairs == 1:
+        one, two, ax, az, bx, bz, va, vb, tilt = both_roots(t, i[0], i[1], i[2], j[0], j[1])
+        x, y, z, v = t.rays[0], t.rays[1], t.rays[2], t.variance
+        for k in range(out.shape[0]):
+            first = joint_at(one, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
+            second = joint_at(two, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
+            out[k] = np.sqrt(min(first, second))
+    else:
+        for k in range(out.shape[0]):
+            out[k] = edge_joint(t, kind, i, (j[0], j[1], k))
 
 
 @scalar
@@ -321,5 +326,4 @@ for _kind, _value in (
     (SVD, singular_value),
 ):
     register(UP2PTables, _kind, *_resultant_kernels(_value))
-register(UP2PTables, Normalised, *_rooted_kernels(normalised_at))
-register(UP2PTables, Joint, *_rooted_kernels(joint_at))
+register(UP2PTables, Joint, edge_joint, slab_of_rows(row_joint))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
 from rootmatch.errors import InputError
+from rootmatch.kernels import up2p_normalised  # noqa: F401  (it registers its residual)
 from rootmatch.kernels.up2p import UP2PTables, quadratic
 from rootmatch.problems.problem import Problem, check_noise, check_normals, check_points
 

@@ -1,0 +1,51 @@
+"""Whole matches: time, accuracy and evaluations."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import Any
+
+from rootmatch.benchmark.scenes import NOISE, made
+from rootmatch.match import match
+from rootmatch.matcher import Matcher
+
+FRAMES = 9
+"""Frames of a tracked scene, after a first that is not counted."""
+
+
+def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+    """Medians over scenes."""
+    spent, accuracy, evaluations = [], [], []
+    for seed in (seeds[0], *seeds):
+        scene = made(problem, points, outliers, seed)
+        answer = match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed)
+        spent.append(answer.seconds)
+        accuracy.append(scene.accuracy(answer.assignment))
+        evaluations.append(answer.hyperedges)
+    return _row(f"{problem} {points} + {outliers}", spent[1:], accuracy[1:], evaluations[1:])
+
+
+def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
+    """Medians over scenes of the median frame of a `Matcher`."""
+    spent, accuracy, evaluations = [], [], []
+    for seed in seeds:
+        scene = made(problem, points, outliers, seed)
+        matcher = Matcher(scene.source, scene.problem, noise=NOISE, seed=seed)
+        answer = matcher.match(scene.target)
+        times = []
+        for _ in range(FRAMES):
+            started = time.perf_counter()
+            matcher.match(scene.target)
+            times.append(time.perf_counter() - started)
+        spent.append(statistics.median(times))
+        accuracy.append(scene.accuracy(answer.assignment))
+        evaluations.append(answer.hyperedges)
+    return _row(f"{problem} {points} + {outliers}, tracked", spent, accuracy, evaluations)
+
+
+def _row(case: str, spent: list[float], accuracy: list[float], evaluations: list[int]) -> dict[str, Any]:
+    return {
+        "case": case, "scenes": len(spent), "milliseconds": 1e3 * statistics.median(spent),
+        "accuracy": statistics.fmean(accuracy), "evaluations": statistics.median(evaluations),
+    }  # fmt: skip

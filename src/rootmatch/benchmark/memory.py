@@ -1,0 +1,49 @@
+"""Memory of an exhaustive build, measured in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+from rootmatch.affinity import affinity, exhaustive_tensor
+from rootmatch.benchmark.scenes import prepared
+
+
+def peak_megabytes() -> float | None:
+    """Most memory that this process has had at once; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (2.0**20 if sys.platform == "darwin" else 2.0**10)
+
+
+def memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
+    """Peak memory of an exhaustive build, and that of the library alone, in MiB; bytes of a kept hyper-edge."""
+    program = "from rootmatch.benchmark.memory import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, problem, str(points), str(outliers)],
+        text=True, stdout=subprocess.PIPE, check=True,
+    )  # fmt: skip
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
+
+
+def main() -> None:
+    """Build the tensor of the scene that is named on the command line and print what it took."""
+    problem, points, outliers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    scene, tables = prepared(problem, points, outliers)
+    before = peak_megabytes()
+    weigh = affinity("joint")
+    shape = (len(scene.source), len(scene.target))
+    kind = weigh.residual.kernel_kind(scene.problem.pair_count)
+    tensor, evaluated = exhaustive_tensor(tables, kind, weigh, shape, scene.problem.order)
+    bytes_each = (tensor.indices.nbytes + tensor.weights.nbytes) / max(tensor.size, 1)
+    figures = {
+        "case": f"{problem} {shape[0]} × {shape[1]}, exhaustive", "hyperedges": evaluated, "kept": tensor.size,
+        "peak_megabytes": peak_megabytes(), "peak_megabytes_before": before, "bytes_each": bytes_each,
+    }  # fmt: skip
+    print(json.dumps(figures))

@@ -1,0 +1,135 @@
+"""Floating-point operations that a hyper-edge costs, counted.
+
+The kernels' own Python source runs, compilation switched off, on numbers that count what is done with them: sums,
+products, quotients and square roots, each as one; comparisons and choices are free. That is how the kernel is written.
+The compiler fuses products and sums, which changes nothing here, and takes what is fixed out of loops, which makes the
+share of the machine's peak that follows from this an upper one, by a tenth or so. Compilation is switched off
+for a process as a whole, so `operations` asks another one.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch import hyperedges
+from rootmatch.affinity import KINDS
+from rootmatch.benchmark.scenes import prepared
+from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
+
+SAMPLES = 3
+"""Panels drawn at random for each count; each has about n' slabs."""
+_done = 0
+_root = math.sqrt
+
+
+def _counted(value: float) -> Counted:
+    global _done
+    _done += 1
+    return Counted(value)
+
+
+class Counted(float):
+    """A number that counts operations; as in the compiled kernels nothing raises."""
+
+    def __add__(self, other: float) -> Counted:
+        return _counted(float(self) + float(other))
+
+    def __sub__(self, other: float) -> Counted:
+        return _counted(float(self) - float(other))
+
+    def __rsub__(self, other: float) -> Counted:
+        return _counted(float(other) - float(self))
+
+    def __mul__(self, other: float) -> Counted:
+        return _counted(float(self) * float(other))
+
+    def __truediv__(self, other: float) -> Counted:
+        return _counted(_quotient(float(self), float(other)))
+
+    def __rtruediv__(self, other: float) -> Counted:
+        return _counted(_quotient(float(other), float(self)))
+
+    def __neg__(self) -> Counted:
+        return Counted(-float(self))
+
+    def __abs__(self) -> Counted:
+        return Counted(abs(float(self)))
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+def _quotient(a: float, b: float) -> float:
+    if b != 0.0:
+        return a / b
+    return math.nan if a == 0.0 or math.isnan(a) else math.copysign(math.inf, a)
+
+
+def _square_root(x: float) -> Counted:
+    return _counted(_root(float(x)) if float(x) >= 0.0 else math.nan)
+
+
+def _countable(field: NDArray[Any]) -> NDArray[Any]:
+    """The array with its numbers replaced by counting ones."""
+    out = np.empty(field.shape, object)
+    out.ravel()[:] = [Counted(value) for value in field.ravel()]
+    return out
+
+
+def count(problem: str, kind: str, points: int, outliers: int, samples: int = SAMPLES) -> float:
+    """Operations for each hyper-edge of an exhaustive sweep, by random panels; with compilation switched off only."""
+    global _done
+    scene, tables = prepared(problem, points, outliers)
+    order, (n, n_target) = scene.problem.order, (len(scene.source), len(scene.target))
+    tables = type(tables)(*map(_countable, tables))
+    residual = KINDS[kind](pairs=1)
+    rng = np.random.default_rng(0)
+    bases = hyperedges.source_bases(n, order)
+    _done = 0
+    with patch.object(math, "sqrt", _square_root), patch.object(np, "sqrt", _square_root):
+        looked = sum(_panel(tables, residual, order, bases, rng, n, n_target) for _ in range(samples))
+    return _done / looked
+
+
+def _panel(
+    tables: Any, residual: Any, order: int, bases: NDArray[np.int64], rng: np.random.Generator, n: int, n_target: int
+) -> int:
+    """Run a random panel and all of its slabs; how many hyper-edges they have."""
+    panel, scratch = np.empty((PANEL_ROWS, n_target), object), np.empty((SCRATCH_ROWS, n), object)
+    i = np.append(bases[rng.integers(len(bases))], 0)
+    j = np.append(rng.choice(n_target, order - 2, replace=False), (0, 0))
+    first = int(i[order - 2]) + 1
+    fill_panel(tables, residual, i, j, panel)
+    lasts = np.setdiff1d(np.arange(n_target), j[: order - 2])
+    for last in lasts:
+        j[order - 2] = last
+        slab_residual(tables, residual, i, j, first, panel, scratch, np.empty((n - first, n_target), object))
+    return len(lasts) * (n - first) * (n_target - order + 1)
+
+
+def operations(cases: list[tuple[str, str, int, int]], samples: int = SAMPLES) -> list[float]:
+    """`count` of each of the cases (problem, kind, points, outliers), in a process without compilation."""
+    work = json.dumps({"cases": cases, "samples": samples})
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", "from rootmatch.benchmark.operations import main; main()"],
+        input=work, text=True, env=environment, stdout=subprocess.PIPE, check=True,
+    )  # fmt: skip
+    counts: list[float] = json.loads(done.stdout)
+    return counts
+
+
+def main() -> None:
+    """Read cases from standard input and print their counts."""
+    work = json.load(sys.stdin)
+    cases: list[tuple[str, str, int, int]] = work["cases"]
+    print(json.dumps([count(problem, kind, n, more, work["samples"]) for problem, kind, n, more in cases]))

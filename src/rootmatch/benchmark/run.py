@@ -1,0 +1,130 @@
+"""The whole measurement, in one run on one machine."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numba
+
+from rootmatch._version import __version__
+from rootmatch.benchmark.contraction import contraction
+from rootmatch.benchmark.kernels import factorisations_per_second, hyperedges_per_second
+from rootmatch.benchmark.matches import tracked, whole_match
+from rootmatch.benchmark.memory import memory
+from rootmatch.benchmark.operations import operations
+from rootmatch.benchmark.peak import peak
+from rootmatch.benchmark.scenes import made
+
+NOTE = (
+    "Ratios within one run are what counts: rates depend on the machine and on what else it does. "
+    "The first run compiles, which takes minutes and is not timed."
+)
+
+Progress = Callable[[int, int], None]
+Case = tuple[str, int, int]
+"""Problem, points, outliers."""
+ALL_KINDS = ("joint", "normalised", "qr", "qr-both")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured, and how large."""
+
+    kernels: tuple[Case, ...] = (("p3p", 10, 10), ("up2p", 20, 20), ("3p1", 8, 7))
+    """24.4, 67.5 and 2.3 million hyper-edges."""
+    kinds: tuple[str, ...] = ALL_KINDS
+    batch: int = 20_000
+    """Matrices that are factorised at once."""
+    contraction: tuple[int, int] = (1_000_000, 20)
+    """Hyper-edges, and n = n'."""
+    matches: tuple[Case, ...] = (
+        ("p3p", 10, 10),
+        ("p3p", 20, 20),
+        ("p3p", 50, 50),
+        ("up2p", 20, 20),
+        ("up2p", 100, 100),
+    )
+    tracked: Case = ("p3p", 5, 3)
+    scenes: int = 5
+    memory: Case = ("p3p", 12, 20)
+    """Exhaustive 12 × 32: 427 million hyper-edges."""
+    rounds: int = 20_000
+    """Of the loop that finds the machine's peak."""
+    samples: int = 3
+    """Panels for each count of operations."""
+    repeats: int = 3
+
+    @classmethod
+    def tiny(cls) -> Plan:
+        """As small as it runs: shows that everything works, not how fast."""
+        return cls(
+            kernels=(("p3p", 5, 1), ("up2p", 5, 1)), kinds=("joint",), batch=50, contraction=(2_000, 8),
+            matches=(("up2p", 6, 2),), tracked=("p3p", 5, 3), scenes=1, memory=("p3p", 5, 3), rounds=10, samples=1,
+            repeats=1,
+        )  # fmt: skip
+
+    @property
+    def steps(self) -> int:
+        """Measurements in all."""
+        return len(self.kernels) * (1 + len(self.kinds)) + len(self.matches) + 5
+
+
+@dataclass
+class Results:
+    """What was measured; rates are per second."""
+
+    note: str = NOTE
+    version: str = __version__
+    machine: str = ""
+    threads: int = 0
+    peak_operations: float = 0.0
+    kernels: list[dict[str, Any]] = field(default_factory=list)
+    contraction: dict[str, float] = field(default_factory=dict)
+    matches: list[dict[str, Any]] = field(default_factory=list)
+    memory: dict[str, Any] = field(default_factory=dict)
+
+
+def run(plan: Plan, progress: Progress | None = None) -> Results:
+    """Measure all of a plan; ``progress`` is called with (measurements done, in all)."""
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, plan.steps)
+
+    results = Results(machine=f"{platform.machine()} {platform.system()}", threads=numba.get_num_threads())
+    results.peak_operations = peak(plan.rounds, plan.repeats)
+    step()
+    cases = [(problem, kind, points, outliers) for problem, points, outliers in plan.kernels for kind in plan.kinds]
+    counts = dict(zip(cases, operations(cases, plan.samples), strict=True))
+    step()
+    for problem, points, outliers in plan.kernels:
+        reference = factorisations_per_second(made(problem, points, outliers).problem.degree, plan.batch, plan.repeats)
+        step()
+        for kind in plan.kinds:
+            rate, evaluated = hyperedges_per_second(problem, kind, points, outliers, plan.repeats)
+            each = counts[problem, kind, points, outliers]
+            results.kernels.append(
+                {
+                    "problem": problem, "kind": kind, "hyperedges": evaluated, "per_second": rate,
+                    "qr_per_second": reference, "ratio": rate / reference, "operations": each,
+                    "share_of_peak": rate * each / results.peak_operations,
+                }
+            )  # fmt: skip
+            step()
+    results.contraction = contraction(*plan.contraction, plan.repeats)
+    step()
+    seeds = range(1000, 1000 + plan.scenes)
+    results.matches.append(tracked(*plan.tracked, seeds))
+    step()
+    for case in plan.matches:
+        results.matches.append(whole_match(*case, seeds))
+        step()
+    results.memory = memory(*plan.memory)
+    step()
+    return results

@@ -1,0 +1,74 @@
+"""The command that measures: that everything in it runs and what it counts is right; no time is judged."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from rootmatch.benchmark import Plan, run
+from rootmatch.benchmark.memory import peak_megabytes
+from rootmatch.benchmark.operations import Counted, operations
+from rootmatch.cli.app import app
+
+
+def test_counted_numbers_compute_as_floats_and_stay_counted() -> None:
+    a, b = Counted(3.0), Counted(4.0)
+    values = {
+        a + b: 7.0,
+        a - b: -1.0,
+        1.0 - a: -2.0,
+        2.0 * a * b: 24.0,
+        a / b: 0.75,
+        1 / b: 0.25,
+        -a: -3.0,
+        abs(-a): 3.0,
+    }
+    assert all(found == wanted and type(found) is Counted for found, wanted in values.items())
+    assert a / Counted(0.0) == float("inf")
+    assert Counted(0.0) / 0.0 != 0.0
+
+
+def test_operations_of_a_hyperedge() -> None:
+    """A closed form for quartics costs more than one for quadratics; what is shared by many images costs little."""
+    cases = [("p3p", "qr", 5, 2), ("up2p", "qr", 5, 2), ("p3p", "joint", 5, 2), ("p3p", "joint", 12, 8)]
+    quartic, quadratic, small, large = operations(cases, 2)
+    # two norms, three entries of the matrix, its determinant, four cofactors: by hand 30 or so, and the coefficients
+    assert 40 < quadratic < 120
+    assert 2 * quadratic < quartic < 600
+    assert large < small / 2
+
+
+def test_run_of_the_least_sizes() -> None:
+    plan, seen = Plan.tiny(), []
+    results = run(plan, lambda done, total: seen.append((done, total)))
+    assert seen == [(k + 1, plan.steps) for k in range(plan.steps)]
+    assert [(row["problem"], row["kind"]) for row in results.kernels] == [("p3p", "joint"), ("up2p", "joint")]
+    # C(5, 4) · 6·5·4·3 and C(5, 3) · 6·5·4
+    assert [row["hyperedges"] for row in results.kernels] == [1800, 1200]
+    for row in results.kernels:
+        assert row["ratio"] == pytest.approx(row["per_second"] / row["qr_per_second"])
+        assert row["share_of_peak"] == pytest.approx(row["per_second"] * row["operations"] / results.peak_operations)
+    assert results.memory["hyperedges"] == 5 * 8 * 7 * 6 * 5
+    assert results.memory["bytes_each"] <= 40.0
+    assert results.contraction["hyperedges"] == 2000
+    assert {row["case"] for row in results.matches} == {"p3p 5 + 3, tracked", "up2p 6 + 2"}
+
+
+def test_the_command_prints_one_json_object_or_tables() -> None:
+    done = CliRunner().invoke(app, ["benchmark", "--tiny", "--json"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert "ratios" in found["note"].lower()
+    assert len(found["kernels"]) == 2
+    assert "100 %" in done.stderr
+    done = CliRunner().invoke(app, ["benchmark", "--tiny", "--quiet"])
+    assert "numpy.linalg.qr" in done.stdout
+    assert "peak memory" in done.stdout
+    assert done.stderr == ""
+
+
+def test_peak_memory_is_a_plausible_number() -> None:
+    peak = peak_megabytes()
+    assert peak is None or 20.0 < peak < 1e5
