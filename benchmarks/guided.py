@@ -110,10 +110,13 @@ def headset(folder: Path) -> list[Row]:
     return rows
 
 
-def growth(rows: list[Row]) -> float:
-    """Exponent of the evaluations over the points, by least squares on logarithms."""
+def growth(rows: list[Row]) -> dict[str, float]:
+    """Exponents of evaluations and of seconds over the points, by least squares on logarithms."""
     sizes = np.log([int(row.scene.split()[1]) for row in rows])
-    return float(np.polyfit(sizes, np.log([row.evaluations for row in rows]), 1)[0])
+    return {
+        name: float(np.polyfit(sizes, np.log([getattr(row, name) for row in rows]), 1)[0])
+        for name in ("evaluations", "seconds")
+    }
 
 
 def line(row: Row) -> str:
@@ -134,7 +137,7 @@ def main() -> None:
     options = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
     rows: list[Row] = []
-    exponents = {}
+    exponents: dict[str, dict[str, float]] = {}
 
     def report(row: Row) -> None:
         rows.append(row)
@@ -159,7 +162,8 @@ def main() -> None:
         print(json.dumps({"seeds": list(seeds), "rows": [asdict(row) for row in rows], "exponents": exponents}))
     else:
         for name, exponent in exponents.items():
-            print(f"{name}: evaluations grow as n^{exponent:.1f} (n points, n outliers)")
+            grown = f"evaluations grow as n^{exponent['evaluations']:.1f}, time as n^{exponent['seconds']:.1f}"
+            print(f"{name}: {grown} (n points, n outliers)")
 
 
 if __name__ == "__main__":

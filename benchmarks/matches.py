@@ -51,13 +51,16 @@ class Case:
     """Times the yardstick's median that the median may take."""
     seconds: float | None = None
     """Seconds that the median may take."""
+    motions: int = 1
+    """Rigid motions that the points are divided among, equally; of the yardstick its joint mode."""
     tracked: bool = False
     """Frame after frame of one `Matcher`; the median of FRAMES."""
 
     @property
     def name(self) -> str:
         hidden = f" ({self.hidden} unseen)" if self.hidden else ""
-        return f"{self.problem} {self.points} + {self.outliers}{hidden}{', tracked' if self.tracked else ''}"
+        motions = f", {self.motions} motions" if self.motions > 1 else ""
+        return f"{self.problem} {self.points} + {self.outliers}{hidden}{motions}{', tracked' if self.tracked else ''}"
 
 
 CASES = [
@@ -72,6 +75,7 @@ CASES = [
     Case("up2p", 50, 50),
     Case("up2p", 100, 100, seconds=1.0),
     Case("up2p", 10, 10, hidden=10, sigma=0.5),
+    Case("up2p", 40, 0, motions=8, ratio=0.2),
 ]
 
 
@@ -117,7 +121,8 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
 def ours(case: Case, scene: Scene, seed: int) -> tuple[rm.Match, float]:
     """Our match and its seconds."""
     if not case.tracked:
-        return timed(lambda: rm.match(scene.source, scene.target, scene.problem, noise=case.sigma, seed=seed))
+        options = {"noise": case.sigma, "seed": seed, "motions": case.motions}
+        return timed(lambda: rm.match(scene.source, scene.target, scene.problem, **options))
     matcher = rm.Matcher(scene.source, scene.problem, noise=case.sigma, seed=seed)
     match = matcher.match(scene.target)
     return match, statistics.median(timed(lambda: matcher.match(scene.target))[1] for _ in range(FRAMES))
@@ -126,12 +131,13 @@ def ours(case: Case, scene: Scene, seed: int) -> tuple[rm.Match, float]:
 def theirs(case: Case, scene: Scene, seed: int, yardstick: ModuleType) -> tuple[Any, float]:
     """The yardstick's assignment and its seconds; the number of threads that it sets is set back."""
     allowed = numba.get_num_threads()
-    answer, seconds = timed(
-        lambda: yardstick.ransac_match(
-            scene.source, scene.target, scene.cameras[0].matrix, TOLERANCE * case.sigma,
-            max_seconds=PATIENCE, seed=seed, problem=case.problem,
+    given = scene.source, scene.target, scene.cameras[0].matrix, TOLERANCE * case.sigma
+    if case.motions > 1:
+        answer, seconds = timed(lambda: yardstick.ransac_match_multi(*given, max_seconds=PATIENCE, seed=seed))
+    else:
+        answer, seconds = timed(
+            lambda: yardstick.ransac_match(*given, max_seconds=PATIENCE, seed=seed, problem=case.problem)
         )
-    )  # fmt: skip
     numba.set_num_threads(allowed)
     return answer[0], seconds
 
@@ -142,7 +148,7 @@ def run(case: Case, seeds: list[int], yardstick: ModuleType | None) -> Row:
     mine: list[tuple[float, float, float]] = []
     other: list[tuple[float, float]] = []
     for turn, seed in enumerate([seeds[0], *seeds]):
-        scene = make(case.points, case.outliers, noise=case.sigma, seed=seed, hidden=case.hidden)
+        scene = make(case.points, case.outliers, noise=case.sigma, seed=seed, hidden=case.hidden, motions=case.motions)
         match, seconds = ours(case, scene, seed)
         if turn:  # the first time compiles
             mine.append((seconds, scene.accuracy(match.assignment), float(match.hyperedges)))

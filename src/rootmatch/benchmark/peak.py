@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import seconds
+from rootmatch.kernels.threads import in_threads
 
-CHAIN = 32
+CHAIN = 16
 """Fused products one after the other on each number, between its load and its store."""
-NUMBERS = 512
+ROWS, NUMBERS = 8, 64
 """Numbers of a thread: four kilobytes, which the nearest cache holds."""
 
 
-@njit(parallel=True, cache=True, fastmath={"contract"}, error_model="numpy")
-def _fused(numbers, factor, term, repeats):  # type: ignore[no-untyped-def]
-    """Apply x ← factor · x + term to the numbers (threads, NUMBERS), CHAIN times each and all ``repeats`` times."""
-    for thread in prange(numbers.shape[0]):
-        line = numbers[thread]
-        for _ in range(repeats):
-            for k in range(line.shape[0]):
-                x = line[k]
-                for _ in range(CHAIN):
-                    x = factor * x + term
-                line[k] = x
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _fused(line, factor, term, repeats):  # type: ignore[no-untyped-def]
+    """Apply x ← factor · x + term to the numbers (ROWS, NUMBERS), CHAIN times each and all ``repeats`` times."""
+    for _ in range(repeats):
+        for k in range(line.shape[1]):
+            # eight and more side by side: a product must wait for the one before it
+            a, b, c, d = line[0, k], line[1, k], line[2, k], line[3, k]
+            e, f, g, h = line[4, k], line[5, k], line[6, k], line[7, k]
+            for _ in range(CHAIN):
+                a, b, c, d = factor * a + term, factor * b + term, factor * c + term, factor * d + term
+                e, f, g, h = factor * e + term, factor * f + term, factor * g + term, factor * h + term
+            line[0, k], line[1, k], line[2, k], line[3, k] = a, b, c, d
+            line[4, k], line[5, k], line[6, k], line[7, k] = e, f, g, h
 
 
 def peak(rounds: int, repeats: int) -> float:
     """Operations a second of all threads in float64; a fused product is two."""
-    numbers: NDArray[np.float64] = np.ones((numba.get_num_threads(), NUMBERS))
-    spent = seconds(lambda: _fused(numbers, 0.999, 0.001, rounds), repeats)
+    threads = numba.get_num_threads()
+    numbers: NDArray[np.float64] = np.ones((threads, ROWS, NUMBERS))
+
+    def work(first: int, last: int) -> None:
+        for line in numbers[first:last]:
+            _fused(line, 0.999, 0.001, rounds)
+
+    spent = seconds(lambda: in_threads(work, threads, threads), repeats)
     return 2.0 * CHAIN * numbers.size * rounds / spent

@@ -51,7 +51,7 @@ class Plan:
     scenes: int = 5
     memory: Case = ("p3p", 12, 20)
     """Exhaustive 12 × 32: 427 million hyper-edges."""
-    rounds: int = 20_000
+    rounds: int = 500_000
     """Of the loop that finds the machine's peak."""
     samples: int = 3
     """Panels for each count of operations."""
