@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import oracles
 import robot_scenes
 from instances import axis_rotation
 from robot_scenes import DOWN, INTRINSICS
-from rootmatch import match, residuals
+from rootmatch import match
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError
 from rootmatch.kernels.derived.compile import compile_residuals
@@ -21,6 +22,12 @@ from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.problems.planar_motion import PlanarMotion, derivation
 
 CAMERA = Camera(*INTRINSICS)
+
+
+def interpreted(kind: type) -> Callable:
+    """The kernel of a residual as plain Python, which need not be compiled; `test_match` runs the compiled ones."""
+    derived = PlanarMotion(CAMERA).derived
+    return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
 
 
 def problem_of(scene: robot_scenes.Scene) -> PlanarMotion:
@@ -91,11 +98,12 @@ def best_motion_chi2(scene: robot_scenes.Scene, first: np.ndarray, second: np.nd
 def test_joint_is_the_reprojection_error_of_the_best_motion() -> None:
     sigma = 0.05
     errors = []
-    index = np.arange(3)[None]
+    index = np.arange(3)
+    edge = interpreted(Joint)
     for seed in range(30):
         scene = robot_scenes.robot(3, noise=sigma, seed=seed)
         target = scene.target[scene.truth]
-        value = residuals(scene.source, target, PlanarMotion(CAMERA), index, index, "joint", sigma)[0]
+        value = edge(PlanarMotion(CAMERA).prepare(scene.source, target, sigma), Joint(), index, index)
         expected = best_motion_chi2(scene, scene.source, target, sigma)
         errors.append(abs(value**2 - expected) / max(expected, 0.1))
     assert np.quantile(errors, 0.5) < 0.05
@@ -110,14 +118,15 @@ def test_calibration(noise: float, tolerance: float) -> None:
     reprojection errors of such triples (`best_motion_chi2`) 51 %.
     """
     true, wrong = [], []
+    edge = interpreted(Joint)
     for seed in range(60):
         scene = robot_scenes.robot(8, noise=noise, seed=seed, tilt=0.2)
         rng = np.random.default_rng(seed)
-        source = np.array([rng.permutation(8)[:3] for _ in range(80)])
-        other = np.array([rng.permutation(8)[:3] for _ in range(80)])
-        problem = problem_of(scene)
-        true.append(residuals(scene.source, scene.target, problem, source, scene.truth[source], "joint", noise))
-        wrong.append(residuals(scene.source, scene.target, problem, source, other, "joint", noise))
+        source = np.array([rng.permutation(8)[:3] for _ in range(40)])
+        other = np.array([rng.permutation(8)[:3] for _ in range(40)])
+        tables = problem_of(scene).prepare(scene.source, scene.target, noise)
+        true.append([edge(tables, Joint(), i, scene.truth[i]) for i in source])
+        wrong.append([edge(tables, Joint(), i, j) for i, j in zip(source, other, strict=True)])
     squares = np.concatenate(true) ** 2
     for share in (0.5, 0.9):
         assert abs(np.mean(squares < chi2.ppf(share, 1)) - share) < tolerance
@@ -140,13 +149,14 @@ class TestDegenerate:
 
     def test_a_turn_alone_says_little(self) -> None:
         """Wrong hyper-edges must not be better than 3.5 more often than chance allows; nothing is NaN."""
-        index = np.arange(3)[None]
+        index = np.arange(3)
         values = []
+        edge = interpreted(Joint)
         for seed in range(40):
             scene = robot_scenes.robot(3, noise=0.2, seed=seed, step=1e-6)
             target = scene.target[scene.truth]
             for turned in (target, target[[1, 2, 0]]):
-                value = residuals(scene.source, turned, PlanarMotion(CAMERA), index, index, "joint", 0.2)[0]
+                value = edge(PlanarMotion(CAMERA).prepare(scene.source, turned, 0.2), Joint(), index, index)
                 assert np.isfinite(value)
                 assert value >= 0.0
             values.append(value)
@@ -159,11 +169,9 @@ class TestDegenerate:
         target = np.column_stack((rng.uniform(100.0, 500.0, 4), np.full(4, INTRINSICS[3])))
         assert np.all(PlanarMotion(CAMERA).coefficients(source[None, :2], target[None, :2]) == 0.0)
         index = np.arange(3)
-        derived = PlanarMotion(CAMERA).derived
-        tables = derived.prepare(source, target, 0.5)
-        kernels = compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)
+        tables = PlanarMotion(CAMERA).prepare(source, target, 0.5)
         for kind in (QR, QRBoth, SVD, Normalised, Joint):
-            assert kernels[kind][0](tables, kind(), index, index) >= 1.4
+            assert interpreted(kind)(tables, kind(), index, index) >= 1.4
 
     def test_half_a_turn_is_only_far_out(self) -> None:
         """θ near π: the root is near infinity, where reversed coefficients find it."""

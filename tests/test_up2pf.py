@@ -51,7 +51,7 @@ def rotation_of(scene: robot_scenes.Scene, angle: float) -> np.ndarray:
 def test_quartic_is_the_resultant_of_two_pairs(tilt: float) -> None:
     """Its real roots are the turns at which the numerical resultant changes sign, counted from the optical axis."""
     seen = 0
-    for seed in range(10):
+    for seed in range(7):
         scene = robot_scenes.zoomed(4, noise=3.0, seed=seed, tilt=tilt)
         points, pixels = scene.source[:3], scene.target[scene.truth[:3]]
         found = problem_of(scene).coefficients(points[None], pixels[None])[0]
@@ -59,12 +59,12 @@ def test_quartic_is_the_resultant_of_two_pairs(tilt: float) -> None:
         roots = np.roots(found)
         ours = np.sort(2.0 * np.arctan(roots[np.abs(roots.imag) < 1e-7 * np.abs(roots)].real))
         angles = np.linspace(-math.pi, math.pi, 20001)
-        values = np.array([eliminated(points, pixels, rotation_of(scene, a)) for a in angles[::20]])
+        values = np.array([eliminated(points, pixels, rotation_of(scene, a)) for a in angles[::40]])
         count = int(np.sum(np.sign(values[1:]) != np.sign(values[:-1])))
         assert count <= len(ours)  # a coarse grid may miss a close pair
         zeros = []
         for k in np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1])):
-            low, high = angles[::20][k], angles[::20][k + 1]
+            low, high = angles[::40][k], angles[::40][k + 1]
             for _ in range(60):
                 middle = 0.5 * (low + high)
                 same = np.sign(eliminated(points, pixels, rotation_of(scene, middle))) == np.sign(values[k])
@@ -79,7 +79,7 @@ def test_quartic_is_the_resultant_of_two_pairs(tilt: float) -> None:
             max(min(abs(math.remainder(s - t, 2.0 * math.pi)) for t in row) for row in shifts) for s in shifts[0]
         )
         assert best < 1e-6
-    assert seen >= 5
+    assert seen >= 4
 
 
 def test_the_truth_is_a_root_of_all_triples() -> None:
