@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,3 +189,16 @@ def test_bad_input(change: dict[str, object], text: str) -> None:
     points = np.random.default_rng(0).normal(size=(6, 2))
     with pytest.raises(InputError, match=text):
         nearest_hyperedges(**{"source": points, "target": points, **change})  # type: ignore[arg-type]
+
+
+def test_the_page_of_more_problems_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    page = Path(__file__).resolve().parents[1] / "docs" / "more-problems.md"
+    names: dict = {}
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        exec(compile(block, page.name, "exec"), names)
+    assert capsys.readouterr().out == "100% right\n"
+    assert names["robot"].order == 3
+    assert names["zoom"].order == 4
+    assert 0.0 <= names["found"][0] < 4.0
+    for name in INVARIANTS:
+        assert f'`"{name}"`' in page.read_text(encoding="utf-8")
