@@ -84,3 +84,29 @@ def test_margin():
     # Point 2 is not claimed: the alternative that moves only it is no other answer.
     assert margin(10.0, others, np.array([0, 1, -1])) == pytest.approx(0.4)
     assert margin(10.0, [(np.array([0, -1, 2]), 9.0)], answer) == 1.0
+
+
+@pytest.mark.parametrize("shape", [(5, 5), (4, 7), (7, 4), (1, 3), (3, 1)])
+def test_a_clear_case_is_what_the_hungarian_method_says(shape):
+    rng = np.random.default_rng(sum(shape))
+    least = min(shape)
+    for _ in range(20):
+        soft = rng.random(shape)
+        rows, columns = rng.permutation(shape[0])[:least], rng.permutation(shape[1])[:least]
+        soft[rows, columns] += 1.0
+        expected = np.full(shape[0], -1)
+        expected[rows] = columns
+        np.testing.assert_array_equal(discretise(soft), expected)
+        # Liked twice by two lines: the total decides, not the order.
+        if least > 1:
+            soft[rows[0], columns[1]] = 3.0
+            np.testing.assert_array_equal(discretise(soft), expected_by_scipy(soft))
+
+
+def expected_by_scipy(soft):
+    from scipy.optimize import linear_sum_assignment
+
+    assignment = np.full(soft.shape[0], -1)
+    rows, columns = linear_sum_assignment(soft, maximize=True)
+    assignment[rows] = columns
+    return assignment

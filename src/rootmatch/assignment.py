@@ -27,18 +27,33 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     InputError
         If `soft` is not a finite, non-negative matrix.
     """
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
     value = np.asarray(soft, dtype=np.float64)
     if value.ndim != 2 or not np.all((value >= 0) & np.isfinite(value)):
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")
     # A common scale changes nothing, and keeps sums of huge values finite.
     largest = value.max(initial=0.0)
-    source, target = linear_sum_assignment(value / largest if largest > 0 else value, maximize=True)
+    source, target = _largest_total(value / largest if largest > 0 else value)
     assignment = np.full(value.shape[0], -1, np.int64)
     evident = value[source, target] > 0
     assignment[source[evident]] = target[evident]
     return assignment
+
+
+def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the one-to-one choice of the largest total."""
+    wide = value.shape[0] <= value.shape[1]
+    lines = value if wide else value.T
+    if value.size:
+        best = lines.argmax(axis=1)
+        # Where each line can have what it likes best, and likes one thing best, there is nothing to solve.
+        alone = np.count_nonzero(lines == lines.max(axis=1, keepdims=True)) == len(lines)
+        if alone and np.unique(best).size == best.size:
+            every = np.arange(len(lines))
+            return (every, best) if wide else (best, every)
+    from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
+
+    rows, columns = linear_sum_assignment(value, maximize=True)
+    return rows, columns
 
 
 def one_hot(assignment: NDArray[np.int64], n_target: int) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rootmatch.cli.cold import solver_compiled_beside
 from rootmatch.cli.geometry import ProblemName, flag, posed_problem
 from rootmatch.cli.progress import shown
 from rootmatch.cli.texts import in_words_of_the_command
@@ -214,9 +215,12 @@ def match(
     with (
         in_words_of_the_command({"source": str(model), "target": str(image), **subjects}),
         shown("hyper-edges", progress) as show,
+        ExitStack() as beside,
     ):
         from rootmatch.match import match as find
 
+        if solver is None and preset is None:
+            options["solver"] = beside.enter_context(solver_compiled_beside())
         found = find(
             source.points,
             target.points,
