@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, edge_residual, fill_panel, slab_residual
+from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, edge_residual, fill_panel, gives_squares, slab_residual
 from rootmatch.kernels.padding import target_columns
 from rootmatch.kernels.threads import in_threads, threads_worth
 
@@ -98,6 +98,9 @@ def _sweep(  # type: ignore[no-untyped-def]
     total = last_rank - first_rank
     masked = allowed.shape[0] > 0
     columns = target_columns(tables, targets)
+    squares = gives_squares(tables, kind)
+    # entries that are no hyper-edge are infinite: the limit stays below that
+    limit = min(gate * gate, 1e300) if squares else gate
     i = np.empty(d, np.int64)
     j = np.empty(d, np.int64)
     before = np.empty(d, np.int64)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
@@ -136,16 +139,16 @@ def _sweep(  # type: ignore[no-untyped-def]
                 line = out[r]
                 hits = 0
                 for m in range(columns):
-                    hits += line[m] <= gate
+                    hits += line[m] <= limit
                 if hits == 0:
                     continue
                 for k in range(d - 1):
                     line[arrangements[order, k]] = np.inf
                 for m in range(targets):
-                    if line[m] <= gate and (not masked or allowed[first + r, m]):
+                    if line[m] <= limit and (not masked or allowed[first + r, m]):
                         if count < capacity:
                             codes[chunk, count] = (rank * points + first + r) * targets + m
-                            residuals[chunk, count] = line[m]
+                            residuals[chunk, count] = np.sqrt(line[m]) if squares else line[m]
                         count += 1
         counts[chunk] = count
         evaluated[chunk] = done

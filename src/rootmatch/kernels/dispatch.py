@@ -27,6 +27,7 @@ kernel = njit(fastmath=FASTMATH, error_model="numpy")
 _EDGE: dict[tuple[type, type], Callable[..., Any]] = {}
 _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
 _PANEL: dict[tuple[type, type], Callable[..., Any]] = {}
+_SQUARES: set[tuple[type, type]] = set()
 
 
 def register(
@@ -35,16 +36,20 @@ def register(
     edge: Callable[..., Any],
     slab: Callable[..., Any],
     panel: Callable[..., Any] | None = None,
+    squares: bool = False,
 ) -> None:
     """Make these functions the kernels of a pair of types.
 
     They are ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)``; with
     ``panel(tables, kind, i, j, panel)`` the slab's is ``slab(tables, kind, i, j, first, panel, scratch, out)``.
+    ``squares`` says that the slab gives the squares of residuals, whose roots only what passes the gate is worth.
     """
     _EDGE[tables, kind] = edge
     _SLAB[tables, kind] = slab
     if panel is not None:
         _PANEL[tables, kind] = panel
+    if squares:
+        _SQUARES.add((tables, kind))
 
 
 def slab_of_rows(row: Callable[..., Any]) -> Any:
@@ -87,6 +92,8 @@ def slab_residual(
 ) -> None:
     """Residuals ``out`` (m, n') of a minimal set with every last correspondence (first + r, k), r < m, k < n'.
 
+    Their squares where `gives_squares` says so.
+
     ``i`` and ``j`` (d,) hold the minimal set; their last entries are free for the kernel. Entries of ``out`` whose k is
     among ``j[:d - 1]`` belong to no hyper-edge and mean nothing. ``panel`` is as `fill_panel` left it for this minimal
     set or for one that differs in ``j[d - 2]`` alone; ``scratch`` has at least (SCRATCH_ROWS, m) entries. What depends
@@ -97,6 +104,11 @@ def slab_residual(
         _SLAB[key](tables, kind, i, j, first, panel, scratch, out)
     else:
         _SLAB[key](tables, kind, i, j, first, scratch, out)
+
+
+def gives_squares(tables: Any, kind: Any) -> bool:
+    """Whether what `slab_residual` computes are squares of residuals."""
+    return (type(tables), type(kind)) in _SQUARES
 
 
 SCRATCH_ROWS = 32
@@ -144,6 +156,16 @@ def _slab_overload(
         function(tables, kind, i, j, first, panel, scratch, out)
 
     return with_panel if key in _PANEL else plain
+
+
+@overload(gives_squares)
+def _squares_overload(tables: Any, kind: Any) -> Callable[..., Any]:
+    squares = (tables.instance_class, kind.instance_class) in _SQUARES
+
+    def implementation(tables: Any, kind: Any) -> Any:
+        return squares
+
+    return implementation
 
 
 def kinds_of(tables: type) -> tuple[type, ...]:

@@ -172,7 +172,7 @@ def affine_coordinates(affine, x, y, z):  # type: ignore[no-untyped-def]
 
 @kernel
 def slab_joint(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
-    """Slab kernel of `Joint`."""
+    """Slab kernel of `Joint`: squares."""
     s = t.distance2
     h = t.versine
     u = t.rays
@@ -187,7 +187,6 @@ def slab_joint(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-un
     affine = affine_frame(t, i[0], i[1], i[2])
     px, py, pz = t.points[0, first:], t.points[1, first:], t.points[2, first:]
     rx, ry, rz = u[0], u[1], u[2]
-    found = False
     for r in range(rows):
         for m in range(columns):
             out[r, m] = LARGE * LARGE
@@ -227,11 +226,6 @@ def slab_joint(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-un
             for m in range(columns):
                 chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, rx[m], ry[m], rz[m], v[m])
                 line[m] = min(line[m], chi2)
-        found = True
-    for r in range(rows):
-        line = out[r]
-        for m in range(columns):
-            line[m] = np.sqrt(line[m]) if found else LARGE
 
 
 @kernel
@@ -275,4 +269,4 @@ def panel_joint(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
     solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], h[j[0], j[1]], h[j[1]], h[j[0]], panel)
 
 
-register(P3PTables, Joint, edge_joint, slab_joint, panel_joint)
+register(P3PTables, Joint, edge_joint, slab_joint, panel_joint, squares=True)

@@ -142,7 +142,7 @@ def panel_normalised(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
 
 @kernel
 def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
-    """Normalised resultants of the triple with every last correspondence."""
+    """Squares of the normalised resultants of the triple with every last correspondence."""
     s = t.distance2
     h = t.versine
     v = t.variance
@@ -176,10 +176,6 @@ def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
                     waa[n], wbb[n], wab[n], tad[n], tbd[n],
                 )  # fmt: skip
                 line[n] = min(line[n], ratio)
-    for r in range(rows):
-        line = out[r]
-        for n in range(columns):
-            line[n] = np.sqrt(line[n])
 
 
 @kernel
@@ -218,7 +214,7 @@ def edge_normalised(t, kind, i, j):  # type: ignore[no-untyped-def]
 
 @kernel
 def slab_normalised(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
-    """Slab kernel of `Normalised`."""
+    """Slab kernel of `Normalised`: squares."""
     if kind.pairs == 1:
         slab_of_pair(t, i, j, first, panel, out)
     else:
@@ -226,7 +222,7 @@ def slab_normalised(t, kind, i, j, first, panel, scratch, out):  # type: ignore[
             i[3] = first + r
             for n in range(out.shape[1]):
                 j[3] = n
-                out[r, n] = edge_normalised(t, kind, i, j)
+                out[r, n] = edge_normalised(t, kind, i, j) ** 2
 
 
-register(P3PTables, Normalised, edge_normalised, slab_normalised, panel_normalised)
+register(P3PTables, Normalised, edge_normalised, slab_normalised, panel_normalised, squares=True)

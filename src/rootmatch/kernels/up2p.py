@@ -253,17 +253,17 @@ edge_joint = rooted_edge(joint_at)
 
 @kernel
 def row_joint(t, kind, i, j, out):  # type: ignore[no-untyped-def]
-    """Row kernel of `Joint`."""
+    """Row kernel of `Joint`: squares."""
     if kind.pairs == 1:
         one, two, ax, az, bx, bz, va, vb, tilt = both_roots(t, i[0], i[1], i[2], j[0], j[1])
         x, y, z, v = t.rays[0], t.rays[1], t.rays[2], t.variance
         for k in range(out.shape[0]):
             first = joint_at(one, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
             second = joint_at(two, ax, az, bx, bz, va, vb, tilt, x[k], y[k], z[k], v[k])
-            out[k] = np.sqrt(min(first, second))
+            out[k] = min(first, second)
     else:
         for k in range(out.shape[0]):
-            out[k] = edge_joint(t, kind, i, (j[0], j[1], k))
+            out[k] = edge_joint(t, kind, i, (j[0], j[1], k)) ** 2
 
 
 @scalar
@@ -326,4 +326,4 @@ for _kind, _value in (
     (SVD, singular_value),
 ):
     register(UP2PTables, _kind, *_resultant_kernels(_value))
-register(UP2PTables, Joint, edge_joint, slab_of_rows(row_joint))
+register(UP2PTables, Joint, edge_joint, slab_of_rows(row_joint), squares=True)

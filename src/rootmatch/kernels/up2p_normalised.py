@@ -7,8 +7,6 @@ numbers, found for all third points in one loop, after which a root costs sixtee
 
 from __future__ import annotations
 
-import numpy as np
-
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import Normalised
 from rootmatch.kernels.up2p import LARGE, UP2PTables, normalised_at, rooted_edge, roots, sinusoid
@@ -70,7 +68,7 @@ def ratio_of(lx, ly, lz, xx, xy, xz, yy, yz, zz, weight, x, y, z, v):  # type: i
 
 @kernel
 def slab_of_pair(t, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
-    """Normalised resultants of the first pair with every last correspondence."""
+    """Squares of the normalised resultants of the first pair with every last correspondence."""
     p, u = t.points, t.rays
     X0, Y0, Z0 = p[0, i[0]], p[1, i[0]], p[2, i[0]]
     dx, dy, dz = p[0, i[1]] - X0, p[1, i[1]] - Y0, p[2, i[1]] - Z0
@@ -100,19 +98,19 @@ def slab_of_pair(t, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
         for k in range(line.shape[0]):
             one = ratio_of(k0, k1, k2, k3, k4, k5, k6, k7, k8, k9, x[k], y[k], z[k], v[k])
             two = ratio_of(l0, l1, l2, l3, l4, l5, l6, l7, l8, l9, x[k], y[k], z[k], v[k])
-            line[k] = np.sqrt(min(one, two))
+            line[k] = min(one, two)
 
 
 @kernel
 def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
-    """Slab kernel of `Normalised`."""
+    """Slab kernel of `Normalised`: squares."""
     if kind.pairs == 1:
         slab_of_pair(t, i, j, first, scratch, out)
     else:
         for r in range(out.shape[0]):
             i[2] = first + r
             for k in range(out.shape[1]):
-                out[r, k] = edge(t, kind, i, (j[0], j[1], k))
+                out[r, k] = edge(t, kind, i, (j[0], j[1], k)) ** 2
 
 
-register(UP2PTables, Normalised, edge, slab)
+register(UP2PTables, Normalised, edge, slab, squares=True)
