@@ -15,6 +15,7 @@ from rootmatch.affinity import Progress
 from rootmatch.guided.found import Found, Proposals
 from rootmatch.guided.sets import minimal_sets, others_of, widest
 from rootmatch.kernels import proposals
+from rootmatch.kernels.padding import padded
 from rootmatch.kernels.propose import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.kernels.raster import build_raster
 from rootmatch.kernels.weigh import weigh
@@ -91,6 +92,7 @@ class Search:
         candidates: NDArray[np.bool_] | None,
     ) -> None:
         self.tables, self.options = tables, options
+        self.padded = padded(tables, shape[1])
         self.single = motions == 1
         self.motions = math.inf if motions == "auto" else float(motions)
         self.n, self.n_target = shape
@@ -219,7 +221,7 @@ class Search:
             most = max(LEAST_WEIGHED_OF_MANY, solved // SOLVED_A_WEIGHED_OF_MANY)
         threads = max(1, min(numba.get_num_threads(), solved // WORTH_A_THREAD))
         found, ratios, counts = propose(
-            self.tables, self.raster, rules, sets, arrangements, first, last, allowed,
+            self.padded, self.raster, rules, sets, arrangements, first, last, allowed,
             max(8, most // (CHUNKS // 2)), CHUNKS, threads,
         )  # fmt: skip
         self.solved += int(counts[:, 0].sum())

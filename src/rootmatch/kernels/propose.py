@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH
+from rootmatch.kernels.padding import target_columns
 from rootmatch.kernels.proposers import set_coordinates, set_frame, solve_set
 from rootmatch.kernels.raster import Raster, look_up
 from rootmatch.kernels.threads import in_threads
@@ -113,6 +114,7 @@ def propose(
     Parameters
     ----------
     tables, raster, rules, sets
+        The tables may have room behind the targets.
     arrangements : (P, m − 1) int32 array
         Images of all points of a minimal set but the last, which runs over all detections.
     first, last : int
@@ -140,7 +142,8 @@ def propose(
 
     def examine(first_chunk: int, last_chunk: int) -> None:
         n_target = raster.places.shape[1]
-        scratch, stamp = np.empty((2 * ROOTS, n_target)), np.zeros(n_target, np.int64)
+        scratch = np.empty((2 * ROOTS, target_columns(tables, n_target)))
+        stamp = np.zeros(n_target, np.int64)
         image = np.zeros(sets.points.shape[1], np.int64)
         _examine(
             tables, raster, rules, sets, arrangements, allowed, first, last, first_chunk, last_chunk, chunks,
