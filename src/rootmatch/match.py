@@ -2,57 +2,34 @@
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass
-from enum import Enum
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch import arguments
-from rootmatch import hyperedges as edges
-from rootmatch.affinity import NOISE_KINDS, Affinity, Progress, Residual, affinity, exhaustive_tensor, random_tensor
-from rootmatch.assignment import margin as lead
+from rootmatch.affinity import NOISE_KINDS, Progress, Residual, affinity
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided import Choice, Guided, pays
-from rootmatch.kernels.support import supported_answers
+from rootmatch.guided import Choice
 from rootmatch.motions import check_motions, label_motions
+from rootmatch.noise import first_guess, with_estimated_noise
 from rootmatch.poses import Pose, poses_of
 from rootmatch.problems.problem import Problem, check_normals, check_points
-from rootmatch.significance import TRUE_WEIGHT, log10_false_alarms
+from rootmatch.road import Road
+from rootmatch.several import several
 from rootmatch.solvers import Solver, get_solver
 from rootmatch.tensor import AffinityTensor
+from rootmatch.verdict import Status, of_all, of_groups
+
+__all__ = ["Match", "Status", "match", "residuals"]
 
 PAPER_SAMPLES = 100_000
 """Hyper-edges that the paper's preset draws unless told otherwise."""
 EXHAUSTIVE_LIMIT = 4_000_000_000
 """Hyper-edges that are evaluated without asking: about a minute on two cores."""
-AMBIGUOUS_MARGIN = 0.1
-"""Lead below which a different answer is nearly as good."""
-SUPPORT = 0.1
-"""Share of the median support below which a matched point is left unmatched."""
-TRUSTED_FALSE_ALARMS = -2.0
-"""Decimal logarithm of the number of answers as good that chance may be expected to find in a trusted match."""
-
-
-class Status(Enum):
-    """What became of a match; the text says what to do."""
-
-    MATCHED = "matched: the answer is well supported and leads over every other"
-    AMBIGUOUS = (
-        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals "
-        "or a vertical, or add points that break the symmetry"
-    )
-    UNTRUSTED = (
-        "no trustworthy match: too few hyper-edges agree; check units, camera and vertical, raise the noise, "
-        "or look at more hyper-edges"
-    )
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +58,8 @@ class Match:
         How many hyper-edges were evaluated.
     seconds : float
         Wall-clock time.
+    noise : float, array or pair
+        σ that was used, estimated where that was asked for.
     """
 
     assignment: NDArray[np.int64]
@@ -96,6 +75,7 @@ class Match:
     source: NDArray[np.float64]
     target: NDArray[np.float64]
     problem: Problem
+    noise: Any
 
     def pose(self) -> list[Pose | None]:
         """Pose of each motion from its matches, ``(R, t)`` with x_cam = R X + t, by PoseLib (the extra ``pose``).
@@ -153,7 +133,7 @@ def match(
     target: ArrayLike,
     problem: Problem,
     *,
-    noise: ArrayLike = 1.0,
+    noise: ArrayLike | Literal["auto"] = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
     hyperedges: Literal["auto", "exhaustive", "random", "guided"] | Choice | None = None,
@@ -179,8 +159,9 @@ def match(
         Pixels, in any order, clutter among them.
     problem : Problem
         `P3P`, `UP2P` or `ThreePlusOne`.
-    noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels.
+    noise : float, (n',) array or "auto"
+        Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the answer, by matching a few
+        times.
     seed : int
         Of everything random.
     preset : "paper", optional
@@ -221,6 +202,19 @@ def match(
         If the input cannot be used or is larger than the limits; the text says what to do.
     """
     started = time.perf_counter()
+    if isinstance(noise, str):
+        arguments.check_choice("noise", noise, ("auto",))
+        guess = first_guess(check_points(target, problem.target_dimension, "target", problem.order))
+
+        def attempt(sigma: float) -> Match:
+            return match(
+                source, target, problem, noise=guess if np.isnan(sigma) else sigma, seed=seed, preset=preset,
+                hyperedges=hyperedges, samples=samples, residual=residual, rho=rho, solver=solver, normals=normals,
+                candidates=candidates, motions=motions, backend=backend, max_hyperedges=max_hyperedges, limit=limit,
+                progress=progress,
+            )  # fmt: skip
+
+        return replace(with_estimated_noise(attempt), seconds=time.perf_counter() - started)
     paper = arguments.is_paper(preset)
     check_motions(motions)
     arguments.check_choice("backend", backend, ("auto", "cpu"))
@@ -230,111 +224,40 @@ def match(
     residual = residual or ("qr" if paper else "joint")
     in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
     weigh = affinity(residual, rho if rho is not None or in_noise else problem.paper_rho)
-    kind = weigh.residual.kernel_kind(problem.pair_count)
+    weigh.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
     solve = get_solver(solver or ("power-l1" if paper else "ascent"))
     allowed, unary = arguments.split_candidates(candidates, n, n_target)
-
     way = hyperedges or ("random" if paper or samples is not None else "auto")
     if not callable(way):
         arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random", "guided"))
-    order = edges.wide_first(points)
-    facing = None if normals is None else check_normals(normals, n)[order]
-    tables = problem.prepare(points[order], pixels, noise, facing)
-    mask = None if allowed is None else allowed[order]
-    share, chance = 1.0, None
-    if way == "auto" and pays(tables, (n, n_target), problem.order, motions, mask):
-        way = "guided"
-    if way == "guided":
-        way = Guided()
-    if callable(way):
-        tensor, evaluated, share, chance = way(
-            tables, kind, weigh, (n, n_target), problem.order,
-            seed=seed, motions=motions, candidates=mask, progress=progress,
-        )  # fmt: skip
-    elif way == "random":
-        count = PAPER_SAMPLES if samples is None else int(samples)
-        tensor, evaluated = random_tensor(
-            tables, kind, weigh, (n, n_target), problem.order, count, seed, candidates=mask, progress=progress
-        )
-        # a random sample sees each hyper-edge with this probability
-        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, problem.order))
-    else:
-        arguments.check_size(n, n_target, problem.order, limit, mask)
-        tensor, evaluated = exhaustive_tensor(
-            tables, kind, weigh, (n, n_target), problem.order,
-            max_hyperedges=max_hyperedges, candidates=mask, progress=progress,
-        )  # fmt: skip
-    tensor = _restored(tensor, order, unary)
+    facing = None if normals is None else check_normals(normals, n)
+    road = Road(
+        problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress
+    )
+    weighed = road.tensor(way, PAPER_SAMPLES if samples is None else int(samples))
 
-    solution = solve(tensor, seed=seed)
-    if paper:
-        assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
+    if motions != 1 and solver is None and not paper:
+        solution, weighed = several(road, weighed)
+        verdict = of_groups(solution, (n, n_target))
     else:
-        assignment, score, alternatives = _supported(solution.assignment, solution.alternatives, tensor)
-    lead_over = lead(score, alternatives, assignment)
-    labels = label_motions(assignment, tensor, motions)
+        solution = solve(weighed.tensor, seed=seed)
+        verdict = of_all(solution, weighed, problem, weigh, keep_all=paper)
+    labels = solution.groups
+    if labels is None:
+        labels = label_motions(verdict.assignment, weighed.tensor, motions)
     return Match(
-        assignment=assignment,
-        score=score,
-        margin=lead_over,
-        alternatives=alternatives,
+        assignment=verdict.assignment,
+        score=verdict.score,
+        margin=verdict.margin,
+        alternatives=verdict.alternatives,
         soft=solution.soft,
-        tensor=tensor,
+        tensor=weighed.tensor,
         motions=labels,
-        status=_status(problem, score, lead_over, alternatives, tensor, weigh, evaluated, share, chance),
-        hyperedges=evaluated,
+        status=verdict.status,
+        hyperedges=weighed.evaluated,
         seconds=time.perf_counter() - started,
         source=points,
         target=pixels,
         problem=problem,
+        noise=noise,
     )
-
-
-def _supported(
-    assignment: NDArray[np.int64], alternatives: list[tuple[NDArray[np.int64], float]], tensor: AffinityTensor
-) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
-    """Answers without the points that nothing supports, distinct, best first."""
-    asked = np.array([assignment, *(other for other, _ in alternatives)])
-    kept, scores = supported_answers(tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked, SUPPORT)
-    answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
-    ranked = sorted(answers.values(), key=lambda pair: -pair[1])
-    (best, score), rest = ranked[0], ranked[1:]
-    # an answer that merely leaves some of the points out is not a different one
-    different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
-    return best, score, different
-
-
-def _status(
-    match_of: Problem,
-    score: float,
-    margin: float,
-    alternatives: list[tuple[NDArray[np.int64], float]],
-    tensor: AffinityTensor,
-    weigh: Affinity,
-    evaluated: int,
-    share: float,
-    chance: float | None,
-) -> Status:
-    """Whether chance could have found as good an answer, and whether another answer is nearly as good.
-
-    ``share`` is the part of the hyper-edges inside an answer that was looked at, ``chance`` the mean weight of a random
-    one where it is known (otherwise it is that of those outside the answer).
-    """
-    n, n_target = tensor.shape
-    true_weight = TRUE_WEIGHT[match_of.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
-    # what answers of nearly this score share out is structure (a symmetric object), not chance
-    explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
-    others = max(float(tensor.weights.sum()) - explained, true_weight)
-    random = others / evaluated if chance is None else chance
-    alarms = log10_false_alarms(match_of, n, n_target, score / max(share, 1e-300), true_weight, random / true_weight)
-    if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
-        return Status.UNTRUSTED
-    return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED
-
-
-def _restored(tensor: AffinityTensor, order: NDArray[np.int64], unary: NDArray[np.float64] | None) -> AffinityTensor:
-    """The tensor with source points in the caller's order again, and the prior."""
-    n_target = tensor.shape[1]
-    source, target = np.divmod(tensor.indices, np.int32(n_target))
-    indices = (order.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
-    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, unary)

@@ -33,6 +33,10 @@ class Problem(ABC):
     source_dimension: ClassVar[int]
     """3 where the source is points in space, 2 where it is an image."""
     target_dimension: ClassVar[int] = 2
+    fits_groups: ClassVar[bool] = False
+    """Whether `group_chi2` and `group_grown` are there."""
+    small_baseline: float = 0.0
+    """ρ of a prior exp(−|R₂ₙ,₂ₙ| / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
     """ρ of the paper's preset. The scale of |R₂ₙ,₂ₙ| differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
     medians of false hyper-edges in the paper's scenes."""
@@ -63,6 +67,20 @@ class Problem(ABC):
     @abstractmethod
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
+
+    def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.
+
+        ``groups`` (G, n) holds the image of each point, −1 outside of the group. The best motion is eliminated: of m
+        points ``2 (m − minimal)`` degrees of freedom are left.
+        """
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+
+    def group_grown(
+        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups (G, n) with what their common motion predicts, where `fits_groups` says so."""
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")
 
 
 def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:

@@ -12,7 +12,11 @@ from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
 from rootmatch.errors import InputError
 from rootmatch.kernels import up2p_normalised  # noqa: F401  (it registers its residual)
 from rootmatch.kernels.up2p import UP2PTables, quadratic
+from rootmatch.kernels.upright_fit import upright_chi2, upright_grown
 from rootmatch.problems.problem import Problem, check_noise, check_normals, check_points
+
+FIRST_GATE, GATE = 6.0, 3.5
+"""Deviations within which a detection joins a group of three points, and of more."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class UP2P(Problem):
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
     paper_rho: ClassVar[float] = 1e-2
+    fits_groups: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         unit_direction(self.vertical_camera, "vertical_camera")
@@ -81,6 +86,23 @@ class UP2P(Problem):
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
             normals=np.ascontiguousarray((check_normals(normals, len(points)) @ world.T).T),
         )
+
+    def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² of groups; see `Problem.group_chi2`."""
+        variance = tables.variance + tables.tilt_variance
+        chi2: NDArray[np.float64] = upright_chi2(tables.points, tables.rays, variance, groups)
+        return chi2
+
+    def group_grown(
+        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups with what they predict; see `Problem.group_grown`."""
+        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
+        variance = tables.variance + tables.tilt_variance
+        grown: NDArray[np.int64] = upright_grown(
+            tables.points, tables.rays, variance, groups, FIRST_GATE**2, GATE**2, mask
+        )
+        return grown
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""

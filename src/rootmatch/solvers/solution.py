@@ -35,6 +35,8 @@ class Solution:
         Passes over the tensor, or moves of a discrete ascent.
     statistics : dict of float
         Figures of the solver's own.
+    groups : (n,) int64, optional
+        Which of several groups each point belongs to, −1 where unmatched, from a solver that tells them apart.
     """
 
     soft: NDArray[np.float64]
@@ -44,6 +46,7 @@ class Solution:
     converged: bool
     iterations: int
     statistics: dict[str, float] = field(default_factory=dict)
+    groups: NDArray[np.int64] | None = None
 
     @property
     def margin(self) -> float:

@@ -1,0 +1,250 @@
+"""How often the answer is right: noise, clutter, occlusion, motions, ambiguity, measured data, beside a yardstick.
+
+The yardstick is a folder with ``ransac.py`` (``ransac_match``, ``ransac_match_multi``), given by ``--peers`` or
+ROOTMATCH_PEERS, and run on the same scenes in the same process; between two views it is the true geometry itself.
+Rows are printed as Markdown as they come; ``--csv`` adds a line for each scene to a file. Every scene counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import joblib
+import numba
+import numpy as np
+from accuracy_scenes import Case, Instance, ambiguous, measured, simulated
+from matches import TOLERANCE, load_yardstick
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+import rootmatch as rm
+
+Integers = NDArray[np.int64]
+RIGHT = 0.9
+"""Part of the points with an image that a right answer matches; it matches none wrongly."""
+SHOWN = 5
+"""Alternatives among which the truth must be where the answer is ambiguous."""
+NOTHING = math.nan
+NO_PEERS = "none"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one scene; NaN where a figure has no meaning."""
+
+    case: str
+    seed: int
+    accuracy: float
+    """Part of the points with an image that are matched rightly."""
+    precision: float
+    """Part of the matches that are right, 1 without any."""
+    whole: float
+    """1 where the assignment is the truth, point for point."""
+    right: float
+    """1 where no match is wrong and `RIGHT` of the points are matched."""
+    shown: float
+    """1 where the answer or one of the first `SHOWN` alternatives is right."""
+    rand: float
+    """Adjusted Rand index of the motion labels."""
+    own: float
+    """Accuracy that the true geometry reaches between two views."""
+    status: str
+    margin: float
+    seconds: float
+    hyperedges: float
+    peer_accuracy: float = NOTHING
+    peer_precision: float = NOTHING
+    peer_rand: float = NOTHING
+    peer_seconds: float = NOTHING
+
+
+def right(assignment: Integers, truth: Integers) -> bool:
+    """Whether no match is wrong and nearly all points are matched."""
+    claimed = assignment >= 0
+    return bool((assignment[claimed] == truth[claimed]).all() and claimed.sum() >= RIGHT * (truth >= 0).sum())
+
+
+def figures(assignment: Integers, truth: Integers) -> tuple[float, float]:
+    """Accuracy and precision."""
+    seen, claimed, same = truth >= 0, assignment >= 0, assignment == truth
+    return float(same[seen].mean()), float(same[claimed].mean()) if claimed.any() else 1.0
+
+
+def adjusted_rand(first: Integers, second: Integers) -> float:
+    """Adjusted Rand index of two partitions (Hubert & Arabie 1985)."""
+    table = np.zeros((first.max() + 2, second.max() + 2))
+    np.add.at(table, (first, second), 1)
+
+    def pairs(counts: NDArray[np.float64]) -> float:
+        return float((counts * (counts - 1) / 2).sum())
+
+    together, rows, columns = pairs(table), pairs(table.sum(axis=1)), pairs(table.sum(axis=0))
+    expected = rows * columns / math.comb(len(first), 2)
+    most = 0.5 * (rows + columns)
+    return 1.0 if most == expected else (together - expected) / (most - expected)
+
+
+def own_accuracy(instance: Instance) -> float:
+    """Accuracy of the Hungarian assignment of the pixel distances to the true epipolar lines."""
+    problem: Any = instance.problem
+    assert instance.pose is not None
+    rotation, t = instance.pose
+    first, second = problem.cameras
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    fundamental = np.linalg.inv(second.matrix).T @ cross @ rotation @ np.linalg.inv(first.matrix)
+    lines = np.column_stack([instance.source, np.ones(len(instance.source))]) @ fundamental.T
+    distance = np.abs(lines @ np.column_stack([instance.target, np.ones(len(instance.target))]).T)
+    distance /= np.linalg.norm(lines[:, :2], axis=1)[:, None]
+    _, assignment = linear_sum_assignment(distance)
+    return figures(assignment, instance.truth)[0]
+
+
+def theirs(case: Case, instance: Instance, seed: int, yardstick: ModuleType, patience: float) -> dict[str, float]:
+    """The yardstick's figures; the number of threads that it sets is set back."""
+    allowed = numba.get_num_threads()
+    problem: Any = instance.problem
+    upright = problem.name == "up2p"
+    verticals = {"up_world": problem.vertical_world, "up_cam": problem.vertical_camera} if upright else {}
+    matrix, tolerance = problem.camera.matrix, TOLERANCE * float(np.mean(instance.noise))
+    source, target = instance.source, instance.target
+    labels = np.where(instance.truth < 0, -1, 0)
+    started = time.perf_counter()
+    if case.yardstick == "joint":
+        assignment, _, labels = yardstick.ransac_match_multi(
+            source, target, matrix, tolerance, max_seconds=patience, seed=seed, mode="joint", threads=allowed,
+            **verticals,
+        )  # fmt: skip
+    else:
+        options = {"seed": seed, "problem": problem.name, "threads": allowed, "max_seconds": patience, **verticals}
+        assignment = yardstick.ransac_match(source, target, matrix, tolerance, **options)[0]
+        if case.yardstick == "peel":
+            labels = np.where(assignment >= 0, 0, -1)
+            points, pixels = np.flatnonzero(assignment < 0), np.setdiff1d(np.arange(len(target)), assignment)
+            if min(len(points), len(pixels)) >= 4:
+                try:
+                    rest = yardstick.ransac_match(source[points], target[pixels], matrix, tolerance, **options)[0]
+                except np.linalg.LinAlgError:  # it cannot begin with these points: no second motion
+                    rest = np.full(len(points), -1)
+                found = points[rest >= 0]
+                assignment[found], labels[found] = pixels[rest[rest >= 0]], 1
+    seconds = time.perf_counter() - started
+    numba.set_num_threads(allowed)
+    accuracy, precision = figures(assignment, instance.truth)
+    rand = adjusted_rand(labels, instance.labels) if "motions" in instance.options else NOTHING
+    return {
+        "peer_accuracy": accuracy, "peer_precision": precision, "peer_rand": rand, "peer_seconds": seconds,
+    }  # fmt: skip
+
+
+def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float) -> Outcome:
+    """Both on one scene."""
+    instance = case.make(seed)
+    truth = instance.truth
+    match = rm.match(
+        instance.source, instance.target, instance.problem, noise=instance.noise, seed=seed, **instance.options
+    )
+    accuracy, precision = figures(match.assignment, truth)
+    answers = [match.assignment, *(other for other, _ in match.alternatives[:SHOWN])]
+    return Outcome(
+        case.name, seed, accuracy, precision, float(np.array_equal(match.assignment, truth)),
+        float(right(match.assignment, truth)), float(any(right(answer, truth) for answer in answers)),
+        adjusted_rand(match.motions, instance.labels) if "motions" in instance.options else NOTHING,
+        NOTHING if instance.pose is None else own_accuracy(instance),
+        match.status.name.lower(), match.margin, match.seconds, float(match.hyperedges),
+        **({} if yardstick is None or case.yardstick == "none" else theirs(case, instance, seed, yardstick, patience)),
+    )  # fmt: skip
+
+
+def batch(case: Case, seeds: list[int], peers: str | None, patience: float) -> list[Outcome]:
+    """Some scenes of a case; the first is matched twice, since the first time compiles."""
+    yardstick = None if case.yardstick == "none" or peers == NO_PEERS else load_yardstick(peers)
+    outcome(case, seeds[0], yardstick, patience=0.1)
+    return [outcome(case, seed, yardstick, patience) for seed in seeds]
+
+
+HEAD = (
+    "| scenes | count | accuracy | precision | labels | matched: right | ambiguous: shown | none | failed | s | worst "
+    "| yardstick | its s | to reach | |"
+)
+
+
+def row(case: Case, outcomes: list[Outcome]) -> str:
+    """One row of the table: means of all scenes, the median and the worst time."""
+    mean = {
+        item.name: float(np.mean([getattr(one, item.name) for one in outcomes]))
+        for item in fields(Outcome)
+        if item.name not in ("case", "status")
+    }
+    told = {name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")}
+    times = np.array([one.seconds for one in outcomes])
+    wanted, missed = [], False
+    for name, least in case.reach.items():
+        value, least = (mean["accuracy"], mean["own"] - least) if name == "own" else (mean[name], least)
+        wanted.append(f"{name.replace('own', 'accuracy')} {least:.3f}")
+        missed |= value < least - 1e-9
+
+    def number(value: float, digits: int) -> str:
+        return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+    def share(which: list[Outcome], figure: str) -> str:
+        return f"{sum(getattr(one, figure) for one in which):.0f} of {len(which)}" if which else "–"
+
+    peer = mean["own"] if math.isnan(mean["peer_accuracy"]) else mean["peer_accuracy"]
+    cells = [
+        case.name, str(len(outcomes)), number(mean["accuracy"], 4), number(mean["precision"], 4),
+        number(mean["rand"], 3), share(told["matched"], "right"), share(told["ambiguous"], "shown"),
+        str(len(told["untrusted"])), str(sum(one.accuracy < 0.5 for one in outcomes)),
+        f"{np.median(times):.3f}", f"{times.max():.2f}", number(peer, 4),
+        number(float(np.median([one.peer_seconds for one in outcomes])), 3), ", ".join(wanted),
+        "" if not wanted else "MISSED" if missed else "reached",
+    ]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", nargs="+", default=[], help="kinds whose table or name holds one of these texts")
+    parser.add_argument("--seeds", type=int, default=10, help="scenes of each kind, at most")
+    parser.add_argument("--first-seed", type=int, default=1000, help="seeds below 20000 were used to choose defaults")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
+    parser.add_argument("--no-yardstick", action="store_true")
+    parser.add_argument("--patience", type=float, default=20.0, help="seconds after which the yardstick gives up")
+    parser.add_argument("--csv", type=Path, help="file to which each scene is added")
+    options = parser.parse_args()
+    cases = [
+        case
+        for case in [*simulated(), *ambiguous(), *measured()]
+        if not options.scenes or any(text in f"{case.table}: {case.name}" for text in options.scenes)
+    ]
+    peers = NO_PEERS if options.no_yardstick else options.peers
+    table = ""
+    for case in cases:
+        if case.table != table:
+            table = case.table
+            print(f"\n**{table}**, seeds from {options.first_seed}\n\n{HEAD}\n|{' --- |' * HEAD.count('|', 1)}")
+        seeds = list(range(options.first_seed, options.first_seed + min(options.seeds, case.scenes)))
+        parts = [seeds[k :: options.jobs] for k in range(min(options.jobs, len(seeds)))]
+        done = joblib.Parallel(n_jobs=options.jobs)(
+            joblib.delayed(batch)(case, part, peers, options.patience) for part in parts
+        )
+        outcomes = sorted((one for part in done for one in part), key=lambda one: one.seed)
+        print(row(case, outcomes), flush=True)
+        if options.csv is not None:
+            new = not options.csv.exists()
+            with options.csv.open("a", newline="") as file:
+                writer = csv.DictWriter(file, [item.name for item in fields(Outcome)])
+                if new:
+                    writer.writeheader()
+                writer.writerows(asdict(one) for one in outcomes)
+
+
+if __name__ == "__main__":
+    main()

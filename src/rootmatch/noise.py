@@ -1,0 +1,89 @@
+"""σ of the image from the points themselves: match with a guess, look at the residuals inside the answer, again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.affinity import Residual
+from rootmatch.backends import cpu
+from rootmatch.hyperedges import wide_first
+from rootmatch.problems.problem import Problem
+
+if TYPE_CHECKING:
+    from rootmatch.match import Match
+
+FIRST_GUESS = 0.004
+"""σ of the first match over the diagonal of the image points: 2 pixels of 500."""
+MEDIAN = {1: 0.4549, 2: 1.3863}
+"""Median of χ² by degrees of freedom."""
+SUBSETS = 2000
+"""Hyper-edges of one motion that are looked at, at most."""
+SETTLED, ROUNDS = 1.15, 5
+"""Factor by which a guess may be off, and matches at most."""
+LEAST = 1e-3
+"""Least σ over the first guess: exact data have none."""
+
+
+def with_estimated_noise(attempt: Callable[[float], Match]) -> Match:
+    """The match at the σ that it bears out itself.
+
+    Parameters
+    ----------
+    attempt : callable
+        The match at a given σ.
+    """
+    match = attempt(math.nan)
+    guess = first = match.noise
+    for _ in range(ROUNDS):
+        sigma = estimated(match)
+        if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
+            break
+        guess = min(max(sigma, LEAST * first), 4.0 * first)
+        match = attempt(guess)
+    return match
+
+
+def first_guess(target: NDArray[np.float64]) -> float:
+    """A generous σ for points (n', 2) of which nothing is known."""
+    return FIRST_GUESS * float(np.hypot(*np.ptp(target, axis=0)))
+
+
+def estimated(match: Match) -> float:
+    """σ in pixels from the residuals inside an answer, NaN where there is none.
+
+    The median of the squared residuals of the hyper-edges among the points of each motion, over the median of their
+    law; where whole groups can be fitted, their χ² over its degrees of freedom.
+    """
+    problem, order = match.problem, match.problem.order
+    squares, freedom = [], []
+    labels = range(int(match.motions.max(initial=-1)) + 1)
+    groups = [np.flatnonzero((match.motions == label) & (match.assignment >= 0)) for label in labels]
+    for members in groups:
+        if len(members) <= order:
+            continue
+        scale = _scale(problem, match, members)
+        if math.isfinite(scale):
+            squares.append(scale * (len(members) - problem.minimal))
+            freedom.append(len(members) - problem.minimal)
+    if not freedom:
+        return math.nan
+    return float(match.noise) * math.sqrt(sum(squares) / sum(freedom))
+
+
+def _scale(problem: Problem, match: Match, members: NDArray[np.int64]) -> float:
+    """Square of the true σ over the assumed one, by one group."""
+    points, pixels = match.source[members], match.target[match.assignment[members]]
+    turned = wide_first(points)
+    tables = problem.prepare(points[turned], pixels[turned], match.noise)
+    if problem.fits_groups:
+        chi2 = float(problem.group_chi2(tables, np.arange(len(members))[None])[0])
+        return chi2 / (problem.constraints * (len(members) - problem.minimal))
+    rng = np.random.default_rng(0)
+    chosen = np.sort(np.argsort(rng.random((SUBSETS, len(members))), axis=1)[:, : problem.order], axis=1)
+    residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
+    return float(np.median(residuals**2)) / MEDIAN[problem.constraints]

@@ -1,0 +1,108 @@
+"""What an answer is worth: points that nothing supports are left out, and the status says whether to believe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.affinity import NOISE_KINDS, Affinity
+from rootmatch.assignment import margin as lead
+from rootmatch.guided import Weighed
+from rootmatch.kernels.support import supported_answers
+from rootmatch.problems.problem import Problem
+from rootmatch.several import log10_by_chance
+from rootmatch.significance import TRUE_WEIGHT, log10_false_alarms
+from rootmatch.solvers.solution import Alternatives, Solution
+from rootmatch.tensor import AffinityTensor
+
+AMBIGUOUS_MARGIN = 0.1
+"""Lead below which a different answer is nearly as good."""
+SUPPORT = 0.1
+"""Share of the median support below which a matched point is left unmatched."""
+TRUSTED_FALSE_ALARMS = -2.0
+"""Decimal logarithm of the number of answers as good that chance may be expected to find in a trusted match."""
+
+
+class Status(Enum):
+    """What became of a match; the text says what to do."""
+
+    MATCHED = "matched: the answer is well supported and leads over every other"
+    AMBIGUOUS = (
+        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals "
+        "or a vertical, or add points that break the symmetry"
+    )
+    UNTRUSTED = (
+        "no trustworthy match: too few hyper-edges agree; check units, camera and vertical, raise the noise, "
+        "or look at more hyper-edges"
+    )
+
+    def __str__(self) -> str:
+        return self.value
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is told of an answer; see `rootmatch.match.Match`."""
+
+    assignment: NDArray[np.int64]
+    score: float
+    margin: float
+    alternatives: Alternatives
+    status: Status
+
+
+def of_all(solution: Solution, weighed: Weighed, problem: Problem, weigh: Affinity, keep_all: bool) -> Verdict:
+    """Of a solution that is one group; ``keep_all``: points without support stay matched."""
+    assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
+    if not keep_all:
+        assignment, score, alternatives = supported(assignment, alternatives, weighed.tensor)
+    lead_over = lead(score, alternatives, assignment)
+    alarms = false_alarms(problem, score, alternatives, weighed, weigh)
+    return Verdict(assignment, score, lead_over, alternatives, judged(score, lead_over, alarms))
+
+
+def of_groups(solution: Solution, shape: tuple[int, int]) -> Verdict:
+    """Of a solution that is several groups, each supported for itself."""
+    lead_over = solution.statistics.get("lead", 0.0)
+    status = judged(solution.score, lead_over, log10_by_chance(solution, shape))
+    return Verdict(solution.assignment, solution.score, lead_over, solution.alternatives, status)
+
+
+def judged(score: float, margin: float, alarms: float) -> Status:
+    """Whether chance could have found as good an answer, and whether another answer is nearly as good."""
+    if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
+        return Status.UNTRUSTED
+    return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED
+
+
+def false_alarms(
+    problem: Problem, score: float, alternatives: Alternatives, weighed: Weighed, weigh: Affinity
+) -> float:
+    """Decimal logarithm of the number of answers as good that chance is expected to find.
+
+    The mean weight of a random hyper-edge is that of those outside of the answer where it is not known.
+    """
+    tensor, evaluated, share, chance = weighed
+    true_weight = TRUE_WEIGHT[problem.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
+    # what answers of nearly this score share out is structure (a symmetric object), not chance
+    explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
+    others = max(float(tensor.weights.sum()) - explained, true_weight)
+    random = others / evaluated if chance is None else chance
+    return log10_false_alarms(problem, *tensor.shape, score / max(share, 1e-300), true_weight, random / true_weight)
+
+
+def supported(
+    assignment: NDArray[np.int64], alternatives: list[tuple[NDArray[np.int64], float]], tensor: AffinityTensor
+) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
+    """Answers without the points that nothing supports, distinct, best first."""
+    asked = np.array([assignment, *(other for other, _ in alternatives)])
+    kept, scores = supported_answers(tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked, SUPPORT)
+    answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
+    ranked = sorted(answers.values(), key=lambda pair: -pair[1])
+    (best, score), rest = ranked[0], ranked[1:]
+    # an answer that merely leaves some of the points out is not a different one
+    different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
+    return best, score, different
