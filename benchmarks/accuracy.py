@@ -187,7 +187,7 @@ def row(case: Case, outcomes: list[Outcome]) -> str:
     wanted, missed = [], False
     for name, least in case.reach.items():
         value, least = (mean["accuracy"], mean["own"] - least) if name == "own" else (mean[name], least)
-        wanted.append(f"{name.replace('own', 'accuracy')} {least:.3f}")
+        wanted.append(f"{'accuracy' if name == 'own' else name} {least:.3f}")
         missed |= value < least - 1e-9
 
     def number(value: float, digits: int) -> str:

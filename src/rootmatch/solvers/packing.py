@@ -7,12 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.solvers.discrete_state import state_of
-from rootmatch.solvers.local_search import climb_from
+from rootmatch.solvers.discrete_state import empty_state
+from rootmatch.solvers.local_search import climb_from, state_of
 from rootmatch.solvers.selection import within
 from rootmatch.solvers.set_packing import pack
 from rootmatch.solvers.solution import Solution, is_empty, nothing
@@ -116,15 +117,16 @@ class GroupPacking:
         rank += index.weights
         candidates = index.indices[np.argsort(-rank, kind="stable")[: self.starts]]
         order = candidates.shape[1]
-        empty = state_of(index, np.full(index.n, -1, np.int64))
+        empty = empty_state(index)
         found: dict[bytes, NDArray[np.int64]] = {}
+        threads = numba.get_num_threads()
         waiting, made = np.arange(len(candidates)), 0
         while len(waiting):
             now, waiting = waiting[:ROUND], waiting[ROUND:]
             bases = np.full((len(now), index.n), -1)
             source, target = np.divmod(candidates[now], index.n_target)
             bases[np.arange(len(now))[:, None], source] = target
-            images, _, _ = climb_from(index, empty, bases, CHANCE_AGREEMENT, 1000, False)
+            images, _, _ = climb_from(index, empty, bases, CHANCE_AGREEMENT, 1000, False, threads)
             made += len(now)
             fresh = {image.tobytes(): image for image in images if (image >= 0).sum() > order}
             fresh = {key: image for key, image in fresh.items() if key not in found}
@@ -145,10 +147,11 @@ class GroupPacking:
         order = index.indices.shape[1]
         sums: dict[bytes, float] = {}
         for group in groups:
-            state = state_of(index, group)
             members = np.flatnonzero(group >= 0)
-            gains = state.gains[members * index.n_target + group[members]]
-            total = float(gains.sum()) / order
+            gains, total = np.zeros(len(members)), 0.0
+            if self.fit is None:
+                gains = state_of(index, group).gains[members * index.n_target + group[members]]
+                total = float(gains.sum()) / order
             sums[group.tobytes()] = total
             if len(members) > order + 1:
                 for member, gain in zip(members, gains.tolist(), strict=True):
