@@ -18,10 +18,13 @@ from rootmatch.significance import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.solvers.solution import Alternatives, Solution
 from rootmatch.tensor import AffinityTensor
 
-AMBIGUOUS_MARGIN = 0.1
-"""Lead below which a different answer is nearly as good."""
-SUPPORT = 0.1
-"""Share of the median support below which a matched point is left unmatched."""
+AMBIGUOUS_MARGIN = 0.2
+"""Lead below which a different answer is nearly as good: above, 99 in 100 answers are right (docs/comparison.md)."""
+SUPPORT, SUPPORT_OF_LAST = 0.25, 0.1
+"""Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3, and
+those that meet clutter by chance seldom more than 0.2; …"""
+LAST = 4
+"""… and the share where no more than so many pairs would be left over, which chance could hardly have chosen from."""
 TRUSTED_FALSE_ALARMS = -2.0
 """Decimal logarithm of the number of answers as good that chance may be expected to find in a trusted match."""
 
@@ -99,7 +102,13 @@ def supported(
 ) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
     """Answers without the points that nothing supports, distinct, best first."""
     asked = np.array([assignment, *(other for other, _ in alternatives)])
-    kept, scores = supported_answers(tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked, SUPPORT)
+    of = tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked
+    kept, scores = supported_answers(*of, SUPPORT)
+    matched = (kept >= 0).sum(axis=1)
+    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= LAST
+    if last.any():
+        more, more_scores = supported_answers(*of, SUPPORT_OF_LAST)
+        kept[last], scores[last] = more[last], more_scores[last]
     answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
     ranked = sorted(answers.values(), key=lambda pair: -pair[1])
     (best, score), rest = ranked[0], ranked[1:]

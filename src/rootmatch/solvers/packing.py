@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.solvers.discrete_state import empty_state
+from rootmatch.solvers.group_choice import GroupChoice
 from rootmatch.solvers.local_search import climb_from, state_of
 from rootmatch.solvers.selection import within
-from rootmatch.solvers.set_packing import pack
 from rootmatch.solvers.solution import Solution, is_empty, nothing
 from rootmatch.solvers.subset_index import SubsetIndex, build_index, index_support
 from rootmatch.tensor import AffinityTensor
@@ -56,7 +56,7 @@ class GroupPacking:
     1. From each hyper-edge, the best supported ones first, a group grows by an ascent in which every hyper-edge that is
        missing costs as much as one by chance is worth.
     2. The groups, and each without one of its members, compete (set packing: every point and every image once, at most
-       `motions` groups); see `set_packing`.
+       `motions` groups); see `group_choice`.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class GroupPacking:
         index = build_index(AffinityTensor.unchecked(tensor.indices, agreement, tensor.shape))
         grown, made = self._grown(index)
         groups, values = self._valued(grown, index)
-        packing = _Packing(groups, values, tensor.shape, self.motions, self.patience)
+        packing = GroupChoice(groups, values, tensor.shape, self.motions, self.patience)
         chosen = packing.best(tensor.order + 2)
         alternatives, lead = packing.without_each(chosen)
         assignment, labels = self._enlarged(*packing.answer(chosen), index)
@@ -209,72 +209,6 @@ class GroupPacking:
             _, label, point, pixel = best
             groups[label][point] = assignment[point] = pixel
             labels[point] = label
-
-
-class _Packing:
-    """Groups that compete, and the disjoint sets of them."""
-
-    def __init__(
-        self,
-        groups: NDArray[np.int64],
-        values: NDArray[np.float64],
-        shape: tuple[int, int],
-        motions: int | Literal["auto"],
-        patience: int,
-    ) -> None:
-        self.groups, self.values, self.shape, self.patience = groups, values, shape, patience
-        self.sizes = (groups >= 0).sum(axis=1)
-        self.most = len(groups) if motions == "auto" else int(motions)
-        self.elements = np.full((len(groups), 2 * int(self.sizes.max(initial=1))), -1)
-        for row, group in zip(self.elements, groups, strict=True):
-            points = np.flatnonzero(group >= 0)
-            row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
-
-    def best(self, least: int) -> NDArray[np.bool_]:
-        """The chosen groups: first among those of at least so many points, then with the smaller ones.
-
-        Chance makes so many of the smallest that the search would lose its way among them.
-        """
-        start = np.zeros(len(self.groups), np.bool_)
-        few = self.sizes >= least
-        start[few] = self._from(few, start[few], self.patience)
-        return self._from(np.ones(len(self.groups), np.bool_), start, self.patience // 5)
-
-    def _from(self, allowed: NDArray[np.bool_], start: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
-        chosen: NDArray[np.bool_] = pack(
-            self.elements[allowed], self.values[allowed], sum(self.shape), self.most, start, patience
-        )
-        return chosen
-
-    def answer(self, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Assignment and labels of chosen groups, the largest first."""
-        assignment, labels = np.full(self.shape[0], -1, np.int64), np.full(self.shape[0], -1, np.int64)
-        numbers = np.flatnonzero(chosen)
-        for label, number in enumerate(numbers[np.argsort(-self.sizes[numbers], kind="stable")]):
-            members = self.groups[number] >= 0
-            assignment[members], labels[members] = self.groups[number][members], label
-        return assignment, labels
-
-    def without_each(
-        self, chosen: NDArray[np.bool_]
-    ) -> tuple[list[tuple[NDArray[np.int64], NDArray[np.int64]]], float]:
-        """The best answers without each of the chosen groups, nor any that shares half of it, and the least lead.
-
-        The lead is over what takes its place: 1 less the value of the groups that are new over that of those gone.
-        """
-        others, lead = [], 1.0
-        best, _ = self.answer(chosen)
-        for number in np.flatnonzero(chosen):
-            shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
-            allowed = 2 * shared < self.sizes[number]
-            start = (chosen & allowed)[allowed]
-            found = np.zeros(len(chosen), np.bool_)
-            found[allowed] = self._from(allowed, start, self.patience // 20)
-            other, labels = self.answer(found)
-            if ((other >= 0) & (other != best)).any():
-                others.append((other, labels))
-                lead = min(lead, 1.0 - self.values[found & ~chosen].sum() / self.values[chosen & ~found].sum())
-        return others, max(0.0, float(lead))
 
 
 def inside_groups(tensor: AffinityTensor, assignment: NDArray[np.int64], labels: NDArray[np.int64]) -> float:

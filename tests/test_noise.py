@@ -1,0 +1,45 @@
+"""σ: estimated from the answer, or different from point to point."""
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.simulation import p3p_scene, up2p_scene
+
+
+@pytest.mark.parametrize(("make", "clutter"), [(p3p_scene, 0), (up2p_scene, 10)])
+def test_estimate_is_near_the_truth(make, clutter: int) -> None:  # type: ignore[no-untyped-def]
+    factors = []
+    for seed in range(16):
+        sigma = (0.1, 0.4, 1.0, 2.0)[seed % 4]
+        scene = make(n=10, outliers=clutter, noise=sigma, seed=2000 + seed)
+        match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
+        factors.append(match.noise / sigma)
+    assert np.mean(np.abs(np.log(factors)) < np.log(1.5)) >= 0.9
+
+
+def test_estimate_of_exact_points_is_small() -> None:
+    scene = p3p_scene(n=10, seed=0)
+    match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
+    assert match.noise < 0.01
+    np.testing.assert_array_equal(match.assignment, scene.truth)
+
+
+def test_other_words_are_refused() -> None:
+    scene = p3p_scene(n=10, seed=0)
+    with pytest.raises(rm.InputError, match="noise"):
+        rm.match(scene.source, scene.target, scene.problem, noise="some")
+
+
+def test_noise_of_each_point_weighs_each_point() -> None:
+    """Half of the detections are ten times as noisy: told so, all are matched; told the mean, fewer."""
+    told = mean = 0.0
+    for seed in range(12):
+        exact = up2p_scene(n=10, outliers=6, noise=0.0, seed=seed)
+        rng = np.random.default_rng(seed)
+        sigma = np.where(rng.random(16) < 0.5, 0.3, 3.0)
+        target = exact.target + sigma[:, None] * rng.normal(size=(16, 2))
+        told += exact.accuracy(rm.match(exact.source, target, exact.problem, noise=sigma).assignment)
+        mean += exact.accuracy(rm.match(exact.source, target, exact.problem, noise=0.3).assignment)
+    assert told >= 12 * 0.95
+    assert told > mean + 0.5

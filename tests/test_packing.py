@@ -1,0 +1,134 @@
+"""Groups of several motions: the set packing, the fit of whole groups, and both together."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import rootmatch as rm
+from rootmatch.kernels.upright_fit import upright_chi2, upright_grown
+from rootmatch.simulation import Scene, up2p_scene
+from rootmatch.solvers.packing import GroupPacking, inside_groups
+from rootmatch.solvers.set_packing import pack
+from rootmatch.tensor import AffinityTensor
+
+
+def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float:
+    """The largest total value of disjoint sets, by trying all."""
+    sets = [set(row[row >= 0].tolist()) for row in elements]
+    best = 0.0
+    for size in range(1, most + 1):
+        for chosen in combinations(range(len(sets)), size):
+            union = set().union(*(sets[g] for g in chosen))
+            if len(union) == sum(len(sets[g]) for g in chosen):
+                best = max(best, float(values[list(chosen)].sum()))
+    return best
+
+
+@pytest.mark.parametrize("most", [1, 2, 4])
+@pytest.mark.parametrize("seed", range(15))
+def test_packing_finds_the_best_of_few(seed: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    elements = np.full((12, 4), -1)
+    for row in elements:
+        size = rng.integers(1, 5)
+        row[:size] = rng.choice(10, size, replace=False)
+    values = rng.uniform(0.5, 3.0, 12)
+    chosen = pack(elements, values, 10, most, np.zeros(12, bool), 300)
+    used = elements[chosen]
+    used = used[used >= 0]
+    assert len(set(used.tolist())) == len(used)
+    assert chosen.sum() <= most
+    assert values[chosen].sum() == pytest.approx(best_by_trying(elements, values, most))
+
+
+def residuals_of_pose(parameters: np.ndarray, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Angles between predicted and seen bearings on the two axes across, over σ; written out anew."""
+    angle, shift = parameters[0], parameters[1:]
+    c, s = np.cos(angle), np.sin(angle)
+    seen = points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + shift
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    return ((seen - rays) / sigma[:, None]).ravel()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_chi2_of_a_group_is_that_of_the_best_pose(seed: int) -> None:
+    scene = up2p_scene(6, 0, 1.0, seed)
+    tables = scene.problem.prepare(scene.source, scene.target, 1.0)
+    found = upright_chi2(tables.points, tables.rays, tables.variance, scene.truth[None])[0]
+    points, rays = tables.points.T, tables.rays.T[scene.truth]
+    rotation, shift = scene.poses[0]
+    unit = np.sqrt(((scene.source - scene.source.mean(axis=0)) ** 2).mean())
+    start = np.append(np.arctan2(rotation[0, 2], rotation[0, 0]), (shift + rotation @ scene.source.mean(axis=0)) / unit)
+    solved = least_squares(residuals_of_pose, start, args=(points, rays, np.sqrt(tables.variance[scene.truth])))
+    assert found == pytest.approx(2.0 * solved.cost, rel=1e-3)
+
+
+def test_a_group_grows_to_all_that_its_pose_predicts() -> None:
+    complete = 0
+    for seed in range(20):
+        scene = up2p_scene(8, 6, 0.5, seed)
+        tables = scene.problem.prepare(scene.source, scene.target, 0.5)
+        start = np.full((1, 8), -1)
+        start[0, :4] = scene.truth[:4]
+        grown = upright_grown(
+            tables.points, tables.rays, tables.variance, start, 36.0, 12.25, np.empty((0, 0), np.bool_)
+        )
+        complete += int((grown[0] == scene.truth).all())
+        assert ((grown[0] == scene.truth) | (grown[0] < 0)).sum() >= 6
+    assert complete >= 17
+
+
+def test_groups_are_found_among_weights_across_them() -> None:
+    rng = np.random.default_rng(0)
+    label, image = np.arange(12) // 4, rng.permutation(12)
+    truth = [t for t in combinations(range(12), 3) if len({label[i] for i in t}) == 1]
+    across = [rng.choice(12, 3, replace=False) for _ in range(300)]
+    indices = [[i * 12 + image[i] for i in t] for t in truth]
+    indices += [[i * 12 + k for i, k in zip(np.sort(t), rng.choice(12, 3, replace=False), strict=True)] for t in across]
+    weights = np.append(rng.uniform(0.4, 1.0, len(truth)), rng.uniform(0.01, 1.0, len(across)))
+    _, first = np.unique(np.array(indices), axis=0, return_index=True)
+    tensor = AffinityTensor(np.array(indices, np.int32)[first], weights[first], (12, 12))
+    solution = GroupPacking(motions=3, chance=1e-4)(tensor)
+    np.testing.assert_array_equal(solution.assignment, image)
+    assert solution.groups is not None
+    same = solution.groups[:, None] == solution.groups
+    np.testing.assert_array_equal(same, label[:, None] == label)
+    assert solution.score == pytest.approx(inside_groups(tensor, image, label))
+    assert solution.score < tensor.score(image) + 1e-9
+
+
+def matched(scene: Scene, motions: object) -> tuple[float, bool]:
+    """Accuracy, and whether the labels are right."""
+    match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, motions=motions)
+    same = match.motions[:, None] == match.motions
+    return scene.accuracy(match.assignment), bool((same == (scene.motions[:, None] == scene.motions)).all())
+
+
+@pytest.mark.parametrize(("motions", "clutter"), [(2, 0), (4, 0), (2, 10)])
+@pytest.mark.parametrize("told", [True, False])
+def test_small_motions_are_told_apart(motions: int, clutter: int, told: bool) -> None:
+    found = [
+        matched(up2p_scene(5 * motions, clutter, 1.0, seed, motions), motions if told else "auto")
+        for seed in range(3000, 3010)
+    ]
+    assert np.mean([accuracy for accuracy, _ in found]) >= 0.95
+    assert np.mean([right for _, right in found]) >= 0.8
+
+
+def test_a_small_motion_beside_a_large_one_stays() -> None:
+    found = 0
+    for seed in range(6):
+        large, small = up2p_scene(12, 0, 0.5, seed), up2p_scene(5, 0, 0.5, 100 + seed)
+        source = np.concatenate([large.source, small.source])
+        target = np.concatenate([large.target, small.target])
+        truth = np.append(large.truth, 12 + small.truth)
+        match = rm.match(source, target, large.problem, noise=0.5, motions="auto")
+        found += int((match.assignment == truth).mean() > 0.9 and match.motions.max() == 1)
+    assert found >= 5
+
+
+def test_bad_options_are_refused() -> None:
+    with pytest.raises(rm.InputError, match="chance"):
+        GroupPacking(chance=0.0)
