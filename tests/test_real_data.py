@@ -55,3 +55,62 @@ def test_random_dots_of_the_cavity_target(load_shared: Load, view: int) -> None:
     source, target, problem, truth = shuffled_view(data, view, points, seed=view)
     match = rm.match(source, target, problem, noise=0.75)
     np.testing.assert_array_equal(match.assignment, truth)
+
+
+def test_headset_without_normals_is_right_or_called_ambiguous(load_shared: Load) -> None:
+    """View 1 has an inside-out twin."""
+    source, target, problem, truth = shuffled_view(load_shared("vive_hmd_lighthouse"), 1, None, seed=1)
+    match = rm.match(source, target, problem, noise=0.13)
+    shown = [match.assignment, *(other for other, _ in match.alternatives[:5])]
+    assert any(np.array_equal(answer, truth) for answer in shown)
+    assert match.status is rm.Status.AMBIGUOUS or np.array_equal(match.assignment, truth)
+
+
+@pytest.mark.parametrize("view", range(4))
+def test_dots_among_twice_as_many_real_false_detections(load_shared: Load, view: int) -> None:
+    data = load_shared("openptv_cavity_target")
+    seen = np.flatnonzero(np.isfinite(data["points2d"][view]).all(axis=1))
+    rng = np.random.default_rng(view)
+    source, target, problem, truth = shuffled_view(data, view, rng.choice(seen, 20, replace=False), seed=view)
+    clutter = rng.permutation(data["clutter2d"][data["clutter_view"] == view])[:40]
+    match = rm.match(source, np.concatenate([clutter, target]), problem, noise=0.75)
+    assert np.mean(match.assignment == truth + 40) >= 0.95
+
+
+@pytest.mark.parametrize(("vertical", "least"), [("gravity_cam", 0.97), ("gravity_cam_measured", 0.93)])
+def test_upright_camera_before_a_facade(load_shared: Load, vertical: str, least: float) -> None:
+    data = load_shared("berlin_facade")
+    right = []
+    for seed in range(6):
+        rng, view = np.random.default_rng(seed), seed % 3
+        seen = np.flatnonzero(np.isfinite(data["points2d"][view]).all(axis=1))
+        chosen = rng.choice(seen, 30, replace=False)
+        problem = rm.UP2P(
+            rm.Camera.from_matrix(data["K"][view]),
+            vertical_camera=tuple(data[vertical][view]),
+            vertical_world=tuple(data["gravity_world"]),
+            vertical_noise=0.0 if vertical == "gravity_cam" else 0.005,
+        )
+        order = rng.permutation(30)
+        match = rm.match(
+            data["points3d"][chosen[:15]], data["points2d"][view][chosen][order], problem, noise=data["rms_px"][view]
+        )
+        right.append(np.mean(match.assignment == np.argsort(order)[:15]))
+    assert np.mean(right) >= least
+
+
+def test_two_boards_in_one_image(load_shared: Load) -> None:
+    data = load_shared("opencv_chessboard_stereo")
+    views = np.flatnonzero(data["camera_id"] == data["camera_id"][0])
+    right = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        first, second = rng.choice(views, 2, replace=False)
+        chosen = rng.choice(54, 16, replace=False)
+        image = np.concatenate([data["points2d"][first][chosen[:8]], data["points2d"][second][chosen[8:]]])
+        order = rng.permutation(16)
+        problem = rm.P3P(rm.Camera.from_matrix(data["K"][first]))
+        match = rm.match(data["points3d"][chosen], image[order], problem, noise=0.3, motions=2)
+        right.append(np.mean(match.assignment == np.argsort(order)))
+        assert len(set(match.motions[:8]) | set(match.motions[8:])) == 2
+    assert np.mean(right) >= 0.95
