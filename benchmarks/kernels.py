@@ -12,8 +12,7 @@ import json
 import numba
 
 from rootmatch.benchmark import Plan
-from rootmatch.benchmark.kernels import factorisations_per_second, hyperedges_per_second
-from rootmatch.benchmark.scenes import made
+from rootmatch.benchmark.kernels import rates
 
 
 def main() -> None:
@@ -29,18 +28,14 @@ def main() -> None:
     for problem, points, outliers in plan.kernels:
         if problem not in options.problems:
             continue
-        degree = made(problem, points, outliers).problem.degree
-        reference = factorisations_per_second(degree, plan.batch, options.repeats)
-        for kind in options.kinds:
-            rate, count = hyperedges_per_second(problem, kind, points, outliers, options.repeats)
-            rows.append(
-                {"problem": problem, "kind": kind, "hyperedges": count, "per_second": rate, "qr_per_second": reference,
-                 "ratio": rate / reference}
-            )  # fmt: skip
+        found = rates(problem, options.kinds, points, outliers, plan.batch, options.repeats)
+        for kind, rate in zip(options.kinds, found, strict=True):
+            ratio = rate.per_second / rate.qr_per_second
+            rows.append({"problem": problem, "kind": kind, **rate._asdict(), "ratio": ratio})
             if not options.json:
                 print(
-                    f"{problem:5s} {kind:11s} {count / 1e6:7.1f} M hyper-edges  {rate / 1e6:7.1f} M/s  "
-                    f"QR {reference / 1e6:5.2f} M/s  ratio {rate / reference:6.0f}",
+                    f"{problem:5s} {kind:11s} {rate.hyperedges / 1e6:7.1f} M hyper-edges  "
+                    f"{rate.per_second / 1e6:7.1f} M/s  QR {rate.qr_per_second / 1e6:5.2f} M/s  ratio {ratio:6.0f}",
                     flush=True,
                 )
     if options.json:

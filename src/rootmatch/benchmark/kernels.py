@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tensor
 from rootmatch.benchmark.scenes import prepared
-from rootmatch.benchmark.timing import seconds
+from rootmatch.benchmark.timing import least_seconds
 
 NARROW = 0.3
 """Gate in units of the noise: kernels and screening are timed, not the selection of what passes."""
 KEPT = 100_000
 
 
-def factorisations_per_second(degree: int, batch: int, repeats: int) -> float:
-    """Batched ``numpy.linalg.qr`` of the Sylvester matrices of random unit polynomials."""
+class Rate(NamedTuple):
+    """A second's work of a kernel, and of the factorisations that it does without."""
+
+    hyperedges: int
+    per_second: float
+    qr_per_second: float
+
+
+def sylvester_matrices(degree: int, batch: int) -> NDArray[np.float64]:
+    """Sylvester matrices (batch, 2 k, 2 k) of random polynomials of degree k and unit norm."""
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=(2, batch, degree + 1))
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -23,20 +36,21 @@ def factorisations_per_second(degree: int, batch: int, repeats: int) -> float:
     for row in range(degree):
         matrices[:, row, row : row + degree + 1] = first
         matrices[:, degree + row, row : row + degree + 1] = second
-    return batch / seconds(lambda: np.linalg.qr(matrices, mode="r"), repeats)
+    return matrices
 
 
-def hyperedges_per_second(problem: str, kind: str, points: int, outliers: int, repeats: int) -> tuple[float, int]:
-    """Rate of an exhaustive sweep, selection included, and how many hyper-edges it looks at."""
+def rates(problem: str, kinds: Sequence[str], points: int, outliers: int, batch: int, repeats: int) -> list[Rate]:
+    """Rates of exhaustive sweeps, selection included, one of each kind in turn with batched ``numpy.linalg.qr``."""
     scene, tables = prepared(problem, points, outliers)
-    weigh = affinity(Residual(kind), gate=NARROW if kind in NOISE_KINDS else 1e-3 * scene.problem.paper_rho)
+    matrices = sylvester_matrices(scene.problem.degree, batch)
     shape = (len(scene.source), len(scene.target))
-    residual = weigh.residual.kernel_kind(scene.problem.pair_count)
-    evaluated = 0
+    looked = {}
 
-    def sweep() -> None:
-        nonlocal evaluated
-        _, evaluated = exhaustive_tensor(tables, residual, weigh, shape, scene.problem.order, max_hyperedges=KEPT)
+    def sweep(kind: str) -> None:
+        weigh = affinity(Residual(kind), gate=NARROW if kind in NOISE_KINDS else 1e-3 * scene.problem.paper_rho)
+        residual = weigh.residual.kernel_kind(scene.problem.pair_count)
+        _, looked[kind] = exhaustive_tensor(tables, residual, weigh, shape, scene.problem.order, max_hyperedges=KEPT)
 
-    spent = seconds(sweep, repeats)
-    return evaluated / spent, evaluated
+    works: list[Callable[[], object]] = [lambda: np.linalg.qr(matrices, mode="r"), *(partial(sweep, k) for k in kinds)]
+    reference, *spent = least_seconds(works, repeats)
+    return [Rate(looked[kind], looked[kind] / each, batch / reference) for kind, each in zip(kinds, spent, strict=True)]

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.benchmark.timing import seconds
+from rootmatch.benchmark.timing import least_seconds
 from rootmatch.kernels.threads import in_threads
 
 CHAIN = 16
@@ -40,5 +40,5 @@ def peak(rounds: int, repeats: int) -> float:
         for line in numbers[first:last]:
             _fused(line, 0.999, 0.001, rounds)
 
-    spent = seconds(lambda: in_threads(work, threads, threads), repeats)
+    (spent,) = least_seconds([lambda: in_threads(work, threads, threads)], repeats)
     return 2.0 * CHAIN * numbers.size * rounds / spent

@@ -11,12 +11,11 @@ import numba
 
 from rootmatch._version import __version__
 from rootmatch.benchmark.contraction import contraction
-from rootmatch.benchmark.kernels import factorisations_per_second, hyperedges_per_second
+from rootmatch.benchmark.kernels import rates
 from rootmatch.benchmark.matches import tracked, whole_match
 from rootmatch.benchmark.memory import memory
 from rootmatch.benchmark.operations import operations
 from rootmatch.benchmark.peak import peak
-from rootmatch.benchmark.scenes import made
 
 NOTE = (
     "Ratios within one run are what counts: rates depend on the machine and on what else it does. "
@@ -55,7 +54,7 @@ class Plan:
     """Of the loop that finds the machine's peak."""
     samples: int = 3
     """Panels for each count of operations."""
-    repeats: int = 3
+    repeats: int = 5
 
     @classmethod
     def tiny(cls) -> Plan:
@@ -69,7 +68,7 @@ class Plan:
     @property
     def steps(self) -> int:
         """Measurements in all."""
-        return len(self.kernels) * (1 + len(self.kinds)) + len(self.matches) + 5
+        return len(self.kernels) + len(self.matches) + 5
 
 
 @dataclass
@@ -104,19 +103,16 @@ def run(plan: Plan, progress: Progress | None = None) -> Results:
     counts = dict(zip(cases, operations(cases, plan.samples), strict=True))
     step()
     for problem, points, outliers in plan.kernels:
-        reference = factorisations_per_second(made(problem, points, outliers).problem.degree, plan.batch, plan.repeats)
-        step()
-        for kind in plan.kinds:
-            rate, evaluated = hyperedges_per_second(problem, kind, points, outliers, plan.repeats)
+        found = rates(problem, plan.kinds, points, outliers, plan.batch, plan.repeats)
+        for kind, rate in zip(plan.kinds, found, strict=True):
             each = counts[problem, kind, points, outliers]
             results.kernels.append(
                 {
-                    "problem": problem, "kind": kind, "hyperedges": evaluated, "per_second": rate,
-                    "qr_per_second": reference, "ratio": rate / reference, "operations": each,
-                    "share_of_peak": rate * each / results.peak_operations,
+                    "problem": problem, "kind": kind, **rate._asdict(), "ratio": rate.per_second / rate.qr_per_second,
+                    "operations": each, "share_of_peak": rate.per_second * each / results.peak_operations,
                 }
             )  # fmt: skip
-            step()
+        step()
     results.contraction = contraction(*plan.contraction, plan.repeats)
     step()
     seeds = range(1000, 1000 + plan.scenes)
