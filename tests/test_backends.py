@@ -158,7 +158,7 @@ class TestStrongest:
     """Streaming selection keeps the strongest, whatever the blocks are."""
 
     def run(self, limit: int, monkeypatch: pytest.MonkeyPatch, block: int) -> tuple[dict, dict]:
-        monkeypatch.setattr("rootmatch.affinity.BLOCK", block)
+        monkeypatch.setattr("rootmatch.backends.cpu.BLOCK", block)
         tables = scene("p3p", 6, 6, seed=2)
         weigh = affinity("normalised", rho=50.0, gate=ALL)
         everything, _ = exhaustive_tensor(tables, Normalised(), weigh, (6, 6), 4)

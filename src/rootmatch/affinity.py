@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from rootmatch import hyperedges
 from rootmatch.backends import cpu
+from rootmatch.backends.selection import Backend, Block, Enumeration
+from rootmatch.backends.selection import Progress as Progress
 from rootmatch.errors import InputError
 from rootmatch.kernels import kinds
-from rootmatch.kernels.padding import padded
 from rootmatch.kernels.rows import sorted_rows
 from rootmatch.tensor import AffinityTensor
 
@@ -27,12 +28,6 @@ KINDS: dict[str, type[kinds.Kind]] = {
 }
 NOISE_KINDS = ("normalised", "joint")
 """Kinds in units of the noise; the others are in units of the polynomials."""
-BLOCK = 4_000_000
-"""Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""
-CHUNKS = 32
-"""Pieces of a block, whatever the number of threads, so that the result does not depend on it."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -114,67 +109,6 @@ def affinity(residual: Residual | str = "joint", rho: float | None = None, gate:
     return Affinity(chosen, spread, min(limit, 1e300))
 
 
-PIECE = 1 << 18
-"""Hyper-edges that are moved together to their new places."""
-
-
-class _Strongest:
-    """Keeps the ``limit`` hyper-edges of least residual out of a stream, and the gate below which more can enter.
-
-    In place, with room for an eighth more than are kept: at most 37 bytes each at order 4 while the least are chosen.
-    """
-
-    def __init__(self, limit: int, gate: float, order: int) -> None:
-        self.limit = limit
-        self.gate = gate
-        self.indices, self.residuals = np.empty((0, order), np.int32), np.empty(0)
-        self.held = 0
-
-    def add(self, indices: NDArray[np.int32], residuals: NDArray[np.float64]) -> None:
-        """Take in a part of the stream."""
-        most = self.limit + max(self.limit // 8, 1)
-        while len(residuals):
-            taken = min(len(residuals), most - self.held)
-            if self.held + taken > len(self.residuals):
-                # by half again and again, so that what is held is seldom moved
-                room = min(most, max(self.held + taken, len(self.residuals) + len(self.residuals) // 2))
-                self.indices.resize((room, self.indices.shape[1]), refcheck=False)
-                self.residuals.resize(room, refcheck=False)
-            self.indices[self.held : self.held + taken] = indices[:taken]
-            self.residuals[self.held : self.held + taken] = residuals[:taken]
-            self.held += taken
-            indices, residuals = indices[taken:], residuals[taken:]
-            if self.held == most:
-                self._choose()
-                below = residuals < self.gate
-                indices, residuals = indices[below], residuals[below]
-
-    def _choose(self) -> None:
-        """Drop all but the least."""
-        if self.held <= self.limit:
-            return
-        residuals = self.residuals[: self.held]
-        gate = np.partition(residuals, self.limit - 1)[self.limit - 1]
-        keep = residuals < gate
-        ties = np.flatnonzero(residuals == gate)
-        keep[ties[: self.limit - np.count_nonzero(keep)]] = True
-        place = 0
-        for first in range(0, self.held, PIECE):
-            some = first + np.flatnonzero(keep[first : first + PIECE])
-            self.indices[place : place + len(some)] = self.indices[some]
-            self.residuals[place : place + len(some)] = self.residuals[some]
-            place += len(some)
-        self.held = place
-        self.gate = min(self.gate, float(gate))
-
-    def settle(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """What is kept, in the order of the stream; ties at the gate are broken by that order."""
-        self._choose()
-        self.indices.resize((self.held, self.indices.shape[1]), refcheck=False)
-        self.residuals.resize(self.held, refcheck=False)
-        return self.indices, self.residuals
-
-
 def exhaustive_residuals(
     tables: Any,
     kind: kinds.Kind,
@@ -184,6 +118,7 @@ def exhaustive_residuals(
     *,
     max_hyperedges: int = 5_000_000,
     candidates: NDArray[np.bool_] | None = None,
+    backend: Backend = cpu,
     progress: Progress | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], int]:
     """All hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
@@ -198,9 +133,11 @@ def exhaustive_residuals(
     shape : (n, n')
     order : int
     max_hyperedges : int
-        Bounds the memory: 24 bytes each at order 4, 37 while the strongest are chosen.
+        Bounds the memory: 24 bytes each at order 4, 40 for a moment.
     candidates : (n, n') bool array, optional
         Correspondences that are possible; others are never evaluated.
+    backend : Backend
+        What evaluates.
     progress : callable, optional
         Called with (slabs done, slabs in all).
 
@@ -212,46 +149,10 @@ def exhaustive_residuals(
     evaluated : int
         How many hyper-edges were looked at.
     """
-    n, n_target = shape
-    tables = padded(tables, n_target)
-    bases = hyperedges.source_bases(n, order)
-    arrangements = hyperedges.target_arrangements(n_target, order - 1)
-    allowed = (
-        np.empty((0, 0), dtype=np.bool_) if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_)
-    )
-    total = len(bases) * len(arrangements)
-    strongest = _Strongest(max_hyperedges, gate, order)
-    capacity = 1 << 14
-    evaluated = 0
-    rank = 0
-    per_slab = max(1, hyperedges.exhaustive_count(n, n_target, order) // max(total, 1))
-    step = max(CHUNKS, BLOCK // per_slab)
-    sizes = n_target, n
-    while rank < total:
-        last = min(rank + step, total)
-        while True:
-            try:
-                codes, residuals, counts, looked = cpu.sweep(
-                    tables, kind, bases, rank, last, arrangements, strongest.gate, allowed, capacity, *sizes, CHUNKS
-                )
-            except SystemError as error:
-                # Ctrl-C met while a compiled function returns
-                if isinstance(error.__cause__, KeyboardInterrupt):
-                    raise KeyboardInterrupt from None
-                raise
-            if counts.max() <= capacity:
-                break
-            capacity = 1 << int(counts.max()).bit_length()
-        if counts.any():
-            found = [chunk[:count] for chunk, count in zip(codes, counts, strict=True)]
-            worth = [chunk[:count] for chunk, count in zip(residuals, counts, strict=True)]
-            strongest.add(cpu.decode(np.concatenate(found), bases, arrangements, n_target, n), np.concatenate(worth))
-        evaluated += int(looked.sum())
-        rank = last
-        if progress is not None:
-            progress(rank, total)
-    indices, residuals = strongest.settle()
-    return indices, residuals, evaluated
+    work = Enumeration.of(tables, kind, shape, order, candidates)
+    found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress)
+    indices = cpu.decode(found.codes, work.bases, work.arrangements, shape[1], shape[0])
+    return indices, found.residuals, found.evaluated
 
 
 def exhaustive_tensor(
@@ -263,12 +164,14 @@ def exhaustive_tensor(
     *,
     max_hyperedges: int = 5_000_000,
     candidates: NDArray[np.bool_] | None = None,
+    backend: Backend = cpu,
     progress: Progress | None = None,
 ) -> tuple[AffinityTensor, int]:
     """Tensor of `exhaustive_residuals`, and how many hyper-edges were looked at."""
     indices, residuals, evaluated = exhaustive_residuals(
-        tables, kind, weigh.gate, shape, order, max_hyperedges=max_hyperedges, candidates=candidates, progress=progress
-    )
+        tables, kind, weigh.gate, shape, order,
+        max_hyperedges=max_hyperedges, candidates=candidates, backend=backend, progress=progress,
+    )  # fmt: skip
     return AffinityTensor.unchecked(indices, weigh.weights(residuals), shape), evaluated
 
 
@@ -282,6 +185,7 @@ def random_tensor(
     seed: int,
     *,
     candidates: NDArray[np.bool_] | None = None,
+    backend: Backend = cpu,
     progress: Progress | None = None,
 ) -> tuple[AffinityTensor, int]:
     """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
@@ -291,16 +195,19 @@ def random_tensor(
     """
     n, n_target = shape
     increasing = weigh.residual.kind in NOISE_KINDS
+    stream = hyperedges.random_hyperedges(n, n_target, order, samples, seed, mask=candidates)
+
+    def blocks() -> Iterator[Block]:
+        for source, target in stream:
+            if increasing:
+                source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
+            yield source, target
+
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
     done = 0
-    for source, target in hyperedges.random_hyperedges(n, n_target, order, samples, seed, mask=candidates):
-        flat = (source * n_target + target).astype(np.int32)
-        if increasing:
-            flat = sorted_rows(flat)
-            source, target = np.divmod(flat, n_target)
-        residuals = cpu.residuals(tables, kind, source, target)
+    for (source, target), residuals in backend.evaluated(tables, kind, blocks()):
         keep = residuals <= weigh.gate
-        parts.append((flat[keep], residuals[keep]))
+        parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
         done += len(source)
         if progress is not None:
             progress(done, samples)

@@ -50,11 +50,14 @@ def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> N
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def check_size(n: int, n_target: int, order: int, limit: int, mask: NDArray[np.bool_] | None) -> None:
-    """Refuse an exhaustive search beyond the limit, saying its size and the alternatives."""
+def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None) -> float:
+    """Hyper-edges that an exhaustive search looks at, about: exactly without candidates."""
     count = edges.exhaustive_count(n, n_target, order)
-    if mask is not None:
-        count = int(count * float(mask.mean()) ** order)
+    return float(count if mask is None else int(count * float(mask.mean()) ** order))
+
+
+def check_size(n: int, n_target: int, count: float, limit: int) -> None:
+    """Refuse an exhaustive search beyond the limit, saying its size and the alternatives."""
     if count > limit:
         raise InputError(
             f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g}; "

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch import arguments
 from rootmatch.affinity import NOISE_KINDS, Progress, Residual, affinity
-from rootmatch.backends import cpu
+from rootmatch.backends import choice, cpu
+from rootmatch.building import WAYS, Way
 from rootmatch.errors import InputError
 from rootmatch.guided import Choice
 from rootmatch.motions import check_motions, label_motions
@@ -25,11 +26,6 @@ from rootmatch.tensor import AffinityTensor
 from rootmatch.verdict import Status, of_all, of_groups
 
 __all__ = ["Match", "Status", "match", "residuals"]
-
-PAPER_SAMPLES = 100_000
-"""Hyper-edges that the paper's preset draws unless told otherwise."""
-EXHAUSTIVE_LIMIT = 4_000_000_000
-"""Hyper-edges that are evaluated without asking: about a minute on two cores."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +132,7 @@ def match(
     noise: ArrayLike | Literal["auto"] = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
-    hyperedges: Literal["auto", "exhaustive", "random", "guided"] | Choice | None = None,
+    hyperedges: Way | Choice | None = None,
     samples: int | None = None,
     residual: str | Residual | None = None,
     rho: float | None = None,
@@ -144,9 +140,10 @@ def match(
     normals: ArrayLike | None = None,
     candidates: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
-    backend: Literal["auto", "cpu"] = "auto",
+    backend: choice.Name = "auto",
     max_hyperedges: int = 5_000_000,
-    limit: int = EXHAUSTIVE_LIMIT,
+    limit: int | None = None,
+    scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Match:
     """Find which point is which from geometry alone.
@@ -184,11 +181,18 @@ def match(
         Bool: which correspondences are possible. Numbers: prior weights, of which zeros forbid.
     motions : int or "auto"
         Into how many rigid motions the matches are divided.
-    backend : {"auto", "cpu"}
+    backend : {"auto", "cpu", "cuda"}
+        What evaluates hyper-edges and contracts the tensor: processor cores, or an NVIDIA card through numba-cuda (the
+        extra ``gpu``). ``"auto"`` is the card where there is one and 200 million hyper-edges or more are looked at. A
+        guided search runs on the processor; with ``"cuda"`` it is chosen only beyond a thousand million hyper-edges.
     max_hyperedges : int
         Most hyper-edges kept, the strongest; 24 bytes each at order 4.
     limit : int
-        Most hyper-edges that an exhaustive search may look at.
+        Most hyper-edges that an exhaustive search may look at; by default 4e9 on the processor, 1e11 on a card.
+    scheduler : str, optional
+        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``: blocks of hyper-edges, all of them or
+        random ones, go to its workers, and the tensor is the same to the last bit. They need this package in this
+        version.
     progress : callable, optional
         Called with (done, total) between blocks.
 
@@ -211,13 +215,13 @@ def match(
                 source, target, problem, noise=guess if np.isnan(sigma) else sigma, seed=seed, preset=preset,
                 hyperedges=hyperedges, samples=samples, residual=residual, rho=rho, solver=solver, normals=normals,
                 candidates=candidates, motions=motions, backend=backend, max_hyperedges=max_hyperedges, limit=limit,
-                progress=progress,
+                scheduler=scheduler, progress=progress,
             )  # fmt: skip
 
         return replace(with_estimated_noise(attempt), seconds=time.perf_counter() - started)
     paper = arguments.is_paper(preset)
     check_motions(motions)
-    arguments.check_choice("backend", backend, ("auto", "cpu"))
+    arguments.check_choice("backend", backend, choice.NAMES)
     points = check_points(source, problem.source_dimension, "source", problem.order)
     pixels = check_points(target, problem.target_dimension, "target", problem.order)
     n, n_target = len(points), len(pixels)
@@ -229,12 +233,13 @@ def match(
     allowed, unary = arguments.split_candidates(candidates, n, n_target)
     way = hyperedges or ("random" if paper or samples is not None else "auto")
     if not callable(way):
-        arguments.check_choice("hyperedges", way, ("auto", "exhaustive", "random", "guided"))
+        arguments.check_choice("hyperedges", way, WAYS)
     facing = None if normals is None else check_normals(normals, n)
     road = Road(
-        problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress
-    )
-    weighed = road.tensor(way, PAPER_SAMPLES if samples is None else int(samples))
+        problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress,
+        backend, scheduler,
+    )  # fmt: skip
+    weighed = road.tensor(way, samples)
 
     if motions != 1 and solver is None and not paper:
         solution, weighed = several(road, weighed)

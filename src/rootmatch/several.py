@@ -44,7 +44,7 @@ def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
         noise=_of_some(road.noise, pixels, road.shape[1]),
         normals=None if road.normals is None else road.normals[points],
         allowed=None if road.allowed is None else np.ascontiguousarray(road.allowed[np.ix_(points, pixels)]),
-        unary=None, progress=None,
+        unary=None, progress=None, scheduler=None,
     )  # fmt: skip
     more = rest.tensor("exhaustive", 0)
     source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))

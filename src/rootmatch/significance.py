@@ -6,7 +6,7 @@ import math
 
 from rootmatch.problems.problem import Problem
 
-TRUE_WEIGHT = {1: math.sqrt(0.5), 2: 0.5}
+TRUE_WEIGHT = {degrees: math.sqrt(0.5**degrees) for degrees in range(1, 9)}
 """Mean of exp(−χ²/2) of a true hyper-edge, by degrees of freedom of χ²."""
 
 

@@ -137,11 +137,15 @@ class AffinityTensor:
         For a binary x this is what each correspondence adds, or would add, to the score. The result does not depend on
         the number of threads. Tensors above 64 k hyper-edges use `numba.get_num_threads()` threads.
         """
+        soft = self._checked_soft(x)
+        v = contraction.contract(self.indices, self.weights, soft.ravel()).reshape(self.shape)
+        return v if self.unary is None else v + self.unary
+
+    def _checked_soft(self, x: ArrayLike) -> NDArray[np.float64]:
         soft = _float_array("x", x)
         if soft.shape != self.shape:
             raise InputError(f"x: got shape {soft.shape}; expected (n, n') = {self.shape}")
-        v = contraction.contract(self.indices, self.weights, soft.ravel()).reshape(self.shape)
-        return v if self.unary is None else v + self.unary
+        return soft
 
     def marginals(self) -> NDArray[np.float64]:
         """Total weight of the hyper-edges that contain each correspondence, (n, n'); unary weights are not in it."""

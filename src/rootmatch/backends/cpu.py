@@ -6,16 +6,35 @@ found again in Numba's cache on disk.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, edge_residual, fill_panel, gives_squares, slab_residual
-from rootmatch.kernels.padding import target_columns
+from rootmatch.backends.selection import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.kernels.dispatch import (
+    PANEL_ROWS,
+    SCRATCH_COLUMNS,
+    SCRATCH_ROWS,
+    edge_residual,
+    fill_panel,
+    gives_squares,
+    slab_residual,
+)
+from rootmatch.kernels.padding import padded, target_columns
 from rootmatch.kernels.threads import in_threads, threads_worth
 
+BLOCK = 4_000_000
+"""Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""
+CHUNKS = 32
+"""Pieces of a block, whatever the number of threads, so that the result does not depend on it."""
+PIECE = 1024
+"""Given hyper-edges that a thread evaluates in a row, and beginnings at whole multiples of it: the compiler may round
+the last few of a loop otherwise than the rest, and the result is not to depend on the number of threads."""
+DECODED = 1 << 16
+"""Hyper-edges that are decoded at once."""
 PARTS = 4
 """Ranges of chunks for each thread: where much is found, or forbidden, takes another time."""
 WORTH_A_THREAD = 16384
@@ -105,7 +124,7 @@ def _sweep(  # type: ignore[no-untyped-def]
     j = np.empty(d, np.int64)
     before = np.empty(d, np.int64)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
     for chunk in range(first_chunk, last_chunk):
-        scratch = np.empty((SCRATCH_ROWS, points))
+        scratch = np.empty((SCRATCH_ROWS, max(points, SCRATCH_COLUMNS)))
         out = np.empty((points, columns))
         panel = np.empty((PANEL_ROWS, columns))
         before[d - 1] = -1
@@ -158,12 +177,15 @@ def decode(
     codes: NDArray[np.int64], bases: NDArray[np.int64], arrangements: NDArray[np.int32], targets: int, points: int
 ) -> NDArray[np.int32]:
     """Flat correspondences (E, d) int32 of the codes that `sweep` returns."""
-    rest, last_target = np.divmod(codes, targets)
-    rank, last = np.divmod(rest, points)
-    base, order = np.divmod(rank, len(arrangements))
     indices = np.empty((codes.size, bases.shape[1] + 1), np.int32)
-    indices[:, :-1] = bases[base] * targets + arrangements[order]
-    indices[:, -1] = last * targets + last_target
+    # piece by piece: what is in between takes twice as much as the result
+    for first in range(0, codes.size, DECODED):
+        part = indices[first : first + DECODED]
+        rest, last_target = np.divmod(codes[first : first + DECODED], targets)
+        rank, last = np.divmod(rest, points)
+        base, order = np.divmod(rank, len(arrangements))
+        part[:, :-1] = bases[base] * targets + arrangements[order]
+        part[:, -1] = last * targets + last_target
     return indices
 
 
@@ -176,7 +198,48 @@ def residuals(
     residual = np.empty(len(source))
 
     def work(first: int, last: int) -> None:
-        evaluate(tables, kind, source, target, first, last, residual)
+        evaluate(tables, kind, source, target, first * PIECE, min(last * PIECE, len(source)), residual)
 
-    in_threads(work, len(source), threads_worth(len(source) // WORTH_A_THREAD))
+    in_threads(work, -(-len(source) // PIECE), threads_worth(len(source) // WORTH_A_THREAD))
     return residual
+
+
+def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
+    """See `Backend.evaluated`."""
+    for block in blocks:
+        yield block, residuals(tables, kind, *block)
+
+
+def strongest(
+    work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
+) -> Found:
+    """See `Backend.strongest`."""
+    n, n_target = work.shape
+    tables = padded(work.tables, n_target)
+    kept = Strongest(limit, gate)
+    step = max(CHUNKS, BLOCK // work.per_slab)
+    capacity = 1 << 14
+    total, rank = 0, first
+    while rank < last:
+        end = min(rank + step, last)
+        while True:
+            try:
+                codes, values, counts, looked = sweep(
+                    tables, work.kind, work.bases, rank, end, work.arrangements, kept.gate, work.allowed,
+                    capacity, n_target, n, CHUNKS,
+                )  # fmt: skip
+            except SystemError as error:
+                # Ctrl-C met while a compiled function returns
+                if isinstance(error.__cause__, KeyboardInterrupt):
+                    raise KeyboardInterrupt from None
+                raise
+            if counts.max() <= capacity:
+                break
+            capacity = 1 << int(counts.max()).bit_length()
+        for chunk in np.flatnonzero(counts):
+            kept.add(codes[chunk, : counts[chunk]], values[chunk, : counts[chunk]])
+        total += int(looked.sum())
+        rank = end
+        if progress is not None:
+            progress(rank - first, last - first)
+    return Found(*kept.settle(), total)

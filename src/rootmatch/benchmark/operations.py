@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rootmatch import hyperedges
 from rootmatch.affinity import KINDS
 from rootmatch.benchmark.scenes import prepared
-from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
+from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_COLUMNS, SCRATCH_ROWS, fill_panel, slab_residual
 
 SAMPLES = 3
 """Panels drawn at random for each count; each has about n' slabs."""
@@ -104,7 +104,7 @@ def _panel(
     tables: Any, residual: Any, order: int, bases: NDArray[np.int64], rng: np.random.Generator, n: int, n_target: int
 ) -> int:
     """Run a random panel and all of its slabs; how many hyper-edges they have."""
-    panel, scratch = np.empty((PANEL_ROWS, n_target), object), np.empty((SCRATCH_ROWS, n), object)
+    panel, scratch = np.empty((PANEL_ROWS, n_target), object), np.empty((SCRATCH_ROWS, max(n, SCRATCH_COLUMNS)), object)
     i = np.append(bases[rng.integers(len(bases))], 0)
     j = np.append(rng.choice(n_target, order - 2, replace=False), (0, 0))
     first = int(i[order - 2]) + 1

@@ -155,7 +155,13 @@ def match(
     ] = None,
     backend: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="What computes: auto or cpu.", show_default="auto", rich_help_panel=METHOD),
+        typer.Option(
+            metavar="NAME", help="What computes: auto, cpu or cuda.", show_default="auto", rich_help_panel=METHOD
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers evaluate.", rich_help_panel=METHOD),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.", rich_help_panel=METHOD)] = 0,
     output: Annotated[
@@ -207,6 +213,7 @@ def match(
         "limit": limit,
         "max_hyperedges": max_hyperedges,
         "backend": backend,
+        "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
         "preset": preset.value if preset else None,
     }

@@ -13,6 +13,7 @@ from typing import Any
 
 import joblib
 
+from rootmatch.backends.cluster import connected
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.experiments.progress import Progress
 from rootmatch.experiments.settings import Method, Setting
@@ -26,9 +27,6 @@ Evaluate = Callable[[Unit], list[Row]]
 
 IN_FLIGHT = 2
 """Units sent ahead to each thread of a cluster, so that none waits for the next."""
-
-CONNECT_SECONDS = 10.0
-"""How long a scheduler may take to answer."""
 
 
 @dataclass(frozen=True)
@@ -136,25 +134,15 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
 
 
 def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Result]:
-    try:
-        # Untyped, and not installed everywhere.
-        distributed: Any = import_module("distributed")
-    except ImportError:
-        raise InputError("a scheduler needs Dask: pip install 'rootmatch[cluster]', or use --jobs") from None
-    try:
-        client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"scheduler: {scheduler} does not answer ({error}); start one with `dask scheduler`") from None
-    with client:
+    with connected(scheduler) as client:
         threads = sum(client.nthreads().values())
-        if threads == 0:
-            raise InputError(f"scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`")
         waiting = iter(work)
 
         def send(unit: Unit) -> Any:
             # Not pure: Dask would otherwise look the unit's result up by a hash of its input.
             return client.submit(_timed, function, unit, pure=False)
 
+        distributed: Any = import_module("distributed")
         finished = distributed.as_completed(
             [send(unit) for unit in islice(waiting, IN_FLIGHT * threads)], loop=client.loop
         )

@@ -21,8 +21,27 @@ FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 """Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
-kernel = njit(fastmath=FASTMATH, error_model="numpy")
-"""Decorator of what loops: row kernels and scalars too large to be inlined."""
+kernel = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+"""Decorator of what loops: row kernels and large scalars.
+
+Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just
+compiled the driver would call the other copy than one that found it on disk, which differs in the last digits.
+"""
+
+OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+"""Functions that choose a kernel by type, each with its choice; a backend of another target makes them known there."""
+
+
+def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorate the choice of what ``function`` is in compiled code, on processors and on every other target."""
+
+    def known(choice: Callable[..., Any]) -> Callable[..., Any]:
+        OVERLOADS.append((function, choice))
+        result: Callable[..., Any] = overload(function)(choice)
+        return result
+
+    return known
+
 
 _EDGE: dict[tuple[type, type], Callable[..., Any]] = {}
 _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
@@ -96,8 +115,8 @@ def slab_residual(
 
     ``i`` and ``j`` (d,) hold the minimal set; their last entries are free for the kernel. Entries of ``out`` whose k is
     among ``j[:d - 1]`` belong to no hyper-edge and mean nothing. ``panel`` is as `fill_panel` left it for this minimal
-    set or for one that differs in ``j[d - 2]`` alone; ``scratch`` has at least (SCRATCH_ROWS, m) entries. What depends
-    on the minimal set alone is computed once: that is most of the work.
+    set or for one that differs in ``j[d - 2]`` alone; ``scratch`` has SCRATCH_ROWS contiguous rows, at least m and
+    SCRATCH_COLUMNS long. What depends on the minimal set alone is computed once: that is most of the work.
     """
     key = type(tables), type(kind)
     if key in _PANEL:
@@ -113,11 +132,13 @@ def gives_squares(tables: Any, kind: Any) -> bool:
 
 SCRATCH_ROWS = 32
 """Rows of the scratch array that every caller of a slab kernel provides."""
+SCRATCH_COLUMNS = 8
+"""Least columns of it."""
 PANEL_ROWS = 16
 """Rows of the panel that every caller of a slab kernel provides."""
 
 
-@overload(edge_residual)
+@chooses(edge_residual)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
     function = _EDGE[tables.instance_class, kind.instance_class]
 
@@ -132,7 +153,7 @@ def _no_panel(tables, kind, i, j, panel):  # type: ignore[no-untyped-def]
     """Panel kernel of those that have none."""
 
 
-@overload(fill_panel)
+@chooses(fill_panel)
 def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Callable[..., Any]:
     function: Callable[..., Any] = _PANEL.get((tables.instance_class, kind.instance_class), _no_panel)
 
@@ -142,7 +163,7 @@ def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Calla
     return implementation
 
 
-@overload(slab_residual)
+@chooses(slab_residual)
 def _slab_overload(
     tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any
 ) -> Callable[..., Any]:
@@ -158,7 +179,7 @@ def _slab_overload(
     return with_panel if key in _PANEL else plain
 
 
-@overload(gives_squares)
+@chooses(gives_squares)
 def _squares_overload(tables: Any, kind: Any) -> Callable[..., Any]:
     squares = (tables.instance_class, kind.instance_class) in _SQUARES
 
@@ -166,6 +187,11 @@ def _squares_overload(tables: Any, kind: Any) -> Callable[..., Any]:
         return squares
 
     return implementation
+
+
+def has_panel(tables: Any, kind: Any) -> bool:
+    """Whether the slab kernel of these types reads its panel."""
+    return (type(tables), type(kind)) in _PANEL
 
 
 def kinds_of(tables: type) -> tuple[type, ...]:

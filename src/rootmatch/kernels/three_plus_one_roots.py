@@ -298,8 +298,7 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     x, y, z = p[0], p[1], p[2]
     # Most roots fail: all are judged in one vectorised loop, and only what passes is looked at again. Twice over,
     # because such loops start at eight.
-    room = scratch.reshape(-1)
-    angle, passes = room[:8], room[8:16]
+    angle, passes = scratch[0, :8], scratch[1, :8]
     angle[0], angle[1], angle[2], angle[3] = angles
     angle[4], angle[5], angle[6], angle[7] = angles
     judge(angle, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)

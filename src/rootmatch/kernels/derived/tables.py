@@ -13,10 +13,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import kernel, register
+from rootmatch.kernels.dispatch import chooses, kernel, register
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
 
 Floats = NDArray[np.float64]
@@ -79,7 +78,7 @@ def _name(tables: Any) -> str:
     return str(next(iter(tables.types[tables.fields.index("tag")].dtype.fields)))
 
 
-@overload(derived_edge)
+@chooses(derived_edge)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
     function = _EDGE[_name(tables), kind.instance_class]
 
@@ -89,7 +88,7 @@ def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]
     return implementation
 
 
-@overload(derived_slab)
+@chooses(derived_slab)
 def _slab_overload(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Callable[..., Any]:
     function = _SLAB[_name(tables), kind.instance_class]
 

@@ -1,0 +1,289 @@
+"""Everything that is to be measured on an NVIDIA card, in one command: ``python benchmarks/gpu.py --output DIR``.
+
+It runs the tests of the CUDA backend on the card, checks whole tensors against the processor's, and measures
+hyper-edges/s of every kernel, the share of the card's peak in float64, all hyper-edges of 30 against 30 points, and the
+contraction. DIR/cuda.json has the figures, DIR/cuda.md the tables for docs/performance.md.
+
+``--quick`` takes the least sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
+without a card.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import cuda as numba_cuda
+
+import rootmatch
+from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tensor
+from rootmatch.backends import cpu, cuda
+from rootmatch.backends.cuda_contraction import DeviceTensor
+from rootmatch.backends.selection import Enumeration
+from rootmatch.hyperedges import exhaustive_count, wide_first
+from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.tensor import AffinityTensor
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
+KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
+SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
+LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
+FUSED_A_CLOCK = {(6, 0): 32, (7, 0): 32, (7, 2): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64, (10, 3): 2}
+"""Fused multiply-adds in float64 that a multiprocessor does in a clock, by compute capability; 2 on the others."""
+REACH = {"normalised": 5e9, "exhaustive": 5.0}
+"""P3P hyper-edges/s asked for, and seconds for 30 against 30."""
+
+
+def seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median time of a call, after one that is not counted."""
+    work()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return float(np.median(times))
+
+
+def card() -> dict[str, Any]:
+    """Name, versions and peak of the card."""
+    made: dict[str, Any] = {
+        "date": datetime.date.today().isoformat(),
+        "rootmatch": rootmatch.__version__,
+        "numba_cuda": getattr(numba_cuda, "__version__", "") or _version("numba-cuda"),
+        "simulated": cuda.SIMULATED,
+    }
+    if cuda.SIMULATED:
+        return made | {"name": "Numba's simulator", "peak": None}
+    device = numba_cuda.get_current_device()
+    name = device.name.decode() if isinstance(device.name, bytes) else str(device.name)
+    capability = tuple(device.compute_capability)
+    multiprocessors, clock = int(device.MULTIPROCESSOR_COUNT), 1e3 * device.CLOCK_RATE
+    peak = 2.0 * FUSED_A_CLOCK.get(capability, 2) * multiprocessors * clock
+    return made | {
+        "name": name, "compute_capability": capability, "multiprocessors": multiprocessors, "clock_hz": clock,
+        "peak": peak,
+    }  # fmt: skip
+
+
+def _version(package: str) -> str:
+    from importlib.metadata import version
+
+    return version(package)
+
+
+def tests(folder: Path) -> str:
+    """The tests of the CUDA backend on the card: the last line of pytest."""
+    results = folder / "cuda-results.npz"
+    paths = os.pathsep.join([str(ROOT / "tests"), str(ROOT / "src"), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": paths, "ROOTMATCH_CUDA_RESULTS": str(results)}
+    subprocess.run(
+        [sys.executable, "-W", "ignore", str(ROOT / "tests" / "cuda_results.py"), str(results)],
+        env=environment, check=True,
+    )  # fmt: skip
+    # what the card found is in the file; the other side is the processor, compiled
+    here = {**environment, "NUMBA_ENABLE_CUDASIM": "0", "NUMBA_DISABLE_JIT": "0"}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", str(ROOT / "tests" / "test_cuda.py")],
+        env=here, check=False, capture_output=True, text=True, cwd=ROOT,
+    )  # fmt: skip
+    if done.returncode:
+        print(done.stdout[-5000:], file=sys.stderr)
+    return done.stdout.strip().splitlines()[-1]
+
+
+def enumeration(problem: str, kind: str, points: int, outliers: int) -> tuple[Enumeration, Any]:
+    scene = SCENES[problem](n=points, outliers=outliers, noise=1.0, seed=0)
+    tables = scene.problem.prepare(scene.source[wide_first(scene.source)], scene.target, 1.0)
+    weigh = affinity(Residual(kind), None if kind in NOISE_KINDS else scene.problem.paper_rho)
+    shape = (len(scene.source), len(scene.target))
+    residual = weigh.residual.kernel_kind(scene.problem.pair_count)
+    return Enumeration.of(tables, residual, shape, scene.problem.order, None), weigh
+
+
+def agreement(problem: str, kind: str, points: int, outliers: int) -> dict[str, Any]:
+    """Whole tensors of card and processor: hyper-edges in one alone (at the gate), and the difference of the rest."""
+    work, weigh = enumeration(problem, kind, points, outliers)
+    tensors = [
+        exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=backend)[0]
+        for backend in (cpu, cuda)
+    ]
+    here, there = ({tuple(row): w for row, w in zip(t.indices.tolist(), t.weights, strict=True)} for t in tensors)
+    both = [row for row in here if row in there]
+    apart = [abs(here[row] - there[row]) for row in both]
+    return {
+        "problem": problem, "kind": kind, "hyperedges": len(here), "only_processor": len(here) - len(both),
+        "only_card": len(there) - len(both), "worst": max(apart, default=0.0),
+        "beyond_1e-9": float(np.mean(np.array(apart) > 1e-9)) if apart else 0.0,
+    }  # fmt: skip
+
+
+def rate(problem: str, kind: str, size: tuple[int, int], most: float, repeats: int) -> dict[str, Any]:
+    """Hyper-edges a second of a part of an exhaustive sweep, with a gate that next to nothing passes."""
+    work, weigh = enumeration(problem, kind, *size)
+    gate = 0.3 if kind in NOISE_KINDS else 1e-2 * weigh.rho
+    middle = work.ranks // 2
+    last = min(work.ranks, middle + max(1, int(most) // work.per_slab))
+    started = time.perf_counter()
+    evaluated = cuda.strongest(work, middle, last, gate, 100_000).evaluated
+    first = time.perf_counter() - started
+    spent = seconds(lambda: cuda.strongest(work, middle, last, gate, 100_000), repeats)
+    return {
+        "problem": problem, "kind": kind, "shape": work.shape, "hyperedges": evaluated, "seconds": spent,
+        "per_second": evaluated / spent, "first_call_seconds": first,
+    }  # fmt: skip
+
+
+def operations(rows: list[dict[str, Any]]) -> None:
+    """Add to each row the operations of a hyper-edge, counted by running the kernel on numbers that count."""
+    from rootmatch.benchmark.operations import operations as counted
+
+    cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
+    for row, count in zip(rows, counted(cases), strict=True):
+        row["operations"] = count
+
+
+def exhaustive(kind: str, points: int) -> dict[str, Any]:
+    """The tensor of all hyper-edges of as many source and target points, with the default gate and limit."""
+    work, weigh = enumeration("p3p", kind, points, 0)
+    started = time.perf_counter()
+    tensor, evaluated = exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=cuda)
+    spent = time.perf_counter() - started
+    return {"kind": kind, "points": points, "hyperedges": evaluated, "kept": tensor.size, "seconds": spent}
+
+
+def contraction(edges: int, n: int, order: int, repeats: int) -> dict[str, Any]:
+    """One contraction on the card, copies of x and v included, and on the processor."""
+    rng = np.random.default_rng(0)
+    source = np.argsort(rng.random((edges, n)), axis=1)[:, :order]
+    target = np.argsort(rng.random((edges, n)), axis=1)[:, :order]
+    tensor = AffinityTensor((source * n + target).astype(np.int32), rng.random(edges), (n, n))
+    device, x = DeviceTensor.of(tensor), rng.random((n, n))
+    here, there = tensor.contract(x), device.contract(x)
+    return {
+        "hyperedges": edges, "order": order, "n": n, "card_ms": 1e3 * seconds(lambda: device.contract(x), repeats),
+        "processor_ms": 1e3 * seconds(lambda: tensor.contract(x), repeats),
+        "worst_relative": float(np.max(np.abs(there - here) / np.maximum(np.abs(here), 1e-300))),
+    }  # fmt: skip
+
+
+def markdown(found: dict[str, Any]) -> str:
+    """The tables for docs/performance.md."""
+    about, peak = found["card"], found["card"]["peak"]
+    what = f"{about['name']}, {about['date']}, numba-cuda {about['numba_cuda']}, rootmatch {about['rootmatch']}"
+    if peak:
+        what += f"; peak in float64 {peak / 1e12:.1f} Tflop/s"
+    lines = [
+        f"Card: {what}. Command: `python benchmarks/gpu.py`.", "", f"Tests on the card: {found['tests']}", "",
+        "| problem | residual | points | hyper-edges/s | operations each | share of peak | first call |",
+        "|---|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for row in found["rates"]:
+        count = row.get("operations")
+        share = f"{100 * row['per_second'] * count / peak:.1f} %" if peak and count else "–"
+        lines.append(
+            f"| {row['problem']} | `{row['kind']}` | {row['shape'][0]} × {row['shape'][1]} | {row['per_second']:.3g} | "
+            f"{'–' if count is None else f'{count:.0f}'} | {share} | {row['first_call_seconds']:.1f} s |"
+        )
+    lines += ["", "| all hyper-edges of P3P | residual | looked at | kept | seconds |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {row['points']} × {row['points']} | `{row['kind']}` | {row['hyperedges']:.3g} | {row['kept']:,} | "
+        f"{row['seconds']:.2f} |"
+        for row in found["exhaustive"]
+    ]
+    lines += ["", "| contraction | order | card | processor | ratio |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {row['hyperedges']:,} hyper-edges, n = {row['n']} | {row['order']} | {row['card_ms']:.2f} ms | "
+        f"{row['processor_ms']:.2f} ms | {row['processor_ms'] / row['card_ms']:.1f} |"
+        for row in found["contraction"]
+    ]
+    lines += [
+        "", "| tensor against the processor's | hyper-edges | in one alone | worst difference | above 1e-9 |",
+        "|---|---|---|---|---|",
+    ]  # fmt: skip
+    lines += [
+        f"| {row['problem']} `{row['kind']}` | {row['hyperedges']:,} | {row['only_processor'] + row['only_card']} | "
+        f"{row['worst']:.1e} | {100 * row['beyond_1e-9']:.2f} % |"
+        for row in found["agreement"]
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def verdict(found: dict[str, Any]) -> list[str]:
+    """What was asked for and what was reached."""
+    fastest = [row["per_second"] for row in found["rates"] if (row["problem"], row["kind"]) == ("p3p", "normalised")]
+    longest = [row["seconds"] for row in found["exhaustive"] if row["kind"] == "normalised" and row["points"] == 30]
+    said = [f"P3P normalised: {rate:.3g} hyper-edges/s, {REACH['normalised']:.0e} asked for" for rate in fastest]
+    return said + [f"30 × 30: {spent:.2f} s, {REACH['exhaustive']:.0f} s asked for" for spent in longest]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("cuda-benchmark"))
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--hyperedges", type=float, default=1e9, help="evaluated for each rate")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="least sizes, to try the command")
+    parser.add_argument("--no-tests", action="store_true")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    quick = options.quick
+    sizes = LEAST if quick else SIZES
+    repeats = 1 if quick else options.repeats
+
+    def said(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    found: dict[str, Any] = {"card": card()}
+    said(f"card: {found['card']}")
+    found["tests"] = "not run" if options.no_tests else tests(options.output)
+    said(f"tests: {found['tests']}")
+    most = 50.0 if quick else options.hyperedges
+    found["rates"] = []
+    for problem, size in sizes.items():
+        for kind in options.kinds:
+            # a hundred times the work of the others
+            row = rate(problem, kind, size, most / 20 if kind == "svd" else most, repeats)
+            said(
+                f"{problem} {kind}: {row['per_second']:.3g} hyper-edges/s, first call {row['first_call_seconds']:.1f} s"
+            )
+            found["rates"].append(row)
+    try:
+        operations(found["rates"])
+    except (ImportError, subprocess.CalledProcessError) as error:
+        said(f"operations not counted: {error!r}")
+    points = 5 if quick else 30
+    found["exhaustive"] = []
+    for kind in ("normalised", "joint"):
+        said(f"all {exhaustive_count(points, points, 4):.3g} hyper-edges of {points} × {points}, {kind}")
+        found["exhaustive"].append(exhaustive(kind, points))
+    counts = ((100, 4, 3),) if quick else ((1_000_000, 20, 3), (5_000_000, 30, 4))
+    found["contraction"] = [contraction(edges, n, order, repeats) for edges, n, order in counts]
+    compared = (
+        {"p3p": (4, 1), "up2p": (4, 1), "3p1": (4, 1)} if quick else {"p3p": (10, 6), "up2p": (16, 8), "3p1": (9, 6)}
+    )
+    found["agreement"] = [
+        agreement(problem, kind, *size)
+        for problem, size in compared.items()
+        for kind in ("joint", "normalised", "qr")
+        if kind in options.kinds
+    ]
+    (options.output / "cuda.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    (options.output / "cuda.md").write_text(markdown(found), encoding="utf-8")
+    print(markdown(found))
+    for line in verdict(found):
+        print(line)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Which backend evaluates: processor cores or an NVIDIA card."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any, Literal
+
+from rootmatch.backends import cpu
+from rootmatch.backends.selection import Backend
+from rootmatch.errors import InputError
+from rootmatch.tensor import AffinityTensor
+
+Name = Literal["auto", "cpu", "cuda"]
+NAMES: tuple[Name, ...] = ("auto", "cpu", "cuda")
+PAYS = 200_000_000
+"""Hyper-edges from which ``"auto"`` prefers a card: below, starting it takes longer than the processor's whole work."""
+
+
+def device_backend() -> Backend:
+    """The CUDA backend.
+
+    Raises
+    ------
+    InputError
+        If numba-cuda is not installed or finds no card; it says which.
+    """
+    if find_spec("numba_cuda") is None:
+        raise InputError(
+            'backend: "cuda" needs numba-cuda, which is not installed; pip install "rootmatch[gpu]", or use "cpu"'
+        )
+    from numba import cuda
+
+    if not cuda.is_available():
+        reason = cuda.cuda_error()
+        found = "no NVIDIA card or driver" if reason is None else str(reason).splitlines()[0]
+        raise InputError(f'backend: "cuda" given, but numba-cuda finds no card it can use ({found}); use "cpu"')
+    from rootmatch.backends import cuda as backend
+
+    return backend
+
+
+def is_device(backend: Any) -> bool:
+    """Whether a backend is the card."""
+    return getattr(backend, "__name__", "") == "rootmatch.backends.cuda"
+
+
+def chosen(name: Name, count: float) -> Backend:
+    """The backend of that name; ``"auto"`` is the card where there is one and ``count`` hyper-edges make it pay."""
+    if name == "cuda":
+        return device_backend()
+    if name == "auto" and count >= PAYS:
+        try:
+            backend: Any = device_backend()
+        except (InputError, ImportError):
+            return cpu
+        # a simulated card is slower than anything
+        return cpu if backend.SIMULATED else backend
+    return cpu
+
+
+def placed(tensor: AffinityTensor, backend: Any) -> AffinityTensor:
+    """The tensor where the backend can contract it."""
+    if not is_device(backend):
+        return tensor
+    from rootmatch.backends.cuda_contraction import DeviceTensor
+
+    return DeviceTensor.of(tensor)

@@ -1,0 +1,120 @@
+"""From tables to a tensor: which hyper-edges are looked at, and what evaluates them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch import arguments
+from rootmatch import hyperedges as edges
+from rootmatch.affinity import Affinity, Progress, exhaustive_tensor, random_tensor
+from rootmatch.backends import choice
+from rootmatch.backends.cluster import Cluster
+from rootmatch.backends.selection import Backend
+from rootmatch.errors import InputError
+from rootmatch.guided import Choice, Guided, Weighed, pays
+from rootmatch.kernels import kinds
+
+Way = Literal["auto", "exhaustive", "random", "guided"]
+WAYS: tuple[Way, ...] = ("auto", "exhaustive", "random", "guided")
+PAPER_SAMPLES = 100_000
+"""Random hyper-edges that are drawn unless told otherwise, as in the paper."""
+EXHAUSTIVE_LIMIT, LIMIT_ON_DEVICE = 4_000_000_000, 100_000_000_000
+"""Hyper-edges that are evaluated without asking: about a minute on two cores, and on a card."""
+CHEAP_ON_DEVICE = 1_000_000_000
+"""Hyper-edges up to which a card has looked at all of them before a search has found its first."""
+
+
+class Built(NamedTuple):
+    """A tensor, and where it can be contracted."""
+
+    weighed: Weighed
+    backend: Backend
+
+
+def build(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    *,
+    way: Way | Choice = "auto",
+    samples: int | None = None,
+    seed: int = 0,
+    motions: int | Literal["auto"] = 1,
+    candidates: NDArray[np.bool_] | None = None,
+    backend: choice.Name = "auto",
+    cluster: Cluster | None = None,
+    max_hyperedges: int = 5_000_000,
+    limit: int | None = None,
+    progress: Progress | None = None,
+) -> Built:
+    """Tensor of the hyper-edges that are looked at.
+
+    Parameters
+    ----------
+    tables
+        Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
+    kind : Kind
+    weigh : Affinity
+    shape : (n, n')
+    order : int
+    way : str or Choice
+        See `rootmatch.match`, where all that follows is explained too.
+    samples, seed, motions, candidates, backend, max_hyperedges, limit, progress
+    cluster : Cluster, optional
+        Workers that evaluate in the place of this process.
+
+    Raises
+    ------
+    InputError
+        If it is too much, or what is asked for does not go together or is not there.
+    """
+    n, n_target = shape
+    count = arguments.estimated_count(n, n_target, order, candidates)
+    chosen: Any = way
+    if cluster is not None:
+        chosen = _for_workers(way, backend)
+    elif way == "auto" and pays(tables, shape, order, motions, candidates):
+        chosen = "guided" if backend != "cuda" or count > CHEAP_ON_DEVICE else "exhaustive"
+    if chosen == "guided":
+        chosen = Guided()
+    if callable(chosen):
+        here = choice.chosen(backend, 0.0)
+        weighed = chosen(
+            tables, kind, weigh, shape, order, seed=seed, motions=motions, candidates=candidates, progress=progress
+        )
+        return Built(weighed, here)
+    if chosen == "random":
+        count = PAPER_SAMPLES if samples is None else int(samples)
+    evaluator = choice.chosen(backend, count) if cluster is None else cluster
+    if chosen == "random":
+        tensor, evaluated = random_tensor(
+            tables, kind, weigh, shape, order, int(count), seed,
+            candidates=candidates, backend=evaluator, progress=progress,
+        )  # fmt: skip
+        # a random sample sees each hyper-edge with this probability
+        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, order))
+        return Built(Weighed(tensor, evaluated, share), evaluator)
+    most = LIMIT_ON_DEVICE if choice.is_device(evaluator) else EXHAUSTIVE_LIMIT
+    arguments.check_size(n, n_target, count, most if limit is None else limit)
+    tensor, evaluated = exhaustive_tensor(
+        tables, kind, weigh, shape, order,
+        max_hyperedges=max_hyperedges, candidates=candidates, backend=evaluator, progress=progress,
+    )  # fmt: skip
+    return Built(Weighed(tensor, evaluated), evaluator)
+
+
+def _for_workers(way: Way | Choice, backend: choice.Name) -> Way:
+    """Which hyper-edges go to a cluster's workers: all, or random ones."""
+    if backend == "cuda":
+        raise InputError('scheduler: its workers compute on processors; leave backend="cuda" out, or go without it')
+    if way == "random":
+        return way
+    if way in ("auto", "exhaustive"):
+        return "exhaustive"
+    raise InputError('scheduler: a guided search runs in one process; use hyperedges="exhaustive" or "random"')

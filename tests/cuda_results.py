@@ -1,0 +1,61 @@
+"""Results of the CUDA backend on the cases of cuda_cases.py, into a file.
+
+Run by test_cuda.py in a process of its own, where Numba's simulator stands in for a card: kernels and drivers are
+interpreted there, so this is an evaluation of the same formulas that owes nothing to the compiler. Run by
+benchmarks/gpu.py on a card.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+import rootmatch as rm
+from cuda_cases import CASES, LIMITED, SOLVED, case_tables, given_hyperedges, random_tensor
+from rootmatch.affinity import affinity, exhaustive_tensor
+from rootmatch.affinity import random_tensor as sampled_tensor
+from rootmatch.backends import cuda
+from rootmatch.backends.cuda_contraction import DeviceTensor
+from rootmatch.backends.selection import Enumeration
+from rootmatch.simulation import up2p_scene
+from rootmatch.solvers import PowerIteration
+
+
+def results() -> dict[str, Any]:
+    made: dict[str, Any] = {}
+    for name, case in CASES.items():
+        tables = case_tables(case)
+        kind = case.kind(case.pairs)
+        made[f"{name} given"] = cuda.residuals(tables, kind, *given_hyperedges(case))
+        work = Enumeration.of(tables, kind, case.shape, case.order, case.mask())
+        found = cuda.strongest(work, *case.ranks(work), case.gate, case.limit)
+        made[f"{name} codes"], made[f"{name} residuals"] = found.codes, found.residuals
+        made[f"{name} evaluated"] = found.evaluated
+    for name, (case, limit) in LIMITED.items():
+        cuda.LAUNCH, cuda.CAPACITY = 200, 8
+        weigh = affinity("joint", gate=case.gate)
+        kind = case.kind(case.pairs)
+        tensor, evaluated = exhaustive_tensor(
+            case_tables(case), kind, weigh, case.shape, case.order, max_hyperedges=limit, backend=cuda
+        )
+        made[f"{name} indices"], made[f"{name} weights"] = tensor.indices, tensor.weights
+        made[f"{name} evaluated"] = evaluated
+        drawn, _ = sampled_tensor(case_tables(case), kind, weigh, case.shape, case.order, 150, 3, backend=cuda)
+        made[f"{name} drawn indices"], made[f"{name} drawn weights"] = drawn.indices, drawn.weights
+    for order in (2, 3, 4, 5):
+        tensor, x = random_tensor(order)
+        made[f"contraction {order}"] = DeviceTensor.of(tensor).contract(x)
+    tensor, _ = random_tensor(3)
+    made["power"] = PowerIteration(iterations=2)(DeviceTensor.of(tensor)).soft
+    scene = up2p_scene(**SOLVED)
+    match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend="cuda")
+    made["match assignment"], made["match indices"] = match.assignment, match.tensor.indices
+    made["match weights"], made["match evaluated"] = match.tensor.weights, match.hyperedges
+    return made
+
+
+if __name__ == "__main__":
+    with np.errstate(all="ignore"):
+        np.savez(sys.argv[1], **results())

@@ -1,0 +1,189 @@
+"""The CUDA backend on Numba's simulator, against the processor; on a card where there is one (benchmarks/gpu.py)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from cuda_cases import CASES, LIMITED, SOLVED, case_tables, given_hyperedges, random_tensor
+from rootmatch.affinity import affinity, exhaustive_tensor
+from rootmatch.affinity import random_tensor as sampled_tensor
+from rootmatch.backends import choice, cpu
+from rootmatch.backends.selection import Enumeration, Strongest
+from rootmatch.simulation import up2p_scene
+from rootmatch.solvers import PowerIteration
+
+FOLDER = Path(__file__).parent
+SHARP = 1e-9
+"""Relative difference between a kernel here and there."""
+
+
+def moved_by_rounding(tables: Any, seed: int) -> Any:
+    """The tables with every number changed by a rounding error or two."""
+    rng = np.random.default_rng(seed)
+    return type(tables)(
+        *(a * (1.0 + 4e-16 * rng.uniform(-1.0, 1.0, a.shape)) if a.dtype == np.float64 else a for a in tables)
+    )
+
+
+def check_equal(there: Any, here: Any, others: list[Any], floor: float = 1e-13) -> None:
+    """Equal to 1e-9; of the few that rounding of the input moves farther (near double roots), as far as that goes."""
+    moved = np.max([np.abs(other - here) for other in others], axis=0)
+    difference = np.abs(there - here)
+    sharp = difference <= SHARP * np.abs(here) + floor
+    assert sharp.mean() > 0.8
+    assert np.all(sharp | (difference <= 30.0 * moved))
+
+
+needs_numba_cuda = pytest.mark.skipif(find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
+
+
+def run(*arguments: str, **variables: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(FOLDER), *sys.path]), **variables}
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def there(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What the simulated card found; ROOTMATCH_CUDA_RESULTS names a file of a real one's."""
+    path = os.environ.get("ROOTMATCH_CUDA_RESULTS")
+    if path is None:
+        path = str(tmp_path_factory.mktemp("cuda") / "results.npz")
+        run(str(FOLDER / "cuda_results.py"), path, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+    with np.load(path) as archive:
+        return dict(archive)
+
+
+@needs_numba_cuda
+class TestKernels:
+    @pytest.mark.parametrize("name", list(CASES))
+    def test_residuals_of_given_hyperedges(self, name: str, there: Any) -> None:
+        case = CASES[name]
+        tables, kind, edges = case_tables(case), case.kind(case.pairs), given_hyperedges(case)
+        here = cpu.residuals(tables, kind, *edges)
+        others = [cpu.residuals(moved_by_rounding(tables, seed), kind, *edges) for seed in range(8)]
+        check_equal(there[f"{name} given"], here, others)
+        assert np.ptp(here) > 0.0
+
+    @pytest.mark.parametrize("name", list(CASES))
+    def test_sweep_finds_the_same_in_the_same_order(self, name: str, there: Any) -> None:
+        case = CASES[name]
+        work = Enumeration.of(case_tables(case), case.kind(case.pairs), case.shape, case.order, case.mask())
+        here = cpu.strongest(work, *case.ranks(work), case.gate, case.limit)
+        np.testing.assert_array_equal(there[f"{name} codes"], here.codes)
+        others = [
+            cpu.strongest(
+                replace(work, tables=moved_by_rounding(work.tables, seed)), *case.ranks(work), case.gate, case.limit
+            ).residuals
+            for seed in range(8)
+        ]
+        check_equal(there[f"{name} residuals"], here.residuals, others)
+        assert there[f"{name} evaluated"] == here.evaluated
+        assert len(here.codes) >= 10
+
+    @pytest.mark.parametrize("name", list(LIMITED))
+    def test_whole_tensors(self, name: str, there: Any) -> None:
+        """In launches of 200 hyper-edges with room for 8 at first, so that room is made and the gate sinks."""
+        case, limit = LIMITED[name]
+        weigh = affinity("joint", gate=case.gate)
+        kind = case.kind(case.pairs)
+        tensor, evaluated = exhaustive_tensor(
+            case_tables(case), kind, weigh, case.shape, case.order, max_hyperedges=limit
+        )
+        assert tensor.size == limit or limit == 10**6
+        np.testing.assert_array_equal(there[f"{name} indices"], tensor.indices)
+        np.testing.assert_allclose(there[f"{name} weights"], tensor.weights, rtol=SHARP)
+        assert there[f"{name} evaluated"] == evaluated
+        drawn, _ = sampled_tensor(case_tables(case), kind, weigh, case.shape, case.order, 150, 3)
+        np.testing.assert_array_equal(there[f"{name} drawn indices"], drawn.indices)
+        np.testing.assert_allclose(there[f"{name} drawn weights"], drawn.weights, rtol=SHARP)
+
+
+@needs_numba_cuda
+@pytest.mark.parametrize("order", [2, 3, 4, 5])
+def test_contraction(order: int, there: Any) -> None:
+    tensor, x = random_tensor(order)
+    np.testing.assert_allclose(there[f"contraction {order}"], tensor.contract(x), rtol=1e-12)
+
+
+@needs_numba_cuda
+def test_solver_on_a_tensor_on_the_card(there: Any) -> None:
+    tensor, _ = random_tensor(3)
+    np.testing.assert_allclose(there["power"], PowerIteration(iterations=2)(tensor).soft, rtol=1e-9, atol=1e-12)
+
+
+@needs_numba_cuda
+def test_whole_match(there: Any) -> None:
+    scene = up2p_scene(**SOLVED)
+    here = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend="cpu")
+    np.testing.assert_array_equal(there["match assignment"], here.assignment)
+    np.testing.assert_array_equal(there["match indices"], here.tensor.indices)
+    np.testing.assert_allclose(there["match weights"], here.tensor.weights, rtol=SHARP)
+    assert there["match evaluated"] == here.hyperedges
+    assert (here.assignment == scene.truth).all()
+
+
+class TestChoice:
+    def test_without_numba_cuda(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(choice, "find_spec", lambda name: None)
+        scene = up2p_scene(**SOLVED)
+        with pytest.raises(rm.InputError, match=r"numba-cuda.*not installed.*rootmatch\[gpu\]"):
+            rm.match(scene.source, scene.target, scene.problem, backend="cuda")
+        assert choice.chosen("auto", 1e12) is cpu
+
+    @needs_numba_cuda
+    def test_without_a_card(self) -> None:
+        """In a process that sees no card, whatever this machine has."""
+        code = (
+            "import rootmatch as rm\n"
+            "from rootmatch.backends import choice, cpu\n"
+            "from rootmatch.simulation import up2p_scene\n"
+            f"scene = up2p_scene(**{SOLVED!r})\n"
+            "assert choice.chosen('auto', 1e12) is cpu\n"
+            "try:\n"
+            "    rm.match(scene.source, scene.target, scene.problem, backend='cuda')\n"
+            "except rm.InputError as error:\n"
+            "    print(error)\n"
+        )
+        said = run("-c", code, CUDA_VISIBLE_DEVICES="", NUMBA_ENABLE_CUDASIM="0")
+        assert "no card" in said
+        assert said.count("\n") == 1
+
+    @needs_numba_cuda
+    def test_a_simulated_card_is_never_preferred(self) -> None:
+        code = "from rootmatch.backends import choice, cpu\nprint(choice.chosen('auto', 1e12) is cpu)"
+        assert run("-c", code, NUMBA_ENABLE_CUDASIM="1").strip() == "True"
+
+    def test_importing_the_package_does_not_import_cuda(self) -> None:
+        code = "import sys, rootmatch\nprint([m for m in sys.modules if m.startswith(('numba_cuda', 'numba.cuda.'))])"
+        assert run("-c", code).strip() == "[]"
+
+    def test_few_hyperedges_stay_on_the_processor(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(choice, "device_backend", lambda: pytest.fail("asked for a card"))
+        assert choice.chosen("auto", choice.PAYS - 1) is cpu
+
+
+@pytest.mark.parametrize("limit", [1, 7, 100, 5000])
+@pytest.mark.parametrize("parts", [1, 3, 40])
+def test_strongest_do_not_depend_on_the_order_they_come_in(limit: int, parts: int) -> None:
+    rng = np.random.default_rng(limit + parts)
+    residuals = rng.integers(0, 50, 1000) / 10.0  # many ties
+    best = np.sort(np.lexsort((np.arange(1000), residuals))[:limit])
+    kept = Strongest(limit, np.inf)
+    for part in np.array_split(rng.permutation(1000), parts):
+        passing = part[residuals[part] <= kept.gate]
+        kept.add(passing.astype(np.int64), residuals[passing])
+    codes, values = kept.settle()
+    np.testing.assert_array_equal(codes, best)
+    np.testing.assert_array_equal(values, residuals[best])
