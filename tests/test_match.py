@@ -1,5 +1,7 @@
 """The whole road on the paper's scenes, its options, and its judgement of itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,12 @@ def test_up2p_with_ten_outliers() -> None:
 def test_three_plus_one_at_the_small_baseline() -> None:
     scenes = [three_plus_one_scene(noise=0.5, seed=seed, baseline=1.0) for seed in SEEDS]
     assert accuracy(scenes) >= 0.95
+
+
+def test_prior_of_a_small_baseline_helps_where_it_holds() -> None:
+    scenes = [three_plus_one_scene(noise=1.0, seed=seed, baseline=1.0) for seed in SEEDS]
+    told = [replace(scene, problem=replace(scene.problem, small_baseline=3e-8)) for scene in scenes]
+    assert accuracy(told) >= max(0.98, accuracy(scenes))
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.noise import MEAN_CUT, scale_of
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -43,3 +44,11 @@ def test_noise_of_each_point_weighs_each_point() -> None:
         mean += exact.accuracy(rm.match(exact.source, target, exact.problem, noise=0.3).assignment)
     assert told >= 12 * 0.95
     assert told > mean + 0.5
+
+
+@pytest.mark.parametrize("freedom", [1, 2])
+def test_scale_of_residuals_of_the_law_is_found(freedom: int) -> None:
+    drawn = np.random.default_rng(0).chisquare(freedom, 200_000)
+    assert scale_of(4.0 * drawn, MEAN_CUT[freedom]) == pytest.approx(4.0, rel=0.02)
+    drawn[:2000] = 1e6  # a few that are no residuals of the law change little
+    assert scale_of(4.0 * drawn, MEAN_CUT[freedom]) == pytest.approx(4.0, rel=0.12)

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 
 FIRST_GUESS = 0.004
 """σ of the first match over the diagonal of the image points: 2 pixels of 500."""
-MEDIAN = {1: 0.4549, 2: 1.3863}
-"""Median of χ² by degrees of freedom."""
+CUT = 9.0
+"""Squared residual beyond which all count alike."""
+MEAN_CUT = {1: 0.9950, 2: 1.9778}
+"""Mean of min(χ², CUT) by degrees of freedom."""
 SUBSETS = 2000
 """Hyper-edges of one motion that are looked at, at most."""
 SETTLED, ROUNDS = 1.15, 5
@@ -56,8 +58,8 @@ def first_guess(target: NDArray[np.float64]) -> float:
 def estimated(match: Match) -> float:
     """σ in pixels from the residuals inside an answer, NaN where there is none.
 
-    The median of the squared residuals of the hyper-edges among the points of each motion, over the median of their
-    law; where whole groups can be fitted, their χ² over its degrees of freedom.
+    The scale at which the squared residuals of the hyper-edges among the points of each motion, cut off at 9, have the
+    mean of their law; where whole groups can be fitted, their χ² over its degrees of freedom.
     """
     problem, order = match.problem, match.problem.order
     squares, freedom = [], []
@@ -86,4 +88,16 @@ def _scale(problem: Problem, match: Match, members: NDArray[np.int64]) -> float:
     rng = np.random.default_rng(0)
     chosen = np.sort(np.argsort(rng.random((SUBSETS, len(members))), axis=1)[:, : problem.order], axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
-    return float(np.median(residuals**2)) / MEDIAN[problem.constraints]
+    return scale_of(residuals**2, MEAN_CUT[problem.constraints])
+
+
+def scale_of(squared: NDArray[np.float64], mean: float) -> float:
+    """The s with mean(min(squared / s, CUT)) = mean, by bisection."""
+    low, high = 1e-12, 1e12
+    for _ in range(100):
+        middle = math.sqrt(low * high)
+        if float(np.minimum(squared / middle, CUT).mean()) > mean:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low * high)
