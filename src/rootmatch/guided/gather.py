@@ -75,7 +75,15 @@ def random_hyperedges(
     chosen = []
     for points in shape:
         drawn = rng.integers(0, points, (count, order))
-        while len(same := np.flatnonzero((np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1))):
+        while len(same := np.flatnonzero(_repeating(drawn))):
             drawn[same] = rng.integers(0, points, (len(same), order))
         chosen.append(drawn)
     return chosen[0], chosen[1]
+
+
+def _repeating(rows: Integers) -> NDArray[np.bool_]:
+    """Whether an entry occurs twice in a row, (E,); pair by pair, which for few columns is quicker than to sort."""
+    same = np.zeros(len(rows), np.bool_)
+    for one, two in combinations(rows.T, 2):
+        same |= one == two
+    return same

@@ -53,7 +53,7 @@ LEAST_WEIGHED_OF_MANY, SOLVED_A_WEIGHED_OF_MANY = 1024, 20
 """… and with several motions, whose few points hardly stand out before they are weighed."""
 REMEMBERED = 4_000
 """Proposals that are kept from batch to batch."""
-WORTH_A_THREAD = 16_000
+WORTH_A_THREAD = 4_000
 """Minimal sets to be solved that are worth waking a thread for."""
 REFINED, RESAMPLED = 8, 8
 """Groups that are proposed anew from within, at the least, and minimal sets drawn from each."""
