@@ -28,7 +28,8 @@ def test_the_guide_runs(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict = {}
     for block in blocks():
         exec(compile(block, GUIDE.name, "exec"), names)
-    assert capsys.readouterr().out.startswith("100% right; matched")
+    # a planar motion with its one constraint leaves two points on one epipolar line exchangeable: the guide says so
+    assert capsys.readouterr().out.startswith("100% right; ambiguous")
     assert names["floor"].degree == 2
     assert len(names["cosine_laws"]([names["sp"].zeros(3, 1)] * 3, [names["sp"].zeros(3, 1)] * 3)) == 4
 
