@@ -24,6 +24,9 @@ PAPER_SAMPLES = 100_000
 """Random hyper-edges that are drawn unless told otherwise, as in the paper."""
 EXHAUSTIVE_LIMIT, LIMIT_ON_DEVICE = 4_000_000_000, 100_000_000_000
 """Hyper-edges that are evaluated without asking: about a minute on two cores, and on a card."""
+AFFORDABLE, PER_SEARCHED = 500_000_000, 20
+"""Hyper-edges up to which all are looked at after all, some seconds of two cores, where a search has found nothing that
+stands out in a twentieth of the evaluations, which take up to half the time: those of a sweep are far cheaper."""
 CHEAP_ON_DEVICE = 1_000_000_000
 """Hyper-edges up to which a card has looked at all of them before a search has found its first."""
 
@@ -77,10 +80,18 @@ def build(
     n, n_target = shape
     count = arguments.estimated_count(n, n_target, order, candidates)
     chosen: Any = way
+    searched = 0
     if cluster is not None:
         chosen = _for_workers(way, backend)
     elif way == "auto" and pays(tables, shape, order, motions, candidates):
         chosen = "guided" if backend != "cuda" or count > CHEAP_ON_DEVICE else "exhaustive"
+        if chosen == "guided" and motions == 1 and count <= AFFORDABLE:
+            weighed = Guided(budget=max(int(count) // PER_SEARCHED, 1))(
+                tables, kind, weigh, shape, order, seed=seed, candidates=candidates, progress=progress
+            )
+            if weighed.found:
+                return Built(weighed, choice.chosen(backend, 0.0))
+            chosen, searched = "exhaustive", weighed.evaluated
     if chosen == "guided":
         chosen = Guided()
     if callable(chosen):
@@ -106,7 +117,7 @@ def build(
         tables, kind, weigh, shape, order,
         max_hyperedges=max_hyperedges, candidates=candidates, backend=evaluator, progress=progress,
     )  # fmt: skip
-    return Built(Weighed(tensor, evaluated), evaluator)
+    return Built(Weighed(tensor, evaluated + searched, found=not searched), evaluator)
 
 
 def _for_workers(way: Way | Choice, backend: choice.Name) -> Way:

@@ -88,7 +88,7 @@ def false_alarms(
 
     The mean weight of a random hyper-edge is that of those outside of the answer where it is not known.
     """
-    tensor, evaluated, share, chance = weighed
+    tensor, evaluated, share, chance, _ = weighed
     true_weight = TRUE_WEIGHT[problem.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
     # what answers of nearly this score share out is structure (a symmetric object), not chance
     explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)

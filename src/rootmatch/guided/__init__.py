@@ -48,6 +48,8 @@ class Weighed(NamedTuple):
     """Part of the hyper-edges inside a right answer that was evaluated, 0 to 1."""
     chance: float | None = None
     """Mean weight of a random hyper-edge, where it is known."""
+    found: bool = True
+    """Whether a search ended because what it found stands out; if not, it spent its budget or tried all."""
 
 
 class Choice(Protocol):
@@ -167,4 +169,4 @@ class Guided:
         tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
         # no sample is large enough to say that chance never agrees
         chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
-        return Weighed(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance)
+        return Weighed(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance, search.found)

@@ -108,6 +108,7 @@ class Search:
         self.solved = self.tested = self.evaluated = 0
         self.refined = -1
         self.parts: list[Proposals] = []
+        self.found = False
         self.started = time.perf_counter()
 
     def run(self, progress: Progress | None = None) -> None:
@@ -127,6 +128,7 @@ class Search:
                 if self._spent():
                     return
                 if self._enough():
+                    self.found = True
                     self._seek_rivals()
                     return
                 if len(self.parts) > MANY_PARTS:
