@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.hyperedges import exhaustive_count
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SEEDS = range(5000, 5030)
@@ -207,3 +208,13 @@ def test_residuals_refuse_bad_indices() -> None:
             rm.residuals(scene.source, scene.target, scene.problem, bad, good)
         with pytest.raises(rm.InputError, match=words):
             rm.residuals(scene.source, scene.target, scene.problem, good, bad)
+
+
+def test_all_is_looked_at_where_a_search_finds_nothing_that_stands_out() -> None:
+    scene = p3p_scene(12, noise=0.5, seed=3)
+    everything = exhaustive_count(12, 12, 4)
+    assert rm.match(scene.source, scene.target, scene.problem, noise=0.5).hyperedges < everything / 20
+    unrelated = np.random.default_rng(0).uniform(0.0, 600.0, (12, 2))
+    match = rm.match(scene.source, unrelated, scene.problem, noise=0.5)
+    assert everything < match.hyperedges < 1.2 * everything
+    assert match.status is rm.Status.UNTRUSTED

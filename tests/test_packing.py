@@ -132,3 +132,13 @@ def test_a_small_motion_beside_a_large_one_stays() -> None:
 def test_bad_options_are_refused() -> None:
     with pytest.raises(rm.InputError, match="chance"):
         GroupPacking(chance=0.0)
+
+
+def test_hyperedges_that_make_no_group_match_nothing() -> None:
+    scene = up2p_scene(8, noise=0.01, seed=0, motions=2)
+    match = rm.match(
+        scene.source, scene.target, scene.problem, noise=0.01, hyperedges="random", samples=20, motions="auto"
+    )
+    assert (match.assignment == -1).all()
+    assert (match.motions == -1).all()
+    assert match.status is rm.Status.UNTRUSTED

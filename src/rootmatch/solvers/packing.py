@@ -134,7 +134,7 @@ class GroupPacking:
             if fresh:
                 known = np.array(list(fresh.values()))
                 waiting = waiting[~within(candidates[waiting], known, index.n_target, order)]
-        groups = np.array(list(found.values())).reshape(-1, index.n)
+        groups = np.array(list(found.values()), np.int64).reshape(-1, index.n)
         if self.fit is not None and len(groups):
             # a true member may be in few hyper-edges: where it lies beside another one, or on one line with two
             grown = self.fit.grown(groups)
@@ -158,7 +158,7 @@ class GroupPacking:
                     less = group.copy()
                     less[member] = -1
                     sums[less.tobytes()] = total - gain
-        images = np.array([np.frombuffer(key, np.int64) for key in sums]).reshape(-1, index.n)
+        images = np.array([np.frombuffer(key, np.int64) for key in sums], np.int64).reshape(-1, index.n)
         values = self._worth(images, np.array(list(sums.values())), index)
         worth = np.flatnonzero(values > 0.0)
         worth = worth[np.argsort(-values[worth], kind="stable")][: self.columns]
