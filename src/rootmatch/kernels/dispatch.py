@@ -28,6 +28,9 @@ Inlined too, into the driver: a function of its own would be there twice, optimi
 compiled the driver would call the other copy than one that found it on disk, which differs in the last digits.
 """
 
+part = njit(fastmath=FASTMATH, error_model="numpy")
+"""Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""
+
 OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 """Functions that choose a kernel by type, each with its choice; a backend of another target makes them known there."""
 

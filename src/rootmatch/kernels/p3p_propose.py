@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.kernels.dispatch import kernel, scalar
+from rootmatch.kernels.dispatch import part, scalar
 from rootmatch.kernels.p3p import P3PTables
 from rootmatch.kernels.p3p_joint import (
     VAGUE2,
@@ -42,7 +42,7 @@ def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
         return np.concatenate([place, normals[others] @ frame], axis=2), normals[sets] @ frame
 
 
-@kernel
+@part
 def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
     """Depth ratios x = b/a and y = c/a at the four roots for every third image."""
     s = t.distance2
@@ -67,7 +67,7 @@ def hypothesis(t, raster, i, j, last, scratch, root):  # type: ignore[no-untyped
     return x > 0.0 and y > 0.0, (ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz)
 
 
-@kernel
+@part
 def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     """Where every source point must be seen, its covariance, and whether it can be seen."""
     s = t.distance2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.kernels.dispatch import kernel, scalar
+from rootmatch.kernels.dispatch import part, scalar
 from rootmatch.kernels.proposers import register_proposer
 from rootmatch.kernels.up2p import UP2PTables, faces, roots, sinusoid
 from rootmatch.kernels.vector import cross, dot
@@ -39,7 +39,7 @@ def turns(t, i0, i1, j0, j1):  # type: ignore[no-untyped-def]
     return c1 * length, s1 * length, c2 * length, s2 * length
 
 
-@kernel
+@part
 def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
     """Both turns for every second image."""
     for k in range(scratch.shape[1]):
@@ -100,7 +100,7 @@ def response(w, qx, qz, k, l, inverse, first, second, ax, ay, az, bx, by, bz):  
     return (hx - ha * ax, hy - ha * ay, hz - ha * az), (gx - gb * bx, gy - gb * by, gz - gb * bz), ux + vx, uz + vz
 
 
-@kernel
+@part
 def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     """Where every source point must be seen, its covariance, and whether it can be seen.
 
