@@ -218,3 +218,6 @@ def test_all_is_looked_at_where_a_search_finds_nothing_that_stands_out() -> None
     match = rm.match(scene.source, unrelated, scene.problem, noise=0.5)
     assert everything < match.hyperedges < 1.2 * everything
     assert match.status is rm.Status.UNTRUSTED
+    # unless the caller allows fewer
+    limited = rm.match(scene.source, unrelated, scene.problem, noise=0.5, limit=everything - 1)
+    assert limited.status is rm.Status.UNTRUSTED

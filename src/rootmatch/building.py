@@ -84,22 +84,18 @@ def build(
     if cluster is not None:
         chosen = _for_workers(way, backend)
     elif way == "auto" and pays(tables, shape, order, motions, candidates):
-        chosen = "guided" if backend != "cuda" or count > CHEAP_ON_DEVICE else "exhaustive"
-        if chosen == "guided" and motions == 1 and count <= AFFORDABLE:
-            weighed = Guided(budget=max(int(count) // PER_SEARCHED, 1))(
-                tables, kind, weigh, shape, order, seed=seed, candidates=candidates, progress=progress
-            )
-            if weighed.found:
-                return Built(weighed, choice.chosen(backend, 0.0))
-            chosen, searched = "exhaustive", weighed.evaluated
+        chosen = "exhaustive" if backend == "cuda" and count <= CHEAP_ON_DEVICE else "guided"
+    after_all = way == "auto" and motions == 1 and count <= min(AFFORDABLE, AFFORDABLE if limit is None else limit)
     if chosen == "guided":
-        chosen = Guided()
+        chosen = Guided(budget=max(int(count) // PER_SEARCHED, 1)) if after_all else Guided()
     if callable(chosen):
         here = choice.chosen(backend, 0.0)
         weighed = chosen(
             tables, kind, weigh, shape, order, seed=seed, motions=motions, candidates=candidates, progress=progress
         )
-        return Built(weighed, here)
+        if weighed.found or not after_all:
+            return Built(weighed, here)
+        searched = weighed.evaluated
     if chosen == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
     evaluator = choice.chosen(backend, count) if cluster is None else cluster
@@ -117,7 +113,7 @@ def build(
         tables, kind, weigh, shape, order,
         max_hyperedges=max_hyperedges, candidates=candidates, backend=evaluator, progress=progress,
     )  # fmt: skip
-    return Built(Weighed(tensor, evaluated + searched, found=not searched), evaluator)
+    return Built(Weighed(tensor, evaluated + searched), evaluator)
 
 
 def _for_workers(way: Way | Choice, backend: choice.Name) -> Way:

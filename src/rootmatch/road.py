@@ -52,17 +52,17 @@ class Road:
         facing = None if self.normals is None else self.normals[order]
         prepare = partial(self.problem.prepare, self.points[order], self.pixels, self.noise, facing)
         tables = prepare()
-        (tensor, evaluated, share, chance, found), evaluator = build(
+        weighed, evaluator = build(
             tables, self.weigh.residual.kernel_kind(self.problem.pair_count), self.weigh, self.shape,
             self.problem.order, way=way, samples=samples, seed=self.seed, motions=self.motions,
             candidates=None if self.allowed is None else self.allowed[order], backend=self.backend,
             cluster=None if self.scheduler is None else Cluster(self.scheduler, prepare),
             max_hyperedges=self.max_hyperedges, limit=self.limit, progress=self.progress,
         )  # fmt: skip
+        tensor = weighed.tensor
         if self.problem.small_baseline > 0.0:
             tensor = self._near(tensor, tables)
-        restored = choice.placed(_restored(tensor, order, self.unary), evaluator)
-        return Weighed(restored, evaluated, share, chance, found)
+        return weighed._replace(tensor=choice.placed(_restored(tensor, order, self.unary), evaluator))
 
     def _near(self, tensor: AffinityTensor, tables: Any) -> AffinityTensor:
         """The tensor with the prior of views from nearly one place."""
