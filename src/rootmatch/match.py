@@ -18,6 +18,7 @@ from rootmatch.guided import Choice
 from rootmatch.motions import check_motions, label_motions
 from rootmatch.noise import first_guess, with_estimated_noise
 from rootmatch.poses import Pose, poses_of
+from rootmatch.posterior import Evidence
 from rootmatch.problems.problem import Problem, check_normals, check_points
 from rootmatch.road import Road
 from rootmatch.several import several
@@ -39,9 +40,11 @@ class Match:
     score : float
         Total weight of the hyper-edges inside the assignment.
     margin : float
-        Lead over the best different answer, 0 (a tie) to 1.
+        Lead over all other answers, 0 (a tie) to 1: 1 − (1 − p) / p with the answer's probability p. Where problem or
+        residual have none (derived problems, several motions, residuals of the paper), and where nothing comes near:
+        lead in score over the best different answer.
     alternatives : list of ((n,) int64, float)
-        The best different answers and their scores, best first.
+        The best other answers and their scores, the most probable first.
     soft : (n, n') float64
         Soft assignment of the solver.
     tensor : AffinityTensor
@@ -246,7 +249,8 @@ def match(
         verdict = of_groups(solution, (n, n_target))
     else:
         solution = solve(weighed.tensor, seed=seed)
-        verdict = of_all(solution, weighed, problem, weigh, keep_all=paper)
+        evidence = Evidence(problem, points, pixels, noise, allowed, unary, facing)
+        verdict = of_all(solution, weighed, problem, weigh, paper, evidence)
     labels = solution.groups
     if labels is None:
         labels = label_motions(verdict.assignment, weighed.tensor, motions)

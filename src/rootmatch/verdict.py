@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from rootmatch.affinity import NOISE_KINDS, Affinity
 from rootmatch.assignment import margin as lead
+from rootmatch.assignment import one_hot
 from rootmatch.guided import Weighed
-from rootmatch.kernels.support import supported_answers
+from rootmatch.kernels.support import scores_of, supported_answers
+from rootmatch.posterior import Evidence, ranked
 from rootmatch.problems.problem import Problem
 from rootmatch.several import log10_by_chance
 from rootmatch.significance import TRUE_WEIGHT, log10_false_alarms
@@ -19,7 +21,14 @@ from rootmatch.solvers.solution import Alternatives, Solution
 from rootmatch.tensor import AffinityTensor
 
 AMBIGUOUS_MARGIN = 0.2
-"""Lead below which a different answer is nearly as good: above, 99 in 100 answers are right (docs/comparison.md)."""
+"""Lead in score below which a different answer is nearly as good, for problems that cannot fit answers."""
+SURE = 0.9
+"""Probability from which an answer is sure: of those above, 99 in 100 are right (docs/comparison.md)."""
+CLEAR, CLEAR_SUPPORT, CLEAR_RIVAL = 0.5, 0.4, 0.05
+"""Lead in score, least support of a matched point and most support of any other match, both over the median support,
+with which nothing is left to be asked: no answer like that was wrong in the scenes of docs/comparison.md."""
+KEPT = 16
+"""Alternatives that are told."""
 SUPPORT, SUPPORT_OF_LAST = 0.25, 0.1
 """Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3, and
 those that meet clutter by chance seldom more than 0.2; …"""
@@ -57,14 +66,40 @@ class Verdict:
     status: Status
 
 
-def of_all(solution: Solution, weighed: Weighed, problem: Problem, weigh: Affinity, keep_all: bool) -> Verdict:
+def of_all(
+    solution: Solution, weighed: Weighed, problem: Problem, weigh: Affinity, keep_all: bool, evidence: Evidence
+) -> Verdict:
     """Of a solution that is one group; ``keep_all``: points without support stay matched."""
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
     if not keep_all:
         assignment, score, alternatives = supported(assignment, alternatives, weighed.tensor)
-    lead_over = lead(score, alternatives, assignment)
-    alarms = false_alarms(problem, score, alternatives, weighed, weigh)
-    return Verdict(assignment, score, lead_over, alternatives, judged(score, lead_over, alarms))
+    lead_over, least = lead(score, alternatives, assignment), AMBIGUOUS_MARGIN
+    known = [score, *(value for _, value in alternatives)]
+    likely = not keep_all and weigh.residual.kind in NOISE_KINDS and problem.fits_answers
+    if likely and (assignment >= 0).sum() > problem.minimal and not clear(assignment, lead_over, weighed.tensor):
+        found = ranked(evidence, [assignment, *(other for other, _ in alternatives)])
+        if found.answers:
+            lead_over, least = max(0.0, 2.0 - 1.0 / found.probability), 2.0 - 1.0 / SURE
+            told = np.array(found.answers[: KEPT + 1])
+            scores = scores_of(
+                weighed.tensor.indices, weighed.tensor.weights, weighed.tensor.unary, told, weighed.tensor.shape[1]
+            )
+            assignment, score = told[0], float(scores[0])
+            alternatives = list(zip(told[1:], scores[1:].tolist(), strict=True))
+    alarms = false_alarms(problem, score, known, weighed, weigh)
+    return Verdict(assignment, score, lead_over, alternatives, judged(score, lead_over, alarms, least))
+
+
+def clear(assignment: NDArray[np.int64], lead_over: float, tensor: AffinityTensor) -> bool:
+    """Whether every match is well supported and no other one is, nor another answer."""
+    if lead_over < CLEAR:
+        return False
+    support = tensor.contract(one_hot(assignment, tensor.shape[1]))
+    matched = np.flatnonzero(assignment >= 0)
+    own = support[matched, assignment[matched]]
+    support[matched, assignment[matched]] = 0.0
+    median = float(np.median(own))
+    return bool(own.min() >= CLEAR_SUPPORT * median and support.max() <= CLEAR_RIVAL * median)
 
 
 def of_groups(solution: Solution, shape: tuple[int, int]) -> Verdict:
@@ -74,24 +109,23 @@ def of_groups(solution: Solution, shape: tuple[int, int]) -> Verdict:
     return Verdict(solution.assignment, solution.score, lead_over, solution.alternatives, status)
 
 
-def judged(score: float, margin: float, alarms: float) -> Status:
+def judged(score: float, margin: float, alarms: float, least: float = AMBIGUOUS_MARGIN) -> Status:
     """Whether chance could have found as good an answer, and whether another answer is nearly as good."""
     if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
         return Status.UNTRUSTED
-    return Status.AMBIGUOUS if margin < AMBIGUOUS_MARGIN else Status.MATCHED
+    return Status.AMBIGUOUS if margin < least else Status.MATCHED
 
 
-def false_alarms(
-    problem: Problem, score: float, alternatives: Alternatives, weighed: Weighed, weigh: Affinity
-) -> float:
+def false_alarms(problem: Problem, score: float, known: list[float], weighed: Weighed, weigh: Affinity) -> float:
     """Decimal logarithm of the number of answers as good that chance is expected to find.
 
+    ``known`` are the scores of the answers that were found.
     The mean weight of a random hyper-edge is that of those outside of the answer where it is not known.
     """
     tensor, evaluated, share, chance, _ = weighed
     true_weight = TRUE_WEIGHT[problem.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
     # what answers of nearly this score share out is structure (a symmetric object), not chance
-    explained = score + sum(value for _, value in alternatives if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
+    explained = sum(value for value in known if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
     others = max(float(tensor.weights.sum()) - explained, true_weight)
     random = others / evaluated if chance is None else chance
     return log10_false_alarms(problem, *tensor.shape, score / max(share, 1e-300), true_weight, random / true_weight)

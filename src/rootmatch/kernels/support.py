@@ -62,3 +62,22 @@ def supported_answers(
         if not weak.any():
             return kept, scores
         kept[weak] = -1
+
+
+def scores_of(
+    indices: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    unary: NDArray[np.float64] | None,
+    answers: NDArray[np.int64],
+    n_target: int,
+) -> NDArray[np.float64]:
+    """Scores (K,) of answers (K, n), as `AffinityTensor.score`, in one call."""
+    count, n = answers.shape
+    chosen = np.zeros((count, n, n_target), np.bool_)
+    a, i = np.nonzero(answers >= 0)
+    chosen[a, i, answers[a, i]] = True
+    which, edges = inside(indices, chosen.reshape(count, -1))
+    scores = np.bincount(which, weights[edges], count)
+    if unary is not None:
+        scores += np.bincount(a, unary[i, answers[a, i]], count)
+    return np.asarray(scores)

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.camera import Camera
 from rootmatch.kernels import p3p_joint, p3p_normalised  # noqa: F401  (they register their residuals)
 from rootmatch.kernels.p3p import P3PTables, quartic_in_ratio
+from rootmatch.problems.absolute_fit import absolute_fit
+from rootmatch.problems.fit import Fit
 from rootmatch.problems.problem import Problem, check_noise, check_normals, check_not_collinear, check_points
 
 
@@ -41,6 +43,7 @@ class P3P(Problem):
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
     paper_rho: ClassVar[float] = 1e-9
+    fits_answers: ClassVar[bool] = True
 
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
@@ -62,6 +65,12 @@ class P3P(Problem):
             variance=self.camera.angular_noise(pixels, sigma) ** 2,
             normals=np.ascontiguousarray(check_normals(normals, len(points)).T),
         )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, None)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""

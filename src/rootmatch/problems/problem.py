@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.problems.fit import Fit
 
 
 class Problem(ABC):
@@ -35,6 +36,8 @@ class Problem(ABC):
     target_dimension: ClassVar[int] = 2
     fits_groups: ClassVar[bool] = False
     """Whether `group_chi2` and `group_grown` are there."""
+    fits_answers: ClassVar[bool] = False
+    """Whether `fitted` is there."""
     small_baseline: float = 0.0
     """ρ of a prior exp(−|R₂ₙ,₂ₙ| / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
@@ -67,6 +70,15 @@ class Problem(ABC):
     @abstractmethod
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Each answer (K, n) fitted by the pose that suits it best, where `fits_answers` says so.
+
+        Every answer needs ``minimal + 1`` matches; source, target and noise are as for `prepare`.
+        """
+        raise NotImplementedError(f"{self.name} cannot fit answers")
 
     def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.

@@ -13,6 +13,8 @@ from rootmatch.errors import InputError
 from rootmatch.kernels import up2p_normalised  # noqa: F401  (it registers its residual)
 from rootmatch.kernels.up2p import UP2PTables, quadratic
 from rootmatch.kernels.upright_fit import upright_chi2, upright_grown
+from rootmatch.problems.absolute_fit import Upright, absolute_fit
+from rootmatch.problems.fit import Fit
 from rootmatch.problems.problem import Problem, check_noise, check_normals, check_points
 
 FIRST_GATE, GATE = 6.0, 3.5
@@ -54,6 +56,7 @@ class UP2P(Problem):
     source_dimension: ClassVar[int] = 3
     paper_rho: ClassVar[float] = 1e-2
     fits_groups: ClassVar[bool] = True
+    fits_answers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         unit_direction(self.vertical_camera, "vertical_camera")
@@ -86,6 +89,13 @@ class UP2P(Problem):
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
             normals=np.ascontiguousarray((check_normals(normals, len(points)) @ world.T).T),
         )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        upright = Upright(*self.turns(), float(self.vertical_noise))
+        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, upright)
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² of groups; see `Problem.group_chi2`."""

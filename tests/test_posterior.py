@@ -1,0 +1,91 @@
+"""How probable answers are, and what else is nearly as probable."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.posterior import Evidence, ranked
+from rootmatch.simulation import p3p_scene, up2p_scene
+
+
+def evidence_of(scene, **more):  # type: ignore[no-untyped-def]
+    return Evidence(scene.problem, scene.source, scene.target, scene.noise, **more)
+
+
+@pytest.mark.parametrize("make", [p3p_scene, up2p_scene])
+def test_neighbours_of_a_damaged_answer_lead_back_to_the_truth(make) -> None:  # type: ignore[no-untyped-def]
+    mended = 0
+    for seed in range(20):
+        scene = make(10, 5, 0.5, seed, hidden=2)
+        damaged = scene.truth.copy()
+        seen, hidden = np.flatnonzero(damaged >= 0), np.flatnonzero(damaged < 0)
+        damaged[seen[4]] = -1
+        if seed % 2:
+            damaged[hidden[0]] = np.setdiff1d(np.arange(len(scene.target)), scene.truth)[0]
+        mended += np.array_equal(ranked(evidence_of(scene), [damaged]).answers[0], scene.truth)
+        np.testing.assert_array_equal(ranked(evidence_of(scene), [scene.truth]).answers[0], scene.truth)
+    assert mended >= 18
+
+
+def test_probabilities_are_those_of_the_scenes() -> None:
+    """Of answers with a probability about p, about p are right: detections doubled at a distance of a few σ."""
+    probability, right = [], []
+    for seed in range(120):
+        scene = up2p_scene(7, 0, 1.0, seed)
+        rng = np.random.default_rng(seed)
+        target = np.concatenate([scene.target, scene.target[:2] + rng.uniform(-6.0, 6.0, (2, 2))])
+        order = rng.permutation(len(target))
+        truth = np.argsort(order)[scene.truth]
+        evidence = Evidence(scene.problem, scene.source, target[order], 1.0)
+        found = ranked(evidence, [truth])
+        probability.append(found.probability)
+        right.append(np.array_equal(found.answers[0], truth))
+        np.testing.assert_allclose(np.exp(found.logarithms).sum() * found.probability, 1.0)
+    assert 0.5 < np.mean(probability) < 0.99
+    assert np.mean(right) == pytest.approx(np.mean(probability), abs=0.09)
+
+
+def test_what_is_forbidden_stays_so() -> None:
+    scene = p3p_scene(10, 5, 0.5, 3)
+    allowed = np.ones((10, 15), np.bool_)
+    allowed[4, scene.truth[4]] = False
+    start = scene.truth.copy()
+    start[4] = -1
+    found = ranked(evidence_of(scene, allowed=allowed), [start])
+    assert all(answer[4] != scene.truth[4] for answer in found.answers)
+    np.testing.assert_array_equal(found.answers[0], start)
+    # a prior weight of a millionth is not quite as bad
+    prior = np.where(allowed, 1.0, 1e-2)
+    assert ranked(evidence_of(scene, prior=prior), [start]).answers[0][4] == scene.truth[4]
+
+
+def test_points_turned_away_are_not_put_in() -> None:
+    scene = p3p_scene(10, 0, 0.2, 3)
+    rotation, shift = scene.poses[0]
+    facing = -(scene.source @ rotation.T + shift) @ rotation
+    start = scene.truth.copy()
+    start[4] = -1
+    np.testing.assert_array_equal(ranked(evidence_of(scene, normals=facing), [start]).answers[0], scene.truth)
+    facing[4] *= -1.0
+    np.testing.assert_array_equal(ranked(evidence_of(scene, normals=facing), [start]).answers[0], start)
+
+
+def test_a_match_says_that_one_of_two_detections_is_meant() -> None:
+    scene = up2p_scene(10, 0, 0.5, 0)
+    target = np.concatenate([scene.target, scene.target[3] + [[0.3, 0.2]]])
+    match = rm.match(scene.source, target, scene.problem, noise=0.5)
+    assert match.status is rm.Status.AMBIGUOUS
+    shown = [match.assignment, *(other for other, _ in match.alternatives[:5])]
+    assert any(np.array_equal(answer, scene.truth) for answer in shown)
+    apart = np.concatenate([scene.target, scene.target[3] + [[30.0, 20.0]]])
+    assert rm.match(scene.source, apart, scene.problem, noise=0.5).status is rm.Status.MATCHED
+
+
+def test_noise_said_to_be_too_small_does_not_empty_the_answer() -> None:
+    right = 0.0
+    for seed in range(10):
+        scene = up2p_scene(10, 5, 1.0, seed)
+        right += scene.accuracy(rm.match(scene.source, scene.target, scene.problem, noise=0.5).assignment)
+    assert right >= 9.5
