@@ -52,19 +52,28 @@ def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def hypothesis(t, raster, i, j, last, scratch, root):  # type: ignore[no-untyped-def]
-    """The triple as the camera has it at one root: point a, the vectors to b and to c, and their product."""
-    x, y = scratch[2 * root, last], scratch[2 * root + 1, last]
-    h = t.versine[j[0], j[1]]
+def known(t, raster, i, j):  # type: ignore[no-untyped-def]
+    """|ab|², the versine between the bearings of a and b, and these bearings in the raster's basis."""
     u = raster.rays  # a solution does not depend on how the camera is turned
-    ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
-    depth = np.sqrt(t.distance2[i[0], i[1]] / ((x - 1.0) * (x - 1.0) + 2.0 * h * x))
+    return (
+        t.distance2[i[0], i[1]], t.versine[j[0], j[1]],
+        u[0, j[0]], u[1, j[0]], u[2, j[0]], u[0, j[1]], u[1, j[1]], u[2, j[1]],
+    )  # fmt: skip
+
+
+@scalar
+def hypothesis(t, raster, before, last, scratch, root):  # type: ignore[no-untyped-def]
+    """The triple as the camera has it at one root: point a, the vectors to b and to c, and their product."""
+    A, h, ax, ay, az, bx, by, bz = before
+    x, y = scratch[2 * root, last], scratch[2 * root + 1, last]
+    u = raster.rays
+    depth = np.sqrt(A / ((x - 1.0) * (x - 1.0) + 2.0 * h * x))
     ox, oy, oz = depth * ax, depth * ay, depth * az
     depth_b, depth_c = depth * x, depth * y
-    ex, ey, ez = depth_b * u[0, j[1]] - ox, depth_b * u[1, j[1]] - oy, depth_b * u[2, j[1]] - oz
+    ex, ey, ez = depth_b * bx - ox, depth_b * by - oy, depth_b * bz - oz
     fx, fy, fz = depth_c * u[0, last] - ox, depth_c * u[1, last] - oy, depth_c * u[2, last] - oz
     gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
-    return x > 0.0 and y > 0.0, (ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz)
+    return (x > 0.0) & (y > 0.0), (ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz)
 
 
 @part
@@ -101,4 +110,4 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     return True
 
 
-register_proposer(P3PTables, coordinates, solve, hypothesis, predictions)
+register_proposer(P3PTables, coordinates, solve, known, hypothesis, predictions)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numba.extending import overload
+from numpy.typing import NDArray
 
 LANES = 8
 """Targets that are looked at together: the doubles of the widest vector."""
@@ -34,6 +35,16 @@ def padded(tables: Any, targets: int) -> Any:
         axes = [(0, room if size == targets else 0) for size in field.shape[:-1]] + [(0, room)]
         wider[name] = np.pad(field, axes, mode="edge")
     return tables._replace(**wider)
+
+
+def with_room(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+    """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
+    if rows.shape[1] == columns:
+        return rows
+    wider = np.empty((len(rows), columns))
+    wider[:, : rows.shape[1]] = rows
+    wider[:, rows.shape[1] :] = rows[:, -1:]
+    return wider
 
 
 def target_columns(tables: Any, targets: int) -> int:

@@ -16,13 +16,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH
-from rootmatch.kernels.padding import target_columns
-from rootmatch.kernels.proposers import set_coordinates, set_frame, solve_set
+from rootmatch.kernels.padding import target_columns, with_room
+from rootmatch.kernels.proposers import set_coordinates, set_frame, set_known, solve_set
 from rootmatch.kernels.raster import Raster, look_up
+from rootmatch.kernels.screen import ROOTS, screen
 from rootmatch.kernels.threads import in_threads
 
-ROOTS = 4
-"""Most solutions of a minimal set; where a problem has fewer, the others are not there."""
+__all__ = ["ROOTS", "Rules", "Sets", "prepare_sets", "propose"]
 
 
 class Rules(NamedTuple):
@@ -139,29 +139,43 @@ def propose(
     found = np.full((chunks, keep, sets.points.shape[1] + 2), -1, np.int64)
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
+    n_target, m = raster.places.shape[1], sets.points.shape[1]
+    columns = target_columns(tables, n_target)
+    raster = raster._replace(rays=with_room(raster.rays, columns))
+    grid = raster.cells.reshape(-1)
+    looks = _looks(rules, sets.others.shape[1], m)
 
     def examine(first_chunk: int, last_chunk: int) -> None:
-        n_target = raster.places.shape[1]
-        scratch = np.empty((2 * ROOTS, target_columns(tables, n_target)))
+        scratch = np.empty((2 * ROOTS, columns))
+        cells = np.empty((2, columns), np.int64)
+        passed = np.empty((ROOTS, columns), np.bool_)
         stamp = np.zeros(n_target, np.int64)
-        image = np.zeros(sets.points.shape[1], np.int64)
+        image = np.zeros(m, np.int64)
         _examine(
-            tables, raster, rules, sets, arrangements, allowed, first, last, first_chunk, last_chunk, chunks,
-            scratch, stamp, image, found, ratios, counts,
+            tables, raster, grid, rules, sets, arrangements, allowed, looks, first, last,
+            first_chunk, last_chunk, chunks, scratch, cells, passed, stamp, image, found, ratios, counts,
         )  # fmt: skip
 
     in_threads(examine, chunks, threads)
     return found, ratios, counts
 
 
+def _looks(rules: Rules, others: int, minimal: int) -> int:
+    """Points that are looked up before a solution that misses all of them is dropped; 0 where none is."""
+    looks = int(rules.floor / rules.miss) + 1
+    # one that has found nothing at all is not reported
+    return min(looks, others) if looks <= others or rules.least > minimal else 0
+
+
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _examine(  # type: ignore[no-untyped-def]
-    tables, raster, rules, sets, arrangements, allowed, first, last, first_chunk, last_chunk, chunks,
-    scratch, stamp, j, found, ratios, counts,
+    tables, raster, grid, rules, sets, arrangements, allowed, looks, first, last, first_chunk, last_chunk, chunks,
+    scratch, cells, passed, stamp, j, found, ratios, counts,
 ):  # fmt: skip
-    """Chunks ``first_chunk … last_chunk − 1`` of the tasks; ``scratch`` (8, n'), ``stamp`` (n',), j (m,) are its own.
+    """Chunks ``first_chunk … last_chunk − 1`` of the tasks.
 
-    What could be allocated or filled in here is so outside: each array made in jitted code costs compile time.
+    ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are its own:
+    what could be allocated or filled in here is so outside, as each array made in jitted code costs compile time.
     """
     count, m = sets.points.shape
     n_target = raster.places.shape[1]
@@ -184,25 +198,32 @@ def _examine(  # type: ignore[no-untyped-def]
                 continue
             solve_set(tables, i, j, scratch)
             solved += n_target - m + 1
-            for k in range(n_target):
-                free = not masked or allowed[i[m - 1], k]
+            for k in range(scratch.shape[1]):
+                free = k < n_target and (not masked or allowed[i[m - 1], k])
                 for p in range(m - 1):
                     free = free and j[p] != k
                 if not free:
-                    continue
-                j[m - 1] = k
+                    for row in range(scratch.shape[0]):
+                        scratch[row, k] = np.nan
+            before = set_known(tables, raster, i, j)
+            some = screen(
+                tables, raster, grid, rules.normals, before, coordinates, sets.own[s], j, looks, scratch, cells, passed
+            )
+            tested += some
+            looked += some * looks
+            for k in range(n_target):
                 for root in range(ROOTS):
-                    real, frame = set_frame(tables, raster, i, j, k, scratch, root)
-                    if not real or (rules.normals and not _faces(raster, sets.own[s], j, frame)):
+                    if not passed[root, k]:
                         continue
+                    j[m - 1] = k
                     tick += 1
-                    tested += 1
                     for p in range(m):
                         stamp[j[p]] = tick
-                    ratio, hits, looks = _verify(
+                    _, frame = set_frame(tables, raster, before, k, scratch, root)
+                    ratio, hits, looks_of_one = _verify(
                         raster, rules, others, coordinates, masked, allowed, frame, stamp, tick
                     )
-                    looked += looks
+                    looked += looks_of_one - looks
                     if ratio > ratios[chunk, weakest] and hits + m >= rules.least:
                         ratios[chunk, weakest] = ratio
                         found[chunk, weakest, 0] = s
@@ -214,19 +235,3 @@ def _examine(  # type: ignore[no-untyped-def]
                             if ratios[chunk, q] < ratios[chunk, weakest]:
                                 weakest = q
         counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked
-
-
-@njit(fastmath=FASTMATH, error_model="numpy")
-def _faces(raster, own, j, frame):  # type: ignore[no-untyped-def]
-    """Whether the points of the minimal set show their front to the camera."""
-    _, _, _, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
-    for p in range(own.shape[0]):
-        a, b, c = own[p, 0], own[p, 1], own[p, 2]
-        away = (
-            (a * ex + b * fx + c * gx) * raster.rays[0, j[p]]
-            + (a * ey + b * fy + c * gy) * raster.rays[1, j[p]]
-            + (a * ez + b * fz + c * gz) * raster.rays[2, j[p]]
-        )
-        if away > 0.0:
-            return False
-    return True

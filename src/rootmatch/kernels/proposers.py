@@ -1,6 +1,6 @@
 """What makes a problem fit for proposals, chosen by the type of its tables.
 
-Four functions serve a problem. One is of NumPy, called once for many minimal sets; as in `rootmatch.kernels.dispatch`,
+Five functions serve a problem. One is of NumPy, called once for many minimal sets; as in `rootmatch.kernels.dispatch`,
 the type of the tables chooses the others while a driver is compiled, so one driver serves all problems and is found
 again in the on-disk cache.
 """
@@ -19,6 +19,7 @@ def register_proposer(
     tables: type,
     coordinates: Callable[..., Any],
     solve: Callable[..., Any],
+    known: Callable[..., Any],
     hypothesis: Callable[..., Any],
     predict: Callable[..., Any],
 ) -> None:
@@ -33,14 +34,19 @@ def register_proposer(
         end with their normals, and the normals of the set's own points. Not jitted.
     solve : ``(tables, i, j, scratch)``
         Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
-    hypothesis : ``(tables, raster, i, j, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
+    known : ``(tables, raster, i, j)`` → tuple of numbers
+        What `hypothesis` takes from the set before its last image is known.
+    hypothesis : ``(tables, raster, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
         The frame of the set in the raster's basis at one root; a point with coordinates α, β, γ lies at
-        origin + α e + β f + γ g.
+        origin + α e + β f + γ g. Without a branch, so that a loop over the last image vectorises; the rays of the
+        raster have the room of the tables.
     predict : ``(tables, i, j, root, out)`` → bool
         Fill ``out`` (13, n) with the predicted bearing of every source point, two axes across it, the covariance along
         them (s11, s12, s22), and whether it can be seen (1 or 0).
     """
-    _PROPOSERS[tables] = {"coordinates": coordinates, "solve": solve, "hypothesis": hypothesis, "predict": predict}
+    _PROPOSERS[tables] = {
+        "coordinates": coordinates, "solve": solve, "known": known, "hypothesis": hypothesis, "predict": predict,
+    }  # fmt: skip
 
 
 def can_propose(tables: type) -> bool:
@@ -58,9 +64,14 @@ def solve_set(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
     _PROPOSERS[type(tables)]["solve"](tables, i, j, scratch)
 
 
-def set_frame(tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any) -> Any:
+def set_known(tables: Any, raster: Any, i: Any, j: Any) -> Any:
+    """What is known of a set before its last image; see `register_proposer`."""
+    return _PROPOSERS[type(tables)]["known"](tables, raster, i, j)
+
+
+def set_frame(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
     """Frame of a set at one root; see `register_proposer`."""
-    return _PROPOSERS[type(tables)]["hypothesis"](tables, raster, i, j, last, scratch, root)
+    return _PROPOSERS[type(tables)]["hypothesis"](tables, raster, known, last, scratch, root)
 
 
 def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
@@ -78,14 +89,24 @@ def _solve_overload(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., 
     return implementation
 
 
+@overload(set_known, inline="always")
+def _known_overload(tables: Any, raster: Any, i: Any, j: Any) -> Callable[..., Any]:
+    function = _PROPOSERS[tables.instance_class]["known"]
+
+    def implementation(tables: Any, raster: Any, i: Any, j: Any) -> Any:
+        return function(tables, raster, i, j)
+
+    return implementation
+
+
 @overload(set_frame, inline="always")
 def _hypothesis_overload(
-    tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any
+    tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any
 ) -> Callable[..., Any]:
     function = _PROPOSERS[tables.instance_class]["hypothesis"]
 
-    def implementation(tables: Any, raster: Any, i: Any, j: Any, last: Any, scratch: Any, root: Any) -> Any:
-        return function(tables, raster, i, j, last, scratch, root)
+    def implementation(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
+        return function(tables, raster, known, last, scratch, root)
 
     return implementation
 

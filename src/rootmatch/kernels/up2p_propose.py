@@ -58,25 +58,31 @@ def depths(c, s, dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped
 
 
 @scalar
-def hypothesis(t, raster, i, j, last, scratch, root):  # type: ignore[no-untyped-def]
+def known(t, raster, i, j):  # type: ignore[no-untyped-def]
+    """The pair's difference, the first point's bearing, in the raster's basis too, and that basis."""
+    p = t.points
+    u, r, b = t.rays, raster.rays, raster.basis
+    return (
+        p[0, i[1]] - p[0, i[0]], p[1, i[1]] - p[1, i[0]], p[2, i[1]] - p[2, i[0]],
+        u[0, j[0]], u[1, j[0]], u[2, j[0]], r[0, j[0]], r[1, j[0]], r[2, j[0]],
+        b[0, 0], b[0, 1], b[0, 2], b[1, 0], b[1, 1], b[1, 2], b[2, 0], b[2, 1], b[2, 2],
+    )  # fmt: skip
+
+
+@scalar
+def hypothesis(t, raster, before, last, scratch, root):  # type: ignore[no-untyped-def]
     """The first point and the three turned axes of the world as the camera has them at one root."""
+    dx, dy, dz, ax, ay, az, rx, ry, rz, b00, b01, b02, b10, b11, b12, b20, b21, b22 = before
     two = 2 * (root & 1)
     c, s = scratch[two, last], scratch[two + 1, last]
-    p = t.points
     u = t.rays
-    ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
-    first, second, _, _, _ = depths(
-        c, s, p[0, i[1]] - p[0, i[0]], p[1, i[1]] - p[1, i[0]], p[2, i[1]] - p[2, i[0]],
-        ax, ay, az, u[0, last], u[1, last], u[2, last],
-    )  # fmt: skip
+    first, second, _, _, _ = depths(c, s, dx, dy, dz, ax, ay, az, u[0, last], u[1, last], u[2, last])
     # comparisons with NaN are false
-    real = root < 2 and first > 0.0 and second > 0.0
-    b, r = raster.basis, raster.rays
-    return real, (
-        first * r[0, j[0]], first * r[1, j[0]], first * r[2, j[0]],
-        c * b[0, 0] - s * b[0, 2], c * b[1, 0] - s * b[1, 2], c * b[2, 0] - s * b[2, 2],
-        b[0, 1], b[1, 1], b[2, 1],
-        s * b[0, 0] + c * b[0, 2], s * b[1, 0] + c * b[1, 2], s * b[2, 0] + c * b[2, 2],
+    return (root < 2) & (first > 0.0) & (second > 0.0), (
+        first * rx, first * ry, first * rz,
+        c * b00 - s * b02, c * b10 - s * b12, c * b20 - s * b22,
+        b01, b11, b21,
+        s * b00 + c * b02, s * b10 + c * b12, s * b20 + c * b22,
     )  # fmt: skip
 
 
@@ -157,4 +163,4 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     return True
 
 
-register_proposer(UP2PTables, coordinates, solve, hypothesis, predictions)
+register_proposer(UP2PTables, coordinates, solve, known, hypothesis, predictions)
