@@ -70,7 +70,7 @@ class TestMatch:
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
-            "assignment", "score", "margin", "motions", "alternatives", "status", "seconds", "hyperedges"
+            "assignment", "score", "margin", "motions", "alternatives", "status", "seconds", "hyperedges", "noise"
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
@@ -80,10 +80,22 @@ class TestMatch:
         assert record["hyperedges"] == 70 * 5040  # C(8, 4) times 10!/6!
         assert record["score"] > 0.0
         assert record["seconds"] > 0.0
+        assert record["noise"] == 0.1
         for other in record["alternatives"]:
             assert other["score"] <= record["score"]
             assert len(other["assignment"]) == 8
         assert result.stderr.startswith("rootmatch: matched")
+
+    def test_noise_is_estimated_when_asked_for(self, scene: Path) -> None:
+        arguments = of(scene)
+        arguments[arguments.index("--noise") + 1] = "auto"
+        result = run(*arguments)
+        assert result.exit_code == 0, result.output
+        told = re.search(r"noise: ([0-9.]+) px, estimated", result.stdout)
+        assert told is not None
+        assert 0.04 < float(told[1]) < 0.25
+        record = json.loads(run(*arguments, "--json").stdout)
+        assert record["noise"] == pytest.approx(float(told[1]), rel=0.01)
 
     def test_ids_and_a_camera_file(self, scene: Path, tmp_path: Path) -> None:
         model, output = tmp_path / "model.csv", tmp_path / "matches.csv"
@@ -494,9 +506,11 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         status=Status.AMBIGUOUS,
         seconds=0.5,
         hyperedges=1234567,
+        noise=np.array([0.5, 1.0]),
     )
     record = match_record(found)
     assert record["score"] is None
+    assert record["noise"] is None
     assert record["alternatives"] == [{"assignment": [0, -1, 1], "score": None}]
     json.dumps(record, allow_nan=False)
     print_match(found, Console(width=80), truth=np.array([1, 0, -1]), source_names=["a", "b", "c"])

@@ -23,6 +23,10 @@ CUT = 9.0
 """Squared residual beyond which all count alike."""
 MEAN_CUT = {1: 0.9950, 2: 1.9778}
 """Mean of min(χ², CUT) by degrees of freedom."""
+WITHIN = 1.5
+"""Factor within which σ is to be as often as possible."""
+CENTRE = 4.0 * math.log(WITHIN) / (WITHIN**2 - WITHIN**-2)
+"""Of χ² over its degrees of freedom, for that: 0.90, whatever they are, as F(c k² ν) − F(c ν / k²) is largest there."""
 SUBSETS = 2000
 """Hyper-edges of one motion that are looked at, at most."""
 SETTLED, ROUNDS = 1.15, 5
@@ -58,8 +62,8 @@ def first_guess(target: NDArray[np.float64]) -> float:
 def estimated(match: Match) -> float:
     """σ in pixels from the residuals inside an answer, NaN where there is none.
 
-    The scale at which the squared residuals of the hyper-edges among the points of each motion, cut off at 9, have the
-    mean of their law; where whole groups can be fitted, their χ² over its degrees of freedom.
+    By χ² of the points of each motion about their best pose, where the problem fits answers. Else it is the scale at
+    which the squared residuals of the hyper-edges among them, cut off at 9, have the mean of their law.
     """
     problem, order = match.problem, match.problem.order
     squares, freedom = [], []
@@ -79,12 +83,14 @@ def estimated(match: Match) -> float:
 
 def _scale(problem: Problem, match: Match, members: NDArray[np.int64]) -> float:
     """Square of the true σ over the assumed one, by one group."""
+    if problem.fits_answers:
+        alone = np.full_like(match.assignment, -1)
+        alone[members] = match.assignment[members]
+        fit = problem.fitted(match.source, match.target, match.noise, alone[None])
+        return float(fit.chi2[0] / fit.freedom[0]) / CENTRE
     points, pixels = match.source[members], match.target[match.assignment[members]]
     turned = wide_first(points)
     tables = problem.prepare(points[turned], pixels[turned], match.noise)
-    if problem.fits_groups:
-        chi2 = float(problem.group_chi2(tables, np.arange(len(members))[None])[0])
-        return chi2 / (problem.constraints * (len(members) - problem.minimal))
     rng = np.random.default_rng(0)
     chosen = np.sort(np.argsort(rng.random((SUBSETS, len(members))), axis=1)[:, : problem.order], axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)

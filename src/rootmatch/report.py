@@ -27,7 +27,8 @@ def match_record(match: Match) -> dict[str, Any]:
 
     Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``alternatives`` (objects
     with ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
-    ``seconds``, ``hyperedges``. Indices are zero-based row numbers. A number that is not finite becomes null.
+    ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point). Indices are zero-based row
+    numbers. A number that is not finite becomes null.
     """
     return {
         "assignment": match.assignment.tolist(),
@@ -40,6 +41,7 @@ def match_record(match: Match) -> dict[str, Any]:
         "status": match.status.name.lower(),
         "seconds": _finite(match.seconds),
         "hyperedges": int(match.hyperedges),
+        "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
     }
 
 
@@ -64,6 +66,7 @@ def print_match(
     source_names: Sequence[str] | None = None,
     target_names: Sequence[str] | None = None,
     truth: Integers | None = None,
+    estimated: bool = False,
 ) -> None:
     """Print the table of matches, what stayed unmatched, the figures, the verdict and, in doubt, other answers.
 
@@ -76,6 +79,8 @@ def print_match(
         Names of the points; by default their zero-based row numbers.
     truth : (n,) array, optional
         The true assignment, −1 for points without an image; each match is then called right or wrong.
+    estimated : bool
+        Whether σ was estimated, and is to be told.
     """
     sources = source_names or [str(row) for row in range(match.soft.shape[0])]
     targets = target_names or [str(row) for row in range(match.soft.shape[1])]
@@ -88,6 +93,8 @@ def print_match(
     if truth is not None:
         _say(console, _judgement(match.assignment, truth))
     _say(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
+    if estimated:
+        _say(console, f"noise: {match.noise:.3g} px, estimated")
     _say(console, str(match.status))
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):

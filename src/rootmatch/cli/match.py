@@ -44,8 +44,11 @@ def match(
         typer.Option(metavar="FX,FY,CX,CY", help="Camera in pixels, or a camera file (JSON).", rich_help_panel=INPUT),
     ],
     noise: Annotated[
-        float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.", rich_help_panel=INPUT)
-    ] = 1.0,
+        str,
+        typer.Option(
+            metavar="PX|auto", help="Standard deviation of a pixel coordinate, or estimate it.", rich_help_panel=INPUT
+        ),
+    ] = "1",
     vertical_camera: Annotated[
         str | None,
         typer.Option(
@@ -232,7 +235,7 @@ def match(
             source.points,
             target.points,
             posed,
-            noise=noise,
+            noise=_noise(noise),
             seed=seed,
             motions=_motions(motions),
             normals=source.normals if normals else None,
@@ -240,7 +243,7 @@ def match(
             **options,
         )
     _write(found, source, target, true, output, plot)
-    _print(found, source, target, true, as_json)
+    _print(found, source, target, true, as_json, noise == "auto")
     if found.status.name != "MATCHED":
         raise typer.Exit(NOT_TRUSTED)
 
@@ -268,6 +271,16 @@ def _motions(text: str) -> Any:
         raise InputError(f"motions: {text!r} given; give a whole number of at least 1, or auto") from None
 
 
+def _noise(text: str) -> Any:
+    """A number of pixels, or "auto"."""
+    if text == "auto":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"noise: {text!r} given; give a number of pixels, or auto") from None
+
+
 def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
     """Write the files asked for: all of them, or none."""
     from rootmatch import io, report
@@ -293,7 +306,7 @@ def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: 
             plots.save_figure(figure, places[plot])
 
 
-def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool) -> None:
+def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
     """The answer on standard output: a table, or one JSON object with the verdict's sentence on standard error."""
     from rootmatch import report
 
@@ -303,4 +316,5 @@ def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json:
         return
     from rich.console import Console
 
-    report.print_match(found, Console(), source_names=source.names, target_names=target.names, truth=true)
+    names = {"source_names": source.names, "target_names": target.names}
+    report.print_match(found, Console(), **names, truth=true, estimated=estimated)
