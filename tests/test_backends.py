@@ -15,6 +15,7 @@ from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Residual, affinity, exhaustive_tensor, random_tensor
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
+from rootmatch.kernels.dispatch import edge_residual
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.kernels.padding import padded, target_columns
 from rootmatch.problems.p3p import P3P
@@ -269,3 +270,25 @@ def test_room_behind_the_targets_changes_nothing(problem: str, kind: Any) -> Non
     for chunk, count in enumerate(counts):
         np.testing.assert_array_equal(codes[chunk, :count], codes2[chunk, :count])
         np.testing.assert_allclose(residuals[chunk, :count], residuals2[chunk, :count], rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("facing", [False, True])
+def test_lists_give_each_hyperedge_the_residual_of_its_own_kernel_wherever_it_stands(facing: bool) -> None:
+    """P3P's joint residual is computed for many at once in lists, and one hyper-edge at a time elsewhere."""
+    rng = np.random.default_rng(5)
+    made = instances.paper_scene("p3p", rng, 8)
+    pixels = made.target + rng.normal(size=made.target.shape)
+    normals = np.zeros((8, 3))
+    normals[6:] = rng.normal(size=(2, 3)) if facing else 0.0
+    tables = P3P(Camera(*made.intrinsics)).prepare(made.source, pixels, 1.0, normals)
+    source = np.array([rng.permutation(8)[:4] for _ in range(1500)])
+    target = np.where(rng.random((1500, 1)) < 0.5, source, np.array([rng.permutation(8)[:4] for _ in range(1500)]))
+    whole = cpu.residuals(tables, Joint(1), source, target)
+    alone = np.array([edge_residual(tables, Joint(1), i, j) for i, j in zip(source, target, strict=True)])
+    assert np.array_equal(whole < 1e5, alone < 1e5)
+    assert whole == pytest.approx(alone, rel=1e-6)
+    assert 50 < (whole < 3.5).sum() < 1450
+    for first, last in ((0, 1), (3, 66), (10, 74), (70, 1200)):
+        assert np.array_equal(
+            cpu.residuals(tables, Joint(1), source[first:last], target[first:last]), whole[first:last]
+        )

@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from rootmatch.backends.selection import Block, Enumeration, Found, Progress, Strongest
 from rootmatch.kernels.dispatch import (
+    BLOCK_COLUMNS,
+    BLOCK_ROWS,
     PANEL_ROWS,
     SCRATCH_COLUMNS,
     SCRATCH_ROWS,
-    edge_residual,
+    fill_block,
     fill_panel,
     gives_squares,
+    listed_residual,
     slab_residual,
 )
 from rootmatch.kernels.padding import padded, target_columns
@@ -31,8 +34,7 @@ BLOCK = 4_000_000
 CHUNKS = 32
 """Pieces of a block, whatever the number of threads, so that the result does not depend on it."""
 PIECE = 1024
-"""Given hyper-edges that a thread evaluates in a row, and beginnings at whole multiples of it: the compiler may round
-the last few of a loop otherwise than the rest, and the result is not to depend on the number of threads."""
+"""Given hyper-edges that a thread evaluates in a row, a whole number of blocks."""
 DECODED = 1 << 16
 """Hyper-edges that are decoded at once."""
 PARTS = 4
@@ -42,10 +44,13 @@ WORTH_A_THREAD = 16384
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def evaluate(tables, kind, source_index, target_index, first, last, residual):  # type: ignore[no-untyped-def]
-    """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,)."""
-    for e in range(first, last):
-        residual[e] = edge_residual(tables, kind, source_index[e], target_index[e])
+def evaluate(tables, kind, source_index, target_index, first, last, block, residual):  # type: ignore[no-untyped-def]
+    """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,), and a scratch block."""
+    for start in range(first, last, BLOCK_COLUMNS):
+        end = min(start + BLOCK_COLUMNS, last)
+        fill_block(tables, kind, source_index, target_index, start, end, block)
+        for e in range(start, end):
+            residual[e] = listed_residual(tables, kind, source_index[e], target_index[e], block, e - start)
 
 
 def sweep(
@@ -198,7 +203,8 @@ def residuals(
     residual = np.empty(len(source))
 
     def work(first: int, last: int) -> None:
-        evaluate(tables, kind, source, target, first * PIECE, min(last * PIECE, len(source)), residual)
+        block = np.empty((BLOCK_ROWS, BLOCK_COLUMNS))
+        evaluate(tables, kind, source, target, first * PIECE, min(last * PIECE, len(source)), block, residual)
 
     in_threads(work, -(-len(source) // PIECE), threads_worth(len(source) // WORTH_A_THREAD))
     return residual

@@ -72,18 +72,24 @@ def random_hyperedges(
     shape: tuple[int, int], order: int, count: int, rng: np.random.Generator
 ) -> tuple[Integers, Integers]:
     """Uniform hyper-edges (count, d), a quick draw for few of them."""
-    chosen = []
-    for points in shape:
-        drawn = rng.integers(0, points, (count, order))
-        while len(same := np.flatnonzero(_repeating(drawn))):
-            drawn[same] = rng.integers(0, points, (len(same), order))
+    return _distinct(shape[0], order, count, rng), _distinct(shape[1], order, count, rng)
+
+
+def _distinct(points: int, size: int, count: int, rng: np.random.Generator) -> Integers:
+    """Rows (count, size) of distinct indices below ``points``, each ordered choice as likely as any other.
+
+    The p-th index is drawn among those that are left, and stepped over the ones before it in increasing order.
+    """
+    chosen: list[Integers] = []
+    ascending: list[Integers] = []
+    for p in range(size):
+        drawn = rng.integers(0, points - p, count)
+        for before in ascending:
+            drawn += drawn >= before
         chosen.append(drawn)
-    return chosen[0], chosen[1]
-
-
-def _repeating(rows: Integers) -> NDArray[np.bool_]:
-    """Whether an entry occurs twice in a row, (E,); pair by pair, which for few columns is quicker than to sort."""
-    same = np.zeros(len(rows), np.bool_)
-    for one, two in combinations(rows.T, 2):
-        same |= one == two
-    return same
+        # keep those before in order: the new one moves down past the greater ones
+        moving = drawn
+        for q, before in enumerate(ascending):
+            ascending[q], moving = np.minimum(before, moving), np.maximum(before, moving)
+        ascending.append(moving)
+    return np.stack(chosen, axis=1)

@@ -49,6 +49,7 @@ def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
 _EDGE: dict[tuple[type, type], Callable[..., Any]] = {}
 _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
 _PANEL: dict[tuple[type, type], Callable[..., Any]] = {}
+_LISTED: dict[tuple[type, type], tuple[Callable[..., Any], Callable[..., Any]]] = {}
 _SQUARES: set[tuple[type, type]] = set()
 
 
@@ -72,6 +73,15 @@ def register(
         _PANEL[tables, kind] = panel
     if squares:
         _SQUARES.add((tables, kind))
+
+
+def register_listed(tables: type, kind: type, fill: Callable[..., Any], edge: Callable[..., Any]) -> None:
+    """Kernels for lists of hyper-edges, where some of the work is done for many at once, in a loop that vectorises.
+
+    They are ``fill(tables, kind, source, target, last, block)``, see `fill_block`, and
+    ``edge(tables, kind, i, j, block, column)``, the residual of the hyper-edge whose column that is.
+    """
+    _LISTED[tables, kind] = fill, edge
 
 
 def slab_of_rows(row: Callable[..., Any]) -> Any:
@@ -133,12 +143,40 @@ def gives_squares(tables: Any, kind: Any) -> bool:
     return (type(tables), type(kind)) in _SQUARES
 
 
+def fill_block(
+    tables: Any,
+    kind: Any,
+    source: NDArray[np.int64],
+    target: NDArray[np.int64],
+    first: int,
+    last: int,
+    block: NDArray[np.float64],
+) -> None:
+    """What is computed at once for the hyper-edges first … last − 1 of index arrays (E, d), no more than BLOCK_COLUMNS.
+
+    ``block`` is (BLOCK_ROWS, BLOCK_COLUMNS), a column for each; all columns are computed, so that none is the rest of a
+    vector and the result of a hyper-edge does not depend on its place in the list.
+    """
+    if (type(tables), type(kind)) in _LISTED:
+        _LISTED[type(tables), type(kind)][0](tables, kind, source, target, first, last, block)
+
+
+def listed_residual(tables: Any, kind: Any, i: Any, j: Any, block: NDArray[np.float64], column: int) -> float:
+    """`edge_residual` of one of a list, after `fill_block`."""
+    key = type(tables), type(kind)
+    if key in _LISTED:
+        return float(_LISTED[key][1](tables, kind, i, j, block, column))
+    return edge_residual(tables, kind, i, j)
+
+
 SCRATCH_ROWS = 32
 """Rows of the scratch array that every caller of a slab kernel provides."""
 SCRATCH_COLUMNS = 8
 """Least columns of it."""
 PANEL_ROWS = 16
 """Rows of the panel that every caller of a slab kernel provides."""
+BLOCK_ROWS, BLOCK_COLUMNS = 56, 64
+"""Size of the block that every caller of `fill_block` provides."""
 
 
 @chooses(edge_residual)
@@ -164,6 +202,38 @@ def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Calla
         function(tables, kind, i, j, panel)
 
     return implementation
+
+
+@kernel
+def _no_block(tables, kind, source, target, first, last, block):  # type: ignore[no-untyped-def]
+    """Where nothing is done for many hyper-edges at once."""
+
+
+@chooses(fill_block)
+def _fill_block_overload(
+    tables: Any, kind: Any, source: Any, target: Any, first: Any, last: Any, block: Any
+) -> Callable[..., Any]:
+    function, _ = _LISTED.get((tables.instance_class, kind.instance_class), (_no_block, None))
+
+    def implementation(tables: Any, kind: Any, source: Any, target: Any, first: Any, last: Any, block: Any) -> Any:
+        function(tables, kind, source, target, first, last, block)
+
+    return implementation
+
+
+@chooses(listed_residual)
+def _listed_overload(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Callable[..., Any]:
+    key = tables.instance_class, kind.instance_class
+    alone = _EDGE[key]
+    _, function = _LISTED.get(key, (None, alone))
+
+    def one_by_one(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Any:
+        return alone(tables, kind, i, j)
+
+    def after_block(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Any:
+        return function(tables, kind, i, j, block, column)
+
+    return after_block if key in _LISTED else one_by_one
 
 
 @chooses(slab_residual)

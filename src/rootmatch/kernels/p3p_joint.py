@@ -119,11 +119,10 @@ def mahalanobis2(dx, dy, dz, px, py, pz, qx, qy, qz, s11, s12, s22, x, y, z, v):
 
 
 @scalar
-def looks_back(t, affine, frame, k, px, py, pz):  # type: ignore[no-untyped-def]
-    """Product of point k's normal, turned as the triple, with its place p: positive when it looks away."""
-    nx, ny, nz = t.normals[0, k], t.normals[1, k], t.normals[2, k]
+def backward(affine, frame, normal, px, py, pz):  # type: ignore[no-untyped-def]
+    """Product of a source point's normal, turned as the triple, with its place p: positive when it looks away."""
     ox, oy, oz, _, _, _, _, _, _, _, _, _, _, _, _ = affine
-    alpha, beta, gamma = affine_coordinates(affine, nx + ox, ny + oy, nz + oz)
+    alpha, beta, gamma = affine_coordinates(affine, normal[0] + ox, normal[1] + oy, normal[2] + oz)
     _, _, _, ex, ey, ez, fx, fy, fz, _, _, _, _, _, _, _, _, _ = frame
     gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
     return dot(
@@ -137,6 +136,12 @@ def looks_back(t, affine, frame, k, px, py, pz):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def looks_back(t, affine, frame, k, px, py, pz):  # type: ignore[no-untyped-def]
+    """`backward` of point k of the tables."""
+    return backward(affine, frame, (t.normals[0, k], t.normals[1, k], t.normals[2, k]), px, py, pz)
+
+
+@scalar
 def triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
     """Whether all three points of the triple show their front to the camera."""
     worst = looks_back(t, affine, frame, i[0], ax, ay, az)
@@ -146,18 +151,24 @@ def triple_faces(t, affine, frame, i, ax, ay, az, bx, by, bz, cx, cy, cz):  # ty
 
 
 @scalar
-def affine_frame(t, a, b, c):  # type: ignore[no-untyped-def]
-    """The triple of source points as a frame: origin, e, f, e × f, and the inverse Gram matrix of e and f."""
-    s = t.points
-    ox, oy, oz = s[0, a], s[1, a], s[2, a]
-    ex, ey, ez = s[0, b] - ox, s[1, b] - oy, s[2, b] - oz
-    fx, fy, fz = s[0, c] - ox, s[1, c] - oy, s[2, c] - oz
+def affine_of(a, b, c):  # type: ignore[no-untyped-def]
+    """Three source points as a frame: origin, e, f, e × f, and the inverse Gram matrix of e and f."""
+    ox, oy, oz = a
+    ex, ey, ez = b[0] - ox, b[1] - oy, b[2] - oz
+    fx, fy, fz = c[0] - ox, c[1] - oy, c[2] - oz
     nx, ny, nz = cross(ex, ey, ez, fx, fy, fz)
     n2 = 1.0 / dot(nx, ny, nz, nx, ny, nz)
     ee = dot(ex, ey, ez, ex, ey, ez) * n2
     ff = dot(fx, fy, fz, fx, fy, fz) * n2
     ef = dot(ex, ey, ez, fx, fy, fz) * n2
     return ox, oy, oz, ex, ey, ez, fx, fy, fz, nx * n2, ny * n2, nz * n2, ee, ff, ef
+
+
+@scalar
+def affine_frame(t, a, b, c):  # type: ignore[no-untyped-def]
+    """`affine_of` three points of the tables."""
+    s = t.points
+    return affine_of((s[0, a], s[1, a], s[2, a]), (s[0, b], s[1, b], s[2, b]), (s[0, c], s[1, c], s[2, c]))
 
 
 @scalar

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.camera import Camera
-from rootmatch.kernels import p3p_joint, p3p_normalised  # noqa: F401  (they register their residuals)
+from rootmatch.kernels import p3p_joint, p3p_lists, p3p_normalised  # noqa: F401  (they register their residuals)
 from rootmatch.kernels.p3p import P3PTables, quartic_in_ratio
 from rootmatch.problems.absolute_fit import absolute_fit
 from rootmatch.problems.fit import Fit
