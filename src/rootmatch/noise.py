@@ -86,8 +86,15 @@ def _scale(problem: Problem, match: Match, members: NDArray[np.int64]) -> float:
     if problem.fits_answers:
         alone = np.full_like(match.assignment, -1)
         alone[members] = match.assignment[members]
-        fit = problem.fitted(match.source, match.target, match.noise, alone[None])
-        return float(fit.chi2[0] / fit.freedom[0]) / CENTRE
+        answers = [alone]
+        if len(members) == (match.assignment >= 0).sum():
+            # with σ far too large a wrong answer can seem to be as good as the right one, which fits far better
+            others = [other for other, _ in match.alternatives if (other >= 0).sum() >= len(members)]
+            answers += others
+        fit = problem.fitted(match.source, match.target, match.noise, np.array(answers))
+        scale = np.maximum(fit.chi2 / fit.freedom, LEAST**2)
+        worth = [float(fit.inflated(scale[k])[k]) for k in range(len(answers))]
+        return float(scale[int(np.argmax(worth))]) / CENTRE
     points, pixels = match.source[members], match.target[match.assignment[members]]
     turned = wide_first(points)
     tables = problem.prepare(points[turned], pixels[turned], match.noise)

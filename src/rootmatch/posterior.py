@@ -129,7 +129,8 @@ def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
                     pool.setdefault(other.tobytes(), other)
     order = sorted(value, key=lambda key: (-value[key], key))
     order = [key for key in order if value[key] > -np.inf]
-    return Ranked([pool[key] for key in order], np.array([value[key] - value[order[0]] for key in order]))
+    logarithms = np.array([(value[key] - value[order[0]]) / fits[key][0].doubt for key in order])
+    return Ranked([pool[key] for key in order], logarithms)
 
 
 def _fits(evidence: Evidence, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:

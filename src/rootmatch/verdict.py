@@ -75,7 +75,9 @@ def of_all(
         assignment, score, alternatives = supported(assignment, alternatives, weighed.tensor)
     lead_over, least = lead(score, alternatives, assignment), AMBIGUOUS_MARGIN
     known = [score, *(value for _, value in alternatives)]
+    # a prior for views from one place is no part of the fits
     likely = not keep_all and weigh.residual.kind in NOISE_KINDS and problem.fits_answers
+    likely = likely and problem.small_baseline == 0.0
     if likely and (assignment >= 0).sum() > problem.minimal and not clear(assignment, lead_over, weighed.tensor):
         found = ranked(evidence, [assignment, *(other for other, _ in alternatives)])
         if found.answers:

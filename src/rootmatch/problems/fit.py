@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,8 @@ class Fit(ABC):
         method up to a constant that all answers share.
     """
 
+    doubt: ClassVar[float] = 1.0
+    """Factor by which logarithms of odds are too large, where Laplace's method is rough: found on simulated scenes."""
     chi2: Floats
     freedom: NDArray[np.int64]
     evidence: Floats

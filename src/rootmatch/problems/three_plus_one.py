@@ -12,7 +12,9 @@ from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
 from rootmatch.errors import InputError
 from rootmatch.kernels import three_plus_one_roots as three_plus_one_roots  # registers its kernels
 from rootmatch.kernels.three_plus_one import ThreePlusOneTables, quartic
+from rootmatch.problems.fit import Fit
 from rootmatch.problems.problem import Problem, check_noise, check_points
+from rootmatch.problems.relative_fit import Views, relative_fit
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class ThreePlusOne(Problem):
     constraints: ClassVar[int] = 1
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 2
+    fits_answers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         unit_direction(self.axis, "axis")
@@ -102,12 +105,7 @@ class ThreePlusOne(Problem):
             raise InputError("normals: 3p1 takes two images, whose points have no normals; leave them out")
         first = check_points(source, 2, "source", self.order)
         second = check_points(target, 2, "target", self.order)
-        if isinstance(noise, tuple | list) and len(noise) == 2:
-            sigma = check_noise(noise[0], len(first), "noise of the source")
-            sigma2 = check_noise(noise[1], len(second), "noise of the target")
-        else:
-            sigma2 = check_noise(noise, len(second))
-            sigma = np.full(len(first), np.sqrt(np.mean(sigma2**2)))
+        sigma, sigma2 = _noises(noise, len(first), len(second))
         camera, camera2 = self.cameras
         turn, turn2 = self.turns()
         return ThreePlusOneTables(
@@ -118,6 +116,14 @@ class ThreePlusOne(Problem):
             # a tilt of one axis acts as the opposite tilt of the other: the two variances add
             tilt_variance=np.array([2.0 * float(self.axis_noise) ** 2]),
         )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        sigmas = _noises(noise, len(source), len(target))
+        tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
+        return relative_fit(Views.of(source, target, self.cameras, self.turns(), sigmas, tilt), answers)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
@@ -130,3 +136,11 @@ class ThreePlusOne(Problem):
             for q, p in zip(first, second, strict=True)
         ]
         return np.array(rows, dtype=float).reshape(-1, 5)
+
+
+def _noises(noise: ArrayLike, count: int, count2: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """σ of the pixels of source and target from one number, one for each target point, or a pair of such."""
+    if isinstance(noise, tuple | list) and len(noise) == 2:
+        return check_noise(noise[0], count, "noise of the source"), check_noise(noise[1], count2, "noise of the target")
+    sigma2 = check_noise(noise, count2)
+    return np.full(count, np.sqrt(np.mean(sigma2**2))), sigma2
