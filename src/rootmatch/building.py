@@ -16,6 +16,7 @@ from rootmatch.backends.cluster import Cluster
 from rootmatch.backends.selection import Backend
 from rootmatch.errors import InputError
 from rootmatch.guided import Choice, Guided, Weighed, pays
+from rootmatch.guided.completed import Completed
 from rootmatch.kernels import kinds
 
 Way = Literal["auto", "exhaustive", "random", "guided"]
@@ -83,6 +84,8 @@ def build(
     searched = 0
     if cluster is not None:
         chosen = _for_workers(way, backend)
+    elif way == "auto" and motions != 1 and Completed().pays(tables, shape, order):
+        chosen = Completed()
     elif way == "auto" and pays(tables, shape, order, motions, candidates):
         chosen = "exhaustive" if backend == "cuda" and count <= CHEAP_ON_DEVICE else "guided"
     after_all = way == "auto" and motions == 1 and count <= min(AFFORDABLE, AFFORDABLE if limit is None else limit)

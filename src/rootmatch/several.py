@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.guided import Weighed
+from rootmatch.building import Way
+from rootmatch.guided import Choice, Weighed
+from rootmatch.guided.completed import Completed
 from rootmatch.hyperedges import exhaustive_count
 from rootmatch.problems.problem import check_noise
 from rootmatch.road import Road
-from rootmatch.solvers.packing import Fit, GroupPacking
+from rootmatch.solvers.group_fit import GroupFit
+from rootmatch.solvers.packing import GroupPacking
 from rootmatch.solvers.solution import Solution
 from rootmatch.tensor import AffinityTensor
 
 REST = 50_000_000
-"""Most hyper-edges among what is left that are looked at."""
+"""Most hyper-edges among what is left that are looked at one by one."""
 CROWDING = 1.5
 """Detections are denser where they matter than on average."""
 
@@ -29,15 +33,14 @@ def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
     hyper-edges among those are looked at and the packing is made again.
     """
     solution = _packed(road, weighed)
-    if weighed.chance is None or solution.groups is None:
+    if not weighed.partial or solution.groups is None:
         return solution, weighed
     sizes = np.bincount(solution.groups[solution.groups >= 0], minlength=1)
     firm = (solution.groups >= 0) & (sizes[solution.groups] >= road.problem.order + 2)
     points = np.flatnonzero(~firm)
     pixels = np.setdiff1d(np.arange(road.shape[1]), solution.assignment[firm])
     order = road.problem.order
-    enough = min(len(points), len(pixels)) > order
-    if not enough or exhaustive_count(len(points), len(pixels), order) > REST:
+    if min(len(points), len(pixels)) <= order:
         return solution, weighed
     rest = replace(
         road, points=road.points[points], pixels=road.pixels[pixels],
@@ -46,7 +49,12 @@ def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
         allowed=None if road.allowed is None else np.ascontiguousarray(road.allowed[np.ix_(points, pixels)]),
         unary=None, progress=None, scheduler=None,
     )  # fmt: skip
-    more = rest.tensor("exhaustive", 0)
+    way: Way | Choice = "exhaustive"
+    if exhaustive_count(*rest.shape, order) > REST:
+        way = Completed()
+        if not way.pays(_tables(rest), rest.shape, order):
+            return solution, weighed
+    more = rest.tensor(way, 0)
     source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))
     indices = (points[source] * road.shape[1] + pixels[target]).astype(np.int32)
     tensor = AffinityTensor.unchecked(
@@ -81,11 +89,11 @@ def _packed(road: Road, weighed: Weighed) -> Solution:
     return GroupPacking(motions=road.motions, chance=chance, fit=_fit(road))(tensor, seed=road.seed)
 
 
-def _fit(road: Road) -> Fit | None:
+def _fit(road: Road) -> GroupFit | None:
     """How well whole groups fit, where the problem can tell."""
     if not road.problem.fits_groups:
         return None
-    tables = road.problem.prepare(road.points, road.pixels, road.noise, road.normals)
+    tables = _tables(road)
     sigma = float(np.median(check_noise(road.noise, road.shape[1])))
     area = max(float(np.prod(np.ptp(road.pixels, axis=0))), 1e-300) / CROWDING
 
@@ -95,7 +103,14 @@ def _fit(road: Road) -> Fit | None:
     def grown(groups: NDArray[np.int64]) -> NDArray[np.int64]:
         return road.problem.group_grown(tables, groups, road.allowed)
 
-    return Fit(chi2, grown, min(2.0 * math.pi * sigma**2 / area, 1.0))
+    def extended(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        return road.problem.group_extended(tables, groups, road.allowed)
+
+    return GroupFit(chi2, grown, extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
+
+
+def _tables(road: Road) -> Any:
+    return road.problem.prepare(road.points, road.pixels, road.noise, road.normals)
 
 
 def _of_some(noise: ArrayLike, pixels: NDArray[np.int64], count: int) -> ArrayLike:

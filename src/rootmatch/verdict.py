@@ -124,7 +124,7 @@ def false_alarms(problem: Problem, score: float, known: list[float], weighed: We
     ``known`` are the scores of the answers that were found.
     The mean weight of a random hyper-edge is that of those outside of the answer where it is not known.
     """
-    tensor, evaluated, share, chance, _ = weighed
+    tensor, evaluated, share, chance = weighed[:4]
     true_weight = TRUE_WEIGHT[problem.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
     # what answers of nearly this score share out is structure (a symmetric object), not chance
     explained = sum(value for value in known if value >= (1.0 - AMBIGUOUS_MARGIN) * score)

@@ -10,7 +10,7 @@ tensor. No pose is handed on: the minimal problem proposes, the residual weighs,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
+from rootmatch.guided.choice import Choice, Weighed
 from rootmatch.guided.gather import hyperedges_among, random_hyperedges
 from rootmatch.guided.search import Search
 from rootmatch.kernels import (  # noqa: F401  (two of them register what they propose)
@@ -35,41 +36,6 @@ CHANCE_SAMPLES = 4096
 """Random hyper-edges that tell how well chance does."""
 CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
 """Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
-
-
-class Weighed(NamedTuple):
-    """What became of a choice of hyper-edges."""
-
-    tensor: AffinityTensor
-    """Of those chosen whose residual is below the gate."""
-    evaluated: int
-    """All evaluations that it took: for a search minimal sets solved, points looked up, predictions and hyper-edges."""
-    share: float = 1.0
-    """Part of the hyper-edges inside a right answer that was evaluated, 0 to 1."""
-    chance: float | None = None
-    """Mean weight of a random hyper-edge, where it is known."""
-    found: bool = True
-    """Whether a search ended because what it found stands out; if not, it spent its budget or tried all."""
-
-
-class Choice(Protocol):
-    """Something that chooses hyper-edges and weighs them."""
-
-    def __call__(
-        self,
-        tables: Any,
-        kind: kinds.Kind,
-        weigh: Affinity,
-        shape: tuple[int, int],
-        order: int,
-        *,
-        seed: int = 0,
-        motions: int | Literal["auto"] = 1,
-        candidates: NDArray[np.bool_] | None = None,
-        progress: Progress | None = None,
-    ) -> Weighed:
-        """Tensor of the hyper-edges of some order between n source and n' target points; see `Guided`."""
-        ...
 
 
 def pays(
@@ -169,4 +135,5 @@ class Guided:
         tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
         # no sample is large enough to say that chance never agrees
         chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
-        return Weighed(tensor, search.evaluated + len(source) + CHANCE_SAMPLES, share, chance, search.found)
+        evaluated = search.evaluated + len(source) + CHANCE_SAMPLES
+        return Weighed(tensor, evaluated, share, chance, search.found, partial=True)

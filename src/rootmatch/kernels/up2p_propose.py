@@ -7,7 +7,7 @@ import numpy as np
 from rootmatch.kernels.dispatch import part, scalar
 from rootmatch.kernels.proposers import register_proposer
 from rootmatch.kernels.up2p import UP2PTables, faces, roots, sinusoid
-from rootmatch.kernels.vector import cross, dot
+from rootmatch.kernels.vector import cross, dot, tangents
 
 NEARLY = 1.01
 """A pair whose equation noise has left without a solution is still solved when γ² is below so many times α² + β²."""
@@ -27,10 +27,16 @@ def turns(t, i0, i1, j0, j1):  # type: ignore[no-untyped-def]
     """Cosine and sine of both turns of a pair; NaN where there is none."""
     p = t.points
     u = t.rays
-    alpha, beta, gamma = sinusoid(
+    return turns_of(
         p[0, i1] - p[0, i0], p[1, i1] - p[1, i0], p[2, i1] - p[2, i0],
         u[0, j0], u[1, j0], u[2, j0], u[0, j1], u[1, j1], u[2, j1],
     )  # fmt: skip
+
+
+@scalar
+def turns_of(dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    """Cosine and sine of both turns that a difference d between the points of two bearings allows."""
+    alpha, beta, gamma = sinusoid(dx, dy, dz, ax, ay, az, bx, by, bz)
     c1, s1, c2, s2 = roots(alpha, beta, gamma)
     solved = gamma * gamma <= NEARLY * (alpha * alpha + beta * beta)
     # the nearest approach is no turn yet: its length is below 1
@@ -140,12 +146,7 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
         x, y, z = first * ax + qx, first * ay + qy, first * az + qz
         length = 1.0 / np.sqrt(dot(x, y, z, x, y, z))
         x, y, z = x * length, y * length, z * length
-        # an axis across the bearing without a branch (Duff et al. 2017)
-        sign = 1.0 if z >= 0.0 else -1.0
-        w = -1.0 / (sign + z)
-        v = x * y * w
-        e = (1.0 + sign * x * x * w, sign * v, -sign * x)
-        f = (v, sign + y * y * w, -y)
+        e, f = tangents(x, y, z)
         a1, b1, t1x, t1z = response(e, qx, qz, k, l, inverse, first * length, second * length, ax, ay, az, bx, by, bz)
         a2, b2, t2x, t2z = response(f, qx, qz, k, l, inverse, first * length, second * length, ax, ay, az, bx, by, bz)
         # the tilt turns what is seen as well

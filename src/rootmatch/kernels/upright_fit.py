@@ -71,12 +71,9 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
             if not upright_pose(points, rays, variance, image, pose) < np.inf:
                 break
             gate = first_gate2 if turn == 0 else gate2
+            _predict(points, pose, seen)
             taken[:] = False
             for i in range(n):
-                x, y, z = points[0, i], points[1, i], points[2, i]
-                px, py, pz = pose[0] * x + pose[1] * z + pose[2], y + pose[3], pose[0] * z - pose[1] * x + pose[4]
-                scale = 1.0 / np.sqrt(px * px + py * py + pz * pz)
-                seen[0, i], seen[1, i], seen[2, i] = px * scale, py * scale, pz * scale
                 if image[i] >= 0 and turn > 0 and _squared(seen, rays, variance, i, image[i]) > gate:
                     image[i] = -1
                 if image[i] >= 0:
@@ -99,6 +96,61 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
                 image[point] = pixel
                 taken[pixel] = True
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # type: ignore[no-untyped-def]
+    """Groups with each one of the correspondences more that lie within a gate of what their pose predicts.
+
+    Parameters
+    ----------
+    points, rays, variance, groups, allowed
+        As in `upright_grown`.
+    gate2 : float
+        χ² of a detection about a prediction within which it may belong to the group.
+    out : (E, n) int64 array
+        Filled as far as there is room.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    n, n_target = groups.shape[1], rays.shape[1]
+    pose = np.empty(5)
+    seen = np.empty((3, n))
+    taken = np.empty(n_target, np.bool_)
+    masked = allowed.shape[0] > 0
+    count = 0
+    for group in range(groups.shape[0]):
+        image = groups[group]
+        if not upright_pose(points, rays, variance, image, pose) < np.inf:
+            continue
+        _predict(points, pose, seen)
+        taken[:] = False
+        for i in range(n):
+            if image[i] >= 0:
+                taken[image[i]] = True
+        for i in range(n):
+            for k in range(n_target):
+                if image[i] >= 0 or taken[k] or (masked and not allowed[i, k]):
+                    continue
+                if _squared(seen, rays, variance, i, k) <= gate2:
+                    if count < out.shape[0]:
+                        out[count] = image
+                        out[count, i] = k
+                    count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
+    """Bearings (3, n) of all points as a pose has them."""
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        px, py, pz = pose[0] * x + pose[1] * z + pose[2], y + pose[3], pose[0] * z - pose[1] * x + pose[4]
+        scale = 1.0 / np.sqrt(px * px + py * py + pz * pz)
+        seen[0, i], seen[1, i], seen[2, i] = px * scale, py * scale, pz * scale
 
 
 @njit(cache=True, error_model="numpy")

@@ -35,7 +35,7 @@ class Problem(ABC):
     """3 where the source is points in space, 2 where it is an image."""
     target_dimension: ClassVar[int] = 2
     fits_groups: ClassVar[bool] = False
-    """Whether `group_chi2` and `group_grown` are there."""
+    """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
     fits_answers: ClassVar[bool] = False
     """Whether `fitted` is there."""
     small_baseline: float = 0.0
@@ -92,6 +92,12 @@ class Problem(ABC):
         self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
     ) -> NDArray[np.int64]:
         """Groups (G, n) with what their common motion predicts, where `fits_groups` says so."""
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+
+    def group_extended(
+        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups (E, n), each with one of the correspondences more that it may predict, where `fits_groups` says so."""
         raise NotImplementedError(f"{self.name} cannot fit whole groups")
 
 

@@ -12,13 +12,15 @@ from rootmatch.camera import Camera, Vector, turn_to_y, unit_direction
 from rootmatch.errors import InputError
 from rootmatch.kernels import up2p_normalised  # noqa: F401  (it registers its residual)
 from rootmatch.kernels.up2p import UP2PTables, quadratic
-from rootmatch.kernels.upright_fit import upright_chi2, upright_grown
+from rootmatch.kernels.upright_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.problems.absolute_fit import Upright, absolute_fit
 from rootmatch.problems.fit import Fit
 from rootmatch.problems.problem import Problem, check_noise, check_normals, check_points
 
 FIRST_GATE, GATE = 6.0, 3.5
 """Deviations within which a detection joins a group of three points, and of more."""
+POSSIBLE = 8.0
+"""Deviations from the prediction of a few points within which a detection may belong to them."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,20 @@ class UP2P(Problem):
             tables.points, tables.rays, variance, groups, FIRST_GATE**2, GATE**2, mask
         )
         return grown
+
+    def group_extended(
+        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups with one more; see `Problem.group_extended`."""
+        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
+        variance = tables.variance + tables.tilt_variance
+        room = 4 * len(groups)
+        while True:
+            out = np.empty((room, groups.shape[1]), np.int64)
+            count = upright_extended(tables.points, tables.rays, variance, groups, POSSIBLE**2, mask, out)
+            if count <= room:
+                return out[:count]
+            room = count
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""

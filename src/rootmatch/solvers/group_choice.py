@@ -7,7 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.solvers.set_packing import pack
+from rootmatch.solvers.exact_packing import best_packing, relaxation, rounded, worth_at_least
+
+NODES, MORE_NODES, FEW_NODES = 400_000, 50_000, 5_000
+"""Nodes of branch and bound for the best large groups, with the small ones too, and in the place of one of them."""
 
 
 class GroupChoice:
@@ -19,9 +22,8 @@ class GroupChoice:
         values: NDArray[np.float64],
         shape: tuple[int, int],
         motions: int | Literal["auto"],
-        patience: int,
     ) -> None:
-        self.groups, self.values, self.shape, self.patience = groups, values, shape, patience
+        self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
         self.most = len(groups) if motions == "auto" else int(motions)
         self.elements = np.full((len(groups), 2 * int(self.sizes.max(initial=1))), -1)
@@ -30,56 +32,23 @@ class GroupChoice:
             row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
 
     def best(self, least: int) -> NDArray[np.bool_]:
-        """The chosen groups, by tabu search from two beginnings.
+        """The chosen groups.
 
-        Chance makes so many of the smallest groups that the search would lose its way among them. One beginning is
-        therefore the best set of groups of at least so many points; the other is what the linear relaxation prefers.
+        Chance makes so many of the smallest groups that the search would begin poorly among them. So the best groups of
+        at least so many points are chosen first, and all compete with those.
         """
-        every = np.ones(len(self.groups), np.bool_)
-        few = self.sizes >= least
-        beginnings = []
-        for allowed in (few, every):
-            start = self._rounded(allowed)
-            if allowed is few:
-                nothing_yet = np.zeros(int(few.sum()), np.bool_)
-                found = [self._from(few, begin, self.patience) for begin in (nothing_yet, start[few])]
-                start = np.zeros(len(self.groups), np.bool_)
-                start[few] = max(found, key=lambda one: float(self.values[few][one].sum()))
-            beginnings.append(start)
-        answers = [self._from(every, start, self.patience // 5) for start in beginnings]
-        return max(answers, key=lambda one: float(self.values[one].sum()))
-
-    def _rounded(self, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Disjoint groups, those first that the linear relaxation (by HiGHS) gives the largest part."""
-        from scipy.optimize import linprog  # slow to import
-        from scipy.sparse import csr_array
-
         chosen = np.zeros(len(self.groups), np.bool_)
-        numbers = np.flatnonzero(allowed)
-        if len(numbers) == 0:
-            return chosen
-        elements = self.elements[numbers]
-        group, place = np.nonzero(elements >= 0)
-        count = sum(self.shape)
-        rows = np.concatenate([elements[group, place], np.full(len(numbers), count)])
-        columns = np.concatenate([group, np.arange(len(numbers))])
-        matrix = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, len(numbers)))
-        most = np.append(np.ones(count), self.most)
-        solved = linprog(-self.values[numbers], A_ub=matrix, b_ub=most, bounds=(0.0, 1.0), method="highs")
-        part = np.zeros(len(numbers)) if solved.x is None else solved.x
-        used, held = np.zeros(count + 1, np.bool_), 0
-        for number in np.lexsort((-self.values[numbers], -part.round(6))):
-            mine = elements[number][elements[number] >= 0]
-            if held < self.most and not used[mine].any():
-                used[mine] = True
-                held += 1
-                chosen[numbers[number]] = True
-        return chosen
-
-    def _from(self, allowed: NDArray[np.bool_], start: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
-        chosen: NDArray[np.bool_] = pack(
-            self.elements[allowed], self.values[allowed], sum(self.shape), self.most, start, patience
-        )
+        for allowed, nodes in ((np.flatnonzero(self.sizes >= least), NODES), (np.arange(len(self.groups)), MORE_NODES)):
+            if len(allowed) == 0:
+                continue
+            elements, values = self.elements[allowed], self.values[allowed]
+            self.relaxed = relaxation(elements, values, sum(self.shape), self.most)
+            start = rounded(elements, values, self.relaxed, self.most)
+            if values[start].sum() < self.values[chosen].sum():
+                start = chosen[allowed]
+            found = best_packing(elements, values, self.relaxed, self.most, start, nodes)
+            chosen = np.zeros(len(self.groups), np.bool_)
+            chosen[allowed[found]] = True
         return chosen
 
     def answer(self, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -94,18 +63,22 @@ class GroupChoice:
     def without_each(
         self, chosen: NDArray[np.bool_]
     ) -> tuple[list[tuple[NDArray[np.int64], NDArray[np.int64]]], float]:
-        """The best answers without each of the chosen groups, nor any that shares half of it, and the least lead.
+        """The best answers without each of the chosen groups, and the least lead.
 
-        The lead is over what takes its place: 1 less the value of the groups that are new over that of those gone.
+        A group that has half of the smaller of both in common with the chosen one is no other. The lead is over what
+        takes its place: 1 less the value of the groups that are new over that of those gone. What is worth less than half
+        of the group is not looked for.
         """
         others, lead = [], 1.0
         best, _ = self.answer(chosen)
         for number in np.flatnonzero(chosen):
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
-            allowed = 2 * shared < self.sizes[number]
-            start = (chosen & allowed)[allowed]
+            allowed = np.flatnonzero(2 * shared < np.minimum(self.sizes, self.sizes[number]))
+            least = self.values[chosen].sum() - 0.5 * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
-            found[allowed] = self._from(allowed, start, self.patience // 20)
+            found[allowed] = worth_at_least(
+                least, self.elements[allowed], self.relaxed.of(allowed), self.most, FEW_NODES
+            )  # fmt: skip
             other, labels = self.answer(found)
             if ((other >= 0) & (other != best)).any():
                 others.append((other, labels))
