@@ -4,11 +4,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import Bounds, LinearConstraint, least_squares, milp
 
 import rootmatch as rm
-from rootmatch.kernels.upright_fit import upright_chi2, upright_grown
+from rootmatch.kernels.upright_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.simulation import Scene, up2p_scene
+from rootmatch.solvers.exact_packing import best_packing, relaxation, rounded, worth_at_least
 from rootmatch.solvers.packing import GroupPacking, inside_groups
 from rootmatch.solvers.set_packing import pack
 from rootmatch.tensor import AffinityTensor
@@ -41,6 +42,68 @@ def test_packing_finds_the_best_of_few(seed: int, most: int) -> None:
     assert len(set(used.tolist())) == len(used)
     assert chosen.sum() <= most
     assert values[chosen].sum() == pytest.approx(best_by_trying(elements, values, most))
+
+
+@pytest.mark.parametrize("most", [1, 3, 12])
+@pytest.mark.parametrize("seed", range(15))
+def test_branch_and_bound_finds_the_best_of_few_from_nothing(seed: int, most: int) -> None:
+    rng = np.random.default_rng([seed, 1])
+    elements = np.full((12, 4), -1)
+    for row in elements:
+        size = rng.integers(1, 5)
+        row[:size] = rng.choice(10, size, replace=False)
+    values = rng.uniform(0.5, 3.0, 12)
+    relaxed = relaxation(elements, values, 10, most)
+    best = best_by_trying(elements, values, min(most, 10))
+    assert relaxed.bound >= best - 1e-9
+    chosen = worth_at_least(0.0, elements, relaxed, most, 100_000)
+    used = elements[chosen]
+    used = used[used >= 0]
+    assert len(set(used.tolist())) == len(used)
+    assert chosen.sum() <= most
+    assert values[chosen].sum() == pytest.approx(best)
+    assert not worth_at_least(best + 1e-6, elements, relaxed, most, 100_000).any()
+
+
+def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sets like those of motions: a hidden division of 60 elements into 10 sets, and many that chance made."""
+    rng = np.random.default_rng(seed)
+    hidden = rng.permutation(60).reshape(10, 6)
+    elements = np.concatenate([hidden, [rng.choice(60, 6, replace=False) for _ in range(groups)]])
+    elements[20::3, 5] = -1
+    values = np.where(elements[:, 5] < 0, 6.0, 8.0) + rng.normal(0.0, 1.5, len(elements))
+    values[:10] = np.abs(rng.normal(8.5, 1.0, 10))
+    return elements, np.maximum(values, 0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("most", [7, 60])
+def test_best_packing_is_that_of_an_integer_programme(seed: int, most: int) -> None:
+    elements, values = some_motions(seed, 150)
+    relaxed = relaxation(elements, values, 60, most)
+    chosen = best_packing(elements, values, relaxed, most, rounded(elements, values, relaxed, most), 1_000_000)
+    matrix = np.zeros((61, len(values)))
+    for g, row in enumerate(elements):
+        matrix[row[row >= 0], g] = 1.0
+    matrix[60] = 1.0
+    solved = milp(
+        -values, integrality=np.ones(len(values)), bounds=Bounds(0, 1),
+        constraints=LinearConstraint(matrix, -np.inf, np.append(np.ones(60), most)), options={"mip_rel_gap": 1e-9},
+    )  # fmt: skip
+    assert (matrix[:60] @ chosen).max() <= 1.0
+    assert chosen.sum() <= most
+    assert values[chosen].sum() == pytest.approx(-solved.fun, rel=1e-6)
+
+
+def test_a_search_that_ends_early_keeps_what_it_began_with() -> None:
+    elements, values = some_motions(9, 400)
+    relaxed = relaxation(elements, values, 60, 60)
+    start = rounded(elements, values, relaxed, 60)
+    chosen = best_packing(elements, values, relaxed, 60, start, 1)
+    assert values[chosen].sum() >= values[start].sum()
+    used = elements[chosen]
+    used = used[used >= 0]
+    assert len(set(used.tolist())) == len(used)
 
 
 def residuals_of_pose(parameters: np.ndarray, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -80,6 +143,42 @@ def test_a_group_grows_to_all_that_its_pose_predicts() -> None:
     assert complete >= 17
 
 
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_group_is_extended_by_each_detection_near_a_prediction(masked: bool) -> None:
+    scene = up2p_scene(8, 6, 0.5, 3)
+    tables = scene.problem.prepare(scene.source, scene.target, 0.5)
+    n, n_target = 8, 14
+    groups = np.full((2, n), -1)
+    groups[0, :4], groups[1, 3:] = scene.truth[:4], scene.truth[3:]
+    allowed = np.random.default_rng(0).random((n, n_target)) < 0.7 if masked else np.empty((0, 0), np.bool_)
+    gate2 = 300.0**2
+    wanted = []
+    for group in groups:
+        members = np.flatnonzero(group >= 0)
+        points, rays, sigma = tables.points.T, tables.rays.T, np.sqrt(tables.variance)
+        rotation, shift = scene.poses[0]
+        centre = scene.source.mean(axis=0)
+        unit = np.sqrt(((scene.source - centre) ** 2).mean())
+        start = np.append(np.arctan2(rotation[0, 2], rotation[0, 0]), (shift + rotation @ centre) / unit)
+        of = points[members], rays[group[members]], sigma[group[members]]
+        angle, *move = least_squares(residuals_of_pose, start, args=of, xtol=1e-12, ftol=1e-12).x
+        c, s = np.cos(angle), np.sin(angle)
+        seen = points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + move
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        for i in set(range(n)) - set(members.tolist()):
+            for k in set(range(n_target)) - set(group[members].tolist()):
+                near = ((seen[i] - rays[k]) ** 2).sum() / sigma[k] ** 2 <= gate2
+                if near and (not masked or allowed[i, k]):
+                    more = group.copy()
+                    more[i] = k
+                    wanted.append(tuple(more.tolist()))
+    room = np.empty((1000, n), np.int64)
+    count = upright_extended(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room)
+    assert len(wanted) > 5
+    assert sorted(map(tuple, room[:count].tolist())) == sorted(wanted)
+    assert upright_extended(tables.points, tables.rays, tables.variance, groups, gate2, allowed, room[:1]) == count
+
+
 def test_groups_are_found_among_weights_across_them() -> None:
     rng = np.random.default_rng(0)
     label, image = np.arange(12) // 4, rng.permutation(12)
@@ -115,6 +214,15 @@ def test_small_motions_are_told_apart(motions: int, clutter: int, told: bool) ->
     ]
     assert np.mean([accuracy for accuracy, _ in found]) >= 0.95
     assert np.mean([right for _, right in found]) >= 0.8
+
+
+@pytest.mark.parametrize(("size", "motions", "clutter", "seeds"), [(5, 8, 0, 4), (12, 2, 0, 4), (30, 2, 0, 2)])
+def test_many_motions_and_large_ones_are_told_apart(size: int, motions: int, clutter: int, seeds: int) -> None:
+    found = [
+        matched(up2p_scene(size * motions, clutter, 1.0, seed, motions), "auto") for seed in range(3100, 3100 + seeds)
+    ]
+    assert np.mean([accuracy for accuracy, _ in found]) >= 0.95
+    assert np.mean([right for _, right in found]) >= 0.7
 
 
 def test_a_small_motion_beside_a_large_one_stays() -> None:

@@ -66,8 +66,8 @@ class GroupChoice:
         """The best answers without each of the chosen groups, and the least lead.
 
         A group that has half of the smaller of both in common with the chosen one is no other. The lead is over what
-        takes its place: 1 less the value of the groups that are new over that of those gone. What is worth less than half
-        of the group is not looked for.
+        takes its place: 1 less the value of the groups that are new over that of those gone. What is worth less than
+        half of the group is not looked for.
         """
         others, lead = [], 1.0
         best, _ = self.answer(chosen)
