@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from typing import Any
 
 import numba
@@ -18,6 +19,7 @@ from rootmatch.camera import Camera
 from rootmatch.kernels.dispatch import edge_residual
 from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.kernels.padding import padded, target_columns
+from rootmatch.kernels.unowned import unowned
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.three_plus_one import ThreePlusOne
 from rootmatch.problems.up2p import UP2P
@@ -292,3 +294,22 @@ def test_lists_give_each_hyperedge_the_residual_of_its_own_kernel_wherever_it_st
         assert np.array_equal(
             cpu.residuals(tables, Joint(1), source[first:last], target[first:last]), whole[first:last]
         )
+
+
+def test_arrays_without_an_owner_are_the_same_arrays_and_nobody_counts_them() -> None:
+    @numba.njit
+    def through(pair, line):  # type: ignore[no-untyped-def]
+        (first, second), line = unowned(pair), unowned(line)
+        for k in range(line.size):
+            part = first[k]
+            line[k] = part[0] + second[k]
+        return line.size
+
+    first, second, line = np.arange(6.0).reshape(3, 2), np.ones(3), np.zeros(3)
+    held = [sys.getrefcount(array) for array in (first, second, line)]
+    assert through((first, second), line) == 3
+    assert line.tolist() == [1.0, 3.0, 5.0]
+    assert [sys.getrefcount(array) for array in (first, second, line)] == held
+    assert unowned(line) is line
+    loop = next(iter(through.inspect_llvm().values())).split("define", 2)[1]
+    assert "NRT_incref" not in loop

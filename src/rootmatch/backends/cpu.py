@@ -28,6 +28,7 @@ from rootmatch.kernels.dispatch import (
 )
 from rootmatch.kernels.padding import padded, target_columns
 from rootmatch.kernels.threads import in_threads, threads_worth
+from rootmatch.kernels.unowned import unowned
 
 BLOCK = 4_000_000
 """Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""
@@ -46,6 +47,7 @@ WORTH_A_THREAD = 16384
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(tables, kind, source_index, target_index, first, last, block, residual):  # type: ignore[no-untyped-def]
     """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,), and a scratch block."""
+    tables, source_index, target_index, block = unowned((tables, source_index, target_index, block))
     for start in range(first, last, BLOCK_COLUMNS):
         end = min(start + BLOCK_COLUMNS, last)
         fill_block(tables, kind, source_index, target_index, start, end, block)
@@ -101,10 +103,16 @@ def sweep(
     counts = np.zeros(chunks, np.int64)
     evaluated = np.zeros(chunks, np.int64)
 
+    columns = target_columns(tables, targets)
+    order = bases.shape[1] + 1
+
     def work(first: int, last: int) -> None:
+        scratch = np.empty((SCRATCH_ROWS, max(points, SCRATCH_COLUMNS)))
+        out, panel = np.empty((points, columns)), np.empty((PANEL_ROWS, columns))
+        i, j, before = np.empty(order, np.int64), np.empty(order, np.int64), np.empty(order, np.int64)
         _sweep(
             tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
-            chunks, first, last, codes, residuals, counts, evaluated,
+            chunks, first, last, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,
         )  # fmt: skip
 
     in_threads(work, chunks, threads_worth(chunks), PARTS)
@@ -114,24 +122,24 @@ def sweep(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sweep(  # type: ignore[no-untyped-def]
     tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
-    chunks, first_chunk, last_chunk, codes, residuals, counts, evaluated,
+    chunks, first_chunk, last_chunk, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,
 ):  # fmt: skip
-    """Chunks first_chunk … last_chunk − 1 of `sweep`."""
+    """Chunks first_chunk … last_chunk − 1 of `sweep`; the arrays from i, j (d,) to the panel are scratch.
+
+    ``before`` (d,) tells whose panel it is: j[:d - 2] and, last, the rank of the minimal set.
+    """
+    tables, bases, arrangements, allowed = unowned((tables, bases, arrangements, allowed))
+    codes, residuals, counts, evaluated = unowned((codes, residuals, counts, evaluated))
+    i, j, before, scratch, out, panel = unowned((i, j, before, scratch, out, panel))
     d = bases.shape[1] + 1
     capacity = codes.shape[1]
     total = last_rank - first_rank
     masked = allowed.shape[0] > 0
-    columns = target_columns(tables, targets)
+    columns = out.shape[1]
     squares = gives_squares(tables, kind)
     # entries that are no hyper-edge are infinite: the limit stays below that
     limit = min(gate * gate, 1e300) if squares else gate
-    i = np.empty(d, np.int64)
-    j = np.empty(d, np.int64)
-    before = np.empty(d, np.int64)  # whose panel it is: j[:d - 2] and, last, the rank of the minimal set
     for chunk in range(first_chunk, last_chunk):
-        scratch = np.empty((SCRATCH_ROWS, max(points, SCRATCH_COLUMNS)))
-        out = np.empty((points, columns))
-        panel = np.empty((PANEL_ROWS, columns))
         before[d - 1] = -1
         count = 0
         done = 0

@@ -40,7 +40,7 @@ def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
         OVERLOADS.append((function, choice))
-        result: Callable[..., Any] = overload(function)(choice)
+        result: Callable[..., Any] = overload(function, jit_options={"forceinline": True})(choice)
         return result
 
     return known

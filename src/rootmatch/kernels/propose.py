@@ -21,6 +21,7 @@ from rootmatch.kernels.proposers import set_coordinates, set_frame, set_known, s
 from rootmatch.kernels.raster import Raster, look_up
 from rootmatch.kernels.screen import ROOTS, screen
 from rootmatch.kernels.threads import in_threads
+from rootmatch.kernels.unowned import unowned
 
 __all__ = ["ROOTS", "Rules", "Sets", "prepare_sets", "propose"]
 
@@ -177,6 +178,9 @@ def _examine(  # type: ignore[no-untyped-def]
     ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are its own:
     what could be allocated or filled in here is so outside, as each array made in jitted code costs compile time.
     """
+    tables, raster, grid, sets, arrangements, allowed = unowned((tables, raster, grid, sets, arrangements, allowed))
+    scratch, cells, passed, stamp, j = unowned((scratch, cells, passed, stamp, j))
+    found, ratios, counts = unowned((found, ratios, counts))
     count, m = sets.points.shape
     n_target = raster.places.shape[1]
     masked = allowed.shape[0] > 0

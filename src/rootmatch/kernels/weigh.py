@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH, scalar
 from rootmatch.kernels.proposers import predict_set
+from rootmatch.kernels.unowned import unowned
 
 CANDIDATES = 4
 """Detections that are kept for one source point of a proposal."""
@@ -73,6 +74,9 @@ def _weigh(  # type: ignore[no-untyped-def]
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
+    tables, points, images, allowed, out = unowned((tables, points, images, allowed, out))
+    roots, seen, owner, strength, distances = unowned((roots, seen, owner, strength, distances))
+    evidence, best, candidates = unowned((evidence, best, candidates))
     count, m = points.shape
     n, n_target = best.shape[1], owner.size
     masked = allowed.shape[0] > 0

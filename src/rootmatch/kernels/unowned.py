@@ -1,0 +1,54 @@
+"""Arrays without an owner: inner loops that count no references.
+
+Numba counts the references to an array whenever a name is given to it or to a part of it, by an atomic instruction that
+takes longer than many a kernel's arithmetic: half of the time of a sweep went there, more with several threads, which
+wait for one another's counts. It leaves out what it can prove to cancel, which in a large function is little. The
+caller of a driver holds its arrays until it returns, so the driver need not count at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import types
+from numba.extending import intrinsic, overload
+
+
+def unowned(value: Any) -> Any:
+    """An array or a (named) tuple of them as it is; in compiled code one whose references are not counted.
+
+    To be called at the beginning of a driver, on its arguments alone: an array that the function itself makes would be
+    freed while it is used.
+    """
+    return value
+
+
+def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """LLVM's value without the pointers to what counts references."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value=value)
+        array.meminfo = array.meminfo.type(None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        parts: list[Any] = list(kind)  # type: ignore[call-overload]
+        for position, part in enumerate(parts):
+            inner = _stripped(context, builder, part, builder.extract_value(value, position))
+            value = builder.insert_value(value, inner, position)
+    return value
+
+
+@intrinsic
+def _without_owner(typing_context: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _stripped(context, builder, signature.args[0], arguments[0])
+
+    return value(value), generate
+
+
+@overload(unowned, inline="always")
+def _unowned_overload(value: Any) -> Callable[..., Any]:
+    def implementation(value: Any) -> Any:
+        return _without_owner(value)  # type: ignore[call-arg]
+
+    return implementation
