@@ -1,4 +1,7 @@
-"""How often an answer with some margin is right, from the scenes that `accuracy.py --csv` wrote; table, picture."""
+"""How often an answer with some margin is right, from the scenes that `accuracy.py --csv` wrote; table, picture.
+
+Beside it is the probability 1 / (2 − margin) that the margin tells.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-EDGES = [0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0]
+EDGES = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0]
 """Bounds of the bins of the margin."""
 
 
@@ -34,8 +37,8 @@ def main() -> None:
     right = np.array([float(row["right"]) for row in rows])
     shown = np.array([float(row["shown"]) for row in rows])
     print(
-        f"{len(rows)} scenes\n\n| margin | scenes | right | 95 % interval | truth shown |\n"
-        "| --- | --- | --- | --- | --- |"
+        f"{len(rows)} scenes\n\n| margin | scenes | probability | right | 95 % interval | truth shown |\n"
+        "| --- | --- | --- | --- | --- | --- |"
     )
     drawn = []
     for low, high in itertools.pairwise(EDGES):
@@ -45,11 +48,11 @@ def main() -> None:
             least, most = interval(int(right[inside].sum()), count)
             drawn.append((float(margin[inside].mean()), float(right[inside].mean()), least, most))
             print(
-                f"| {low:g} – {high:g} | {count} | {right[inside].mean():.3f} | {least:.3f} – {most:.3f} |"
-                f" {shown[inside].mean():.3f} |"
+                f"| {low:g} – {high:g} | {count} | {(1.0 / (2.0 - margin[inside])).mean():.3f} |"
+                f" {right[inside].mean():.3f} | {least:.3f} – {most:.3f} | {shown[inside].mean():.3f} |"
             )
     print("\n| least margin | matched | right | ambiguous | truth shown |\n| --- | --- | --- | --- | --- |")
-    for least in (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4):
+    for least in (0.2, 0.4, 0.6, 0.7, 0.8, 0.85, 0.889, 0.9, 0.95, 0.98):
         told, doubtful = margin >= least, margin < least
         print(
             f"| {least:g} | {told.sum()} | {right[told].mean():.4f} | {doubtful.sum()} |"
@@ -64,7 +67,8 @@ def main() -> None:
         x, y, below, above = np.array(drawn).T
         figure, axes = plt.subplots(figsize=(5.0, 3.6), layout="constrained")
         axes.errorbar(x, y, yerr=[y - below, above - y], marker="o", capsize=3)
-        axes.axhline(0.99, color="grey", linestyle=":", label="0.99")
+        told = np.linspace(0.0, 1.0, 101)
+        axes.plot(told, 1.0 / (2.0 - told), color="grey", linestyle=":", label="1 / (2 − margin)")
         axes.set(xlabel="margin", ylabel="part of the answers that are right", ylim=(0.0, 1.02), xlim=(0.0, 1.0))
         axes.legend()
         figure.savefig(options.picture, dpi=120)
