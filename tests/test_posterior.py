@@ -7,7 +7,7 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.posterior import Evidence, ranked
-from rootmatch.simulation import p3p_scene, up2p_scene
+from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
 def evidence_of(scene, **more):  # type: ignore[no-untyped-def]
@@ -89,3 +89,16 @@ def test_noise_said_to_be_too_small_does_not_empty_the_answer() -> None:
         scene = up2p_scene(10, 5, 1.0, seed)
         right += scene.accuracy(rm.match(scene.source, scene.target, scene.problem, noise=0.5).assignment)
     assert right >= 9.5
+
+
+def test_two_views_are_told_from_chance() -> None:
+    """The odds against clutter alone: high for what belongs together, low for what does not."""
+    true, false = [], []
+    for seed in range(8):
+        scene = three_plus_one_scene(10, 10, 1.0, seed, baseline=1.0)
+        true.append(ranked(evidence_of(scene), [scene.truth]).beyond_chance)
+        rng = np.random.default_rng(seed)
+        chosen = rng.permutation(20)[:10]
+        unrelated = Evidence(scene.problem, rng.uniform((120, 40), (520, 440), (10, 2)), scene.target, 1.0)
+        false.append(ranked(unrelated, [chosen]).beyond_chance)
+    assert min(true) > np.log(100.0) > 0.0 > max(false)

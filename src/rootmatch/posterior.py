@@ -56,9 +56,8 @@ class Evidence:
         """
         n, n_target = len(self.source), len(self.target)
         matched = int((answer >= 0).sum())
-        # the box around n' uniform points is smaller than what they were drawn from
-        area = float(np.prod(np.ptp(self.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2
-        density = CROWDING * (n_target - matched + 0.5) / max(area, 1e-300)
+        area = self._area()
+        density = CROWDING * (n_target - matched + 0.5) / area
         seen = (matched + 0.5) / (n + 1.0)
         odds = np.full((n, n_target), np.log(seen / (1.0 - seen)) - np.log(density))
         if self.prior is not None:
@@ -67,6 +66,19 @@ class Evidence:
         if self.allowed is not None:
             odds[~self.allowed] = -np.inf
         return odds
+
+    def against_none(self, answer: Integers) -> float:
+        """Logarithm of the odds of an answer's clutter and of what it leaves unseen, against clutter alone."""
+        n, n_target, matched = len(self.source), len(self.target), int((answer >= 0).sum())
+        seen, left = (matched + 0.5) / (n + 1.0), n_target - matched
+        # two Poisson processes, each with the density that it would be given
+        clutter = left * np.log((left + 0.5) / self._area()) - n_target * np.log(n_target / self._area())
+        return float(matched * np.log(seen) + (n - matched) * np.log(1.0 - seen) + clutter + matched - 0.5)
+
+    def _area(self) -> float:
+        """Of the image; the box around n' uniform points is smaller than what they were drawn from."""
+        n_target = len(self.target)
+        return max(float(np.prod(np.ptp(self.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
 
 @dataclass(frozen=True)
@@ -82,11 +94,18 @@ class Ranked:
 
     answers: list[Integers]
     logarithms: NDArray[np.float64]
+    beyond_chance: float
+    """Logarithm of the odds of the first answer against no answer, all detections clutter; NaN where not known."""
 
     @property
     def probability(self) -> float:
         """Of the first answer, if one of them is right."""
-        return float(1.0 / np.exp(self.logarithms).sum())
+        return self.probability_of(1)
+
+    def probability_of(self, count: int) -> float:
+        """That the right answer is among the first ones."""
+        shares = np.exp(self.logarithms)
+        return float(shares[:count].sum() / shares.sum())
 
 
 def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
@@ -130,7 +149,11 @@ def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
     order = sorted(value, key=lambda key: (-value[key], key))
     order = [key for key in order if value[key] > -np.inf]
     logarithms = np.array([(value[key] - value[order[0]]) / fits[key][0].doubt for key in order])
-    return Ranked([pool[key] for key in order], logarithms)
+    if not order:
+        return Ranked([], logarithms, np.nan)
+    fit, k = fits[order[0]]
+    beyond = float(fit.inflated(inflation)[k]) + fit.of_pose() + evidence.against_none(pool[order[0]])
+    return Ranked([pool[key] for key in order], logarithms, beyond)
 
 
 def _fits(evidence: Evidence, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:

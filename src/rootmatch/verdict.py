@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -27,6 +28,10 @@ SURE = 0.9
 CLEAR, CLEAR_SUPPORT, CLEAR_RIVAL = 0.5, 0.4, 0.05
 """Lead in score, least support of a matched point and most support of any other match, both over the median support,
 with which nothing is left to be asked: no answer like that was wrong in the scenes of docs/comparison.md."""
+BEYOND_CHANCE = math.log(100.0)
+"""Logarithm of the odds against clutter alone from which an answer is trusted whatever its score, …"""
+SHOWN, SHOWN_IN = 5, 0.95
+"""… if the right one is among it and so many alternatives with that probability."""
 KEPT = 16
 """Alternatives that are told."""
 SUPPORT, SUPPORT_OF_LAST = 0.25, 0.1
@@ -74,6 +79,7 @@ def of_all(
     if not keep_all:
         assignment, score, alternatives = supported(assignment, alternatives, weighed.tensor)
     lead_over, least = lead(score, alternatives, assignment), AMBIGUOUS_MARGIN
+    found = None
     known = [score, *(value for _, value in alternatives)]
     # a prior for views from one place is no part of the fits
     likely = not keep_all and weigh.residual.kind in NOISE_KINDS and problem.fits_answers
@@ -89,6 +95,8 @@ def of_all(
             assignment, score = told[0], float(scores[0])
             alternatives = list(zip(told[1:], scores[1:].tolist(), strict=True))
     alarms = false_alarms(problem, score, known, weighed, weigh)
+    if found is not None and found.beyond_chance > BEYOND_CHANCE and found.probability_of(1 + SHOWN) > SHOWN_IN:
+        alarms = -math.inf
     return Verdict(assignment, score, lead_over, alternatives, judged(score, lead_over, alarms, least))
 
 

@@ -39,6 +39,10 @@ class Fit(ABC):
     freedom: NDArray[np.int64]
     evidence: Floats
 
+    def of_pose(self) -> float:
+        """What the evidence lacks to be a density: that of the pose beforehand; NaN where none is known."""
+        return np.nan
+
     @abstractmethod
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
         """Logarithm of the predictive density per pixel² of each detection as the image of each point, (n, n').

@@ -116,6 +116,12 @@ class RelativeFit(Fit):
     sign: Floats
     """(K,) of the shift."""
 
+    def of_pose(self) -> float:
+        """See `Fit.of_pose`: any turn, any direction of the shift, parallaxes from a thousandth of an image to all."""
+        laplace = 0.5 * self.pose.shape[1] * np.log(2.0 * np.pi)
+        tilt = np.log(2.0 * np.pi * self.views.tilt**2) if self.views.tilt > 0.0 else 0.0
+        return float(laplace - np.log(8.0 * np.pi**2) - np.log(np.log(1e3)) - tilt)
+
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
         """See `Fit.densities`."""
         views, answer = self.views, self.answers[k]
