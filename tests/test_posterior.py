@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch import verdict
 from rootmatch.posterior import Evidence, ranked
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
@@ -102,3 +103,17 @@ def test_two_views_are_told_from_chance() -> None:
         unrelated = Evidence(scene.problem, rng.uniform((120, 40), (520, 440), (10, 2)), scene.target, 1.0)
         false.append(ranked(unrelated, [chosen]).beyond_chance)
     assert min(true) > np.log(100.0) > 0.0 > max(false)
+
+
+def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not looked at any closer would have come to the same."""
+    clear = []
+    for seed in range(20):
+        scene = up2p_scene(10, 5, 1.0, seed, hidden=1)
+        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0)
+        with monkeypatch.context() as patch:
+            patch.setattr(verdict, "clear", lambda *_: clear.append(False))
+            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0)
+        np.testing.assert_array_equal(given.assignment, closer.assignment)
+        assert given.status is closer.status
+    assert len(clear) == 20
