@@ -1,4 +1,4 @@
-"""Poses of matched points through PoseLib, for those who want them: matching itself estimates none."""
+"""Poses of matched points through PoseLib, for those who want them: matching itself hands none on."""
 
 from __future__ import annotations
 
