@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.kernels.dispatch import FASTMATH, scalar
 from rootmatch.kernels.padding import padded
+from rootmatch.kernels.unowned import unowned
 from rootmatch.kernels.vector import tangents
 
 STRIDE = 64
@@ -114,6 +115,7 @@ class Completions:
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed, out, found):  # type: ignore[no-untyped-def]
     """Fill ``found`` with what completes the set of the first m points; how many there are, and what was evaluated."""
+    tables, flat, images, allowed, out, found = unowned((tables, flat, images, allowed, out, found))
     m = images.shape[1]
     masked = allowed.shape[0] > 0
     rays, variance = tables.rays, tables.variance
