@@ -13,30 +13,32 @@ assert not is_cold()
 """
 
 SOLVE = """
+import sys
 import numpy as np
 from rootmatch.solvers.warm import is_cold
 assert not is_cold()
 from rootmatch.kernels import contraction
-from rootmatch.solvers import local_search, reweighted_walk, search, subset_index
+from rootmatch.solvers import local_search, pair_table, reweighted_walk, search, selection, short_walk, subset_index
 from rootmatch import AffinityTensor
 rng = np.random.default_rng(1)
-edges = [rng.permutation(9)[:3] * 8 + rng.permutation(8)[:3] for _ in range(3000)]
+order = int(sys.argv[1])
+edges = [rng.permutation(9)[:order] * 8 + rng.permutation(8)[:order] for _ in range(3000)]
 tensor = AffinityTensor(edges, rng.random(3000), (9, 8), rng.random((9, 8)))
 from rootmatch.solvers import get_solver
 solution = get_solver("ascent")(tensor)
 assert abs(solution.score - tensor.score(solution.assignment)) < 1e-9
 hits = 0
-for module in (contraction, local_search, reweighted_walk, search, subset_index):
+for module in (contraction, local_search, pair_table, reweighted_walk, search, selection, short_walk, subset_index):
     for name, value in vars(module).items():
         if hasattr(value, "stats") and value.py_func.__module__ == module.__name__ and name != "_first_fault":
             assert not value.stats.cache_misses, name
             hits += sum(value.stats.cache_hits.values())
-assert hits >= 6
+assert hits >= 7
 """
 
 
 def test_a_solution_finds_all_its_kernels_after_warming(tmp_path: Path) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    for program in (WARM, SOLVE):
-        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
+    for program in ([WARM], [SOLVE, "4"], [SOLVE, "3"]):
+        done = subprocess.run([sys.executable, "-c", *program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -25,9 +25,11 @@ class MultiStartAscent:
     2. Support of each hyper-edge: the weights of those that share d−1 correspondences with it. Candidates are the best
        supported hyper-edges of all, and the best one of each correspondence. Each grows, by an ascent with a penalty
        that only a dense group survives, into a core; candidates that share d−1 correspondences with a core found
-       before are passed over.
-    3. An ascent from each core, the best first, until `agreement` of them have come to the same best assignment or it
-       stands far out among the others; and from a few candidates outside of what was found.
+       before are passed over. Few at first, then twice as many each time.
+    3. An ascent from each core as soon as it is grown, until `agreement` of them have come to the same best assignment,
+       it stands far out among the others, or nothing better has come for long; and from a few candidates outside of
+       what was found. Where the score tells the truth it is reached from one of the first cores. Where it does not,
+       later ones are as likely as any to lead a little higher, to no use.
     4. An ascent from as many of the cores as go together, the best first, and from the best assignment with one core
        put in by force, where that may pay: several independent groups of points, as moving objects give, are found.
     5. From the best few optima on with exchanges of two points.
@@ -36,14 +38,14 @@ class MultiStartAscent:
     number of threads; runs on `numba.get_num_threads()` threads.
 
     Memory beside the tensor: 8 bytes a hyper-edge for support, and 6 d to 8 d for the index (see `subset_index`); 32 to
-    40 at order 4.
+    40 at order 4. At order 3 up to 120 where a table of pairs is worth it (see `pair_table`), up to 2.8 million.
 
     Parameters
     ----------
     starts : int
         Cores, ascents from them, and cores put into the best assignment, at most of each.
     walk : int
-        Steps of the random walk (`ReweightedWalk`), each a pass over the hyper-edges; 0 for none.
+        Steps of the random walk (`short_walk`) at most; 0 for none.
     agreement : int
         Ascents to the best assignment, from different cores, that are enough.
     penalty : float
@@ -56,7 +58,7 @@ class MultiStartAscent:
     """
 
     starts: int = 200
-    walk: int = 15
+    walk: int = 10
     agreement: int = 12
     penalty: float = 0.0
     keep: int = 16
@@ -78,7 +80,6 @@ class MultiStartAscent:
         """Solve with an index that was built before."""
         search = Search(self, index)
         search.from_walk()
-        search.grow_cores()
         search.from_cores()
         search.from_rivals()
         search.from_packed_cores()

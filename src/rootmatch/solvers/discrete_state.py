@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.solvers.pair_table import rank
 from rootmatch.solvers.subset_index import SubsetIndex
 
 
@@ -25,7 +26,8 @@ class State(NamedTuple):
 
     image: NDArray[np.int64]  # (n,) target or −1
     owner: NDArray[np.int64]  # (n',) source or −1
-    members: NDArray[np.int64]  # (n,) flat indices, the first size[0] of them
+    inside: NDArray[np.bool_]  # (n n',) which correspondences are members
+    members: NDArray[np.int64]  # (n,) their flat indices, the first size[0] of them
     size: NDArray[np.int64]  # (1,)
     gains: NDArray[np.float64]  # (n n',)
     pairs: NDArray[np.float64]  # (n, n) by source point
@@ -40,6 +42,7 @@ def empty_state(index: SubsetIndex) -> State:
     return State(
         np.full(index.n, -1, np.int64),
         np.full(index.n_target, -1, np.int64),
+        np.zeros(index.n * index.n_target, np.bool_),
         np.zeros(index.n, np.int64),
         np.zeros(1, np.int64),
         np.zeros(index.n * index.n_target),
@@ -89,12 +92,11 @@ def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
     """Add correspondence a, whose points are free, or remove it."""
-    order, n_target = index.indices.shape[1], index.n_target
-    image, owner, members, size = state.image, state.owner, state.members, state.size
+    image, owner, members, size, inside = state.image, state.owner, state.members, state.size, state.inside
     gains, pairs, total, pick, subset = state.gains, state.pairs, state.total, state.pick, state.subset
-    indices, weights, keys, start, entries = index.indices, index.weights, index.keys, index.start, index.entries
-    row = a // n_target
-    k = a - row * n_target
+    order, source, start = index.indices.shape[1], index.source, index.start
+    row = source[a]
+    k = a - row * index.n_target
     sign = 1.0 if entering else -1.0
     if entering:
         total[0] += gains[a] + index.unary[a]
@@ -104,43 +106,59 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
             place += 1
         size[0] -= 1
         members[place] = members[size[0]]
-        image[row], owner[k] = -1, -1
+        image[row], owner[k], inside[a] = -1, -1, False
 
     # What the subsets of a with d−2 members give; a is not in `members` meanwhile.
-    free, count = order - 2, size[0]
-    down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)
-    tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
-    edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
-    for q in range(free):
-        pick[q] = q
-    subset[free] = a
-    more = count >= free
-    while more:
-        key = keys[a]
+    if index.paired:
+        others, held = index.others, index.held
+        for q in range(size[0]):
+            b = members[q]
+            bucket = rank(a, b)
+            for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
+                c, h = others[t], sign * held[t]
+                gains[c] += h
+                if inside[c]:
+                    # The hyper-edge is inside: seen once for each of its other members c, it serves the pairs of c.
+                    i = source[c]
+                    pairs[row, i] += h
+                    pairs[i, row] += h
+                    pairs[i, source[b]] += h
+    else:
+        indices, weights, keys, entries = index.indices, index.weights, index.keys, index.entries
+        free, count = order - 2, size[0]
+        down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)
+        tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
+        edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
         for q in range(free):
-            subset[q] = members[pick[q]]
-            key += keys[subset[q]]
-        bucket = np.int64(key >> down)
-        tag = np.uint32((key >> tag_down) & tag_mask)
-        for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
-            if entries[t] >> edge_bits != tag:
-                continue
-            e = entries[t] & mask
-            c = completion(indices, subset, e)
-            if c < 0:
-                continue
-            h = sign * weights[e]
-            gains[c] += h
-            i = c // n_target
-            if image[i] == c - i * n_target:
-                # The hyper-edge is inside: seen once for each of its other members c, it serves the pairs of c.
-                pairs[row, i] += h
-                for q in range(order - 1):
-                    pairs[i, subset[q] // n_target] += h
-        more = next_pick(pick, free, count)
+            pick[q] = q
+        subset[free] = a
+        more = count >= free
+        while more:
+            key = keys[a]
+            for q in range(free):
+                subset[q] = members[pick[q]]
+                key += keys[subset[q]]
+            bucket = np.int64(key >> down)
+            tag = np.uint32((key >> tag_down) & tag_mask)
+            for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
+                if entries[t] >> edge_bits != tag:
+                    continue
+                e = entries[t] & mask
+                c = completion(indices, subset, e)
+                if c < 0:
+                    continue
+                h = sign * weights[e]
+                gains[c] += h
+                if inside[c]:
+                    # As above.
+                    i = source[c]
+                    pairs[row, i] += h
+                    for q in range(order - 1):
+                        pairs[i, source[subset[q]]] += h
+            more = next_pick(pick, free, count)
 
     if entering:
-        image[row], owner[k] = k, row
+        image[row], owner[k], inside[a] = k, row, True
         members[size[0]] = a
         size[0] += 1
     else:
@@ -154,9 +172,10 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
 @njit(cache=True, nogil=True)
 def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: int) -> Any:
     """Weight Q of the hyper-edges made of c, c2 and members other than those of source points i and j."""
-    order, n_target = index.indices.shape[1], index.n_target
-    pick, subset, members, count, image = state.pick, state.subset, state.members, state.size[0], state.image
+    order, source = index.indices.shape[1], index.source
+    pick, subset, members, count, inside = state.pick, state.subset, state.members, state.size[0], state.inside
     indices, weights, keys, start, entries = index.indices, index.weights, index.keys, index.start, index.entries
+    paired, others, held = index.paired, index.others, index.held
     down, tag_down = np.uint64(index.bucket_shift), np.uint64(index.tag_shift)
     tag_mask = np.uint64((1 << (index.bucket_shift - index.tag_shift)) - 1)
     edge_bits, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
@@ -170,28 +189,33 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
     total = 0.0
     more = count >= free
     while more:
-        key = keys[c]
-        if order > 2:
-            key += keys[c2]
-        usable = True
+        key, usable = np.uint64(0), True
+        if not paired:
+            key = keys[c]
+            if order > 2:
+                key += keys[c2]
         for q in range(free):
             b = members[pick[q]]
             subset[q] = b
             key += keys[b]
-            row = b // n_target
+            row = source[b]
             usable = usable and row != i and row != j
         if usable:
-            bucket = np.int64(key >> down)
+            bucket = rank(c, c2) if paired else np.int64(key >> down)
             tag = np.uint32((key >> tag_down) & tag_mask)
             for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
-                if entries[t] >> edge_bits != tag:
-                    continue
-                e = entries[t] & mask
-                rest = completion(indices, subset, e)
-                row = rest // n_target
-                inside = order > 2 and rest >= 0 and row != i and row != j and image[row] == rest - row * n_target
-                if inside or rest == c2:
-                    total += weights[e]
+                if paired:
+                    rest, h = np.int64(others[t]), held[t]
+                else:
+                    if entries[t] >> edge_bits != tag:
+                        continue
+                    e = entries[t] & mask
+                    rest, h = np.int64(completion(indices, subset, e)), weights[e]
+                if rest == c2:
+                    total += h
+                elif order > 2 and rest >= 0 and inside[rest]:
+                    row = source[rest]
+                    total += h if row != i and row != j else 0.0
         more = next_pick(pick, free, count)
     # Each such hyper-edge was seen once for each of its d − 2 members.
     return total / (order - 2) if order > 3 else total

@@ -125,7 +125,7 @@ def _ascend(  # type: ignore[no-untyped-def]
         for k in range(n_target):
             owner[k] = root.owner[k]
         for a in range(gains.size):
-            gains[a] = root.gains[a]
+            gains[a], state.inside[a] = root.gains[a], root.inside[a]
         size[0], total[0] = root.size[0], root.total[0]
 
         stage, i, made = REMOVING, 0, 0

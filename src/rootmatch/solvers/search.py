@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from rootmatch.kernels.threads import threads_worth
 from rootmatch.solvers.discrete_state import State, empty_state
 from rootmatch.solvers.local_search import climb_from, modifications, state_of
-from rootmatch.solvers.reweighted_walk import ReweightedWalk
 from rootmatch.solvers.selection import covered, different, forced, packed, within
+from rootmatch.solvers.short_walk import short_walk
 from rootmatch.solvers.solution import Alternatives, Solution
 from rootmatch.solvers.subset_index import SubsetIndex, index_support
-from rootmatch.tensor import AffinityTensor
 
 if TYPE_CHECKING:
     from rootmatch.solvers.ascent import MultiStartAscent
@@ -29,6 +28,10 @@ FIRST_ROUND, LARGEST_ROUND = 2, 64
 
 CLEAR, CLEAR_AFTER = 1.5, 24
 """After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
+
+PATIENCE, PATIENCE_PART = 24, 16
+"""Candidates in a row from which nothing better comes, at least, and one of so many correspondences, after which no
+more are tried. Where the score tells the truth, it is reached from one of the first."""
 
 RIVALS = 16
 """Candidates outside of all that was found from which an ascent is made in any case."""
@@ -60,6 +63,7 @@ class Search:
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
         # Small problems have no more starts that differ.
         self.starts = min(options.starts, 2 * n * n_target)
+        self.patience = max(PATIENCE, n * n_target // PATIENCE_PART)
         self.candidates, rank = _candidates(index, POOL * self.starts)
         heaviest = index.weights.max(initial=0.0) or 1.0
         # What a candidate would score with all those that support it, were they one group of points of usual weights.
@@ -111,57 +115,51 @@ class Search:
 
     def from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
-        base = self.empty.image
-        if self.options.walk > 0:
-            index = self.index
-            unary = index.unary.reshape(index.n, index.n_target)
-            tensor = AffinityTensor.unchecked(index.indices, index.weights, unary.shape, unary)
-            base = ReweightedWalk(iterations=self.options.walk, keep=0)(tensor).assignment
-        self.climb(self.empty, base[None])
+        steps = self.options.walk
+        self.climb(self.empty, (short_walk(self.index, steps) if steps else self.empty.image)[None])
 
-    def grow_cores(self) -> None:
-        """Step 2."""
+    def from_cores(self) -> None:
+        """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
         open_ = self.promise >= HOPELESS * self.value
         grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
-        tried, size = 0, FIRST_ROUND
-        while tried < self.starts and open_.any():
+        tried, size, idle = 0, FIRST_ROUND, 0
+        while tried < self.starts and idle < self.patience and not self.settled():
             chosen = different(self.candidates, open_, min(size, self.starts - tried))
+            if chosen.size == 0:
+                break
             open_[chosen] = False
             images, values = self.ascents(self.empty, self.alone(chosen), self.density)
-            grown.update((image.tobytes(), (image, v)) for image, v in zip(images, values.tolist(), strict=True))
             open_ &= ~within(self.candidates, images, self.index.n_target, shared)
+            # The empty one is no core: its candidate was too light for its own penalty.
+            new = {image.tobytes(): (image, v) for image, v in zip(images, values.tolist(), strict=True) if v > 0}
+            cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
+            grown.update(new)
+            before = self.value
+            useful = (core_values > HOPELESS * before) & ~covered(cores, self.known())
+            if useful.any():
+                self.climb(self.empty, cores[useful])
+            idle = 0 if self.value > before else idle + len(chosen)
             tried += len(chosen)
             size = min(2 * size, LARGEST_ROUND)
-        # The empty one is no core: its candidate was too light for its own penalty.
-        ranked = [(image, value) for image, value in _ranked(grown) if value > 0]
-        if ranked:
-            self.cores = np.array([image for image, _ in ranked])
-            sizes = [math.comb(size, self.candidates.shape[1]) for size in (self.cores >= 0).sum(axis=1).tolist()]
-            extra = (self.density - self.options.penalty) * np.array(sizes, np.float64)
-            self.core_values = np.array([value for _, value in ranked]) + extra
+        self.cores, self.core_values = self.as_cores(_ranked(grown))
 
-    def from_cores(self) -> None:
-        """Step 3."""
-        waiting, size, checked = np.arange(len(self.cores)), FIRST_ROUND, 0
-        while self.reached.get(self.best.tobytes(), 0) < self.options.agreement and not self.clear():
-            known = self.known()
-            useful = (self.core_values[waiting] > HOPELESS * self.value) & ~covered(
-                self.cores[waiting], known[checked:]
-            )
-            waiting, checked = waiting[useful], len(known)
-            if waiting.size == 0:
-                break
-            self.climb(self.empty, self.cores[waiting[:size]])
-            waiting, size = waiting[size:], min(2 * size, LARGEST_ROUND)
+    def as_cores(self, grown: Alternatives) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Assignments (C, n) that were grown, and their objectives (C,)."""
+        cores = np.array([image for image, _ in grown], np.int64).reshape(-1, self.index.n)
+        sizes = [math.comb(size, self.candidates.shape[1]) for size in (cores >= 0).sum(axis=1).tolist()]
+        extra = (self.density - self.options.penalty) * np.array(sizes, np.float64)
+        return cores, np.array([value for _, value in grown]) + extra
 
-    def clear(self) -> bool:
-        """Whether the best assignment stands far out among enough others."""
+    def settled(self) -> bool:
+        """Whether enough ascents came to the best assignment, or it stands far out among enough others."""
+        if self.reached.get(self.best.tobytes(), 0) >= self.options.agreement:
+            return True
         values = sorted((value for _, value in self.found.values()), reverse=True)
         return sum(self.reached.values()) > CLEAR_AFTER and (len(values) < 2 or values[0] > CLEAR * values[1])
 
     def from_rivals(self) -> None:
-        """The rest of step 3, whether or not the best assignment is clear: what else is there."""
+        """The rest of step 3, whether or not the best assignment is settled: what else is there."""
         order = self.candidates.shape[1]
         open_ = (self.promise >= HOPELESS * self.value) & ~within(
             self.candidates, self.known(), self.index.n_target, order
@@ -244,13 +242,17 @@ def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
 
 
 @njit(cache=True, nogil=True)
-def _best_of_each(indices, rank, best):  # type: ignore[no-untyped-def]
-    """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none."""
+def _best_of_each(indices, rank, top, best):  # type: ignore[no-untyped-def]
+    """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none.
+
+    `top` (n n',) is −1 at first and becomes that rank.
+    """
     for e in range(indices.shape[0]):
+        own = rank[e]
         for p in range(indices.shape[1]):
             a = indices[e, p]
-            if best[a] < 0 or rank[e] > rank[best[a]]:
-                best[a] = e
+            if own > top[a]:
+                top[a], best[a] = own, e
 
 
 def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -259,8 +261,8 @@ def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDAr
     rank += index.weights
     count = min(count, rank.size)
     best = np.argpartition(-rank, count - 1)[:count] if count else np.empty(0, np.int64)
-    each = np.full(index.keys.size, -1)
-    _best_of_each(index.indices, rank, each)
+    each = np.full(index.unary.size, -1)
+    _best_of_each(index.indices, rank, np.full(each.size, -1.0), each)
     chosen = np.union1d(best, each[each >= 0])
     chosen = chosen[index.weights[chosen] > 0]
     chosen = chosen[np.argsort(-rank[chosen], kind="stable")]

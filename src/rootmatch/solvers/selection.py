@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Assignments = NDArray[np.int64]
@@ -10,44 +11,51 @@ Assignments = NDArray[np.int64]
 
 def different(candidates: NDArray[np.int32], open_: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
     """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common."""
-    waiting = np.flatnonzero(open_)
-    chosen: list[int] = []
-    # A few times as many as are wanted mostly do, and those are compared quickly.
-    step = 4 * count
-    for first in range(0, len(waiting), step):
-        some = waiting[first : first + step]
-        rows = candidates[some]
-        if chosen:
-            fresh = _common(rows, candidates[chosen]).max(axis=1) <= 1
-            some, rows = some[fresh], rows[fresh]
-        fits = _common(rows, rows) <= 1
-        left = np.ones(len(some), np.bool_)
-        while len(chosen) < count and left.any():
-            c = int(left.argmax())
-            chosen.append(int(some[c]))
-            left &= fits[c]
-            left[c] = False
-        if len(chosen) == count:
-            break
-    return np.array(chosen, np.int64)
+    chosen = np.empty(count, np.int64)
+    return chosen[: int(_different(candidates, open_, chosen))]
 
 
-def _common(rows: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int64]:
-    """How many entries rows (R, d) have in common with others (S, d), (R, S)."""
-    total = np.zeros((len(rows), len(others)), np.int64)
-    for p in range(rows.shape[1]):
-        for q in range(rows.shape[1]):
-            total += rows[:, p, None] == others[:, q]
-    return total
+@njit(cache=True, nogil=True)
+def _different(candidates, open_, chosen):  # type: ignore[no-untyped-def]
+    """Fill in the chosen ones as far as there is room; their number."""
+    order, count = candidates.shape[1], 0
+    for c in range(open_.size):
+        fits = open_[c]
+        for s in range(count):
+            common = 0
+            for p in range(order):
+                for q in range(order):
+                    common += candidates[c, p] == candidates[chosen[s], q]
+            fits = fits and common <= 1
+            if not fits:
+                break
+        if fits:
+            if count == chosen.size:
+                break
+            chosen[count] = c
+            count += 1
+    return count
 
 
 def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> NDArray[np.bool_]:
     """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
     source, target = np.divmod(candidates, np.int32(n_target))
-    inside = np.zeros((len(images), len(candidates)), np.int8)
-    for p in range(candidates.shape[1]):
-        inside += images[:, source[:, p]] == target[:, p]
-    return np.asarray((inside >= least).any(axis=0))
+    inside = np.zeros(len(candidates), np.bool_)
+    _within(source, target, images, least, inside)
+    return inside
+
+
+@njit(cache=True, nogil=True)
+def _within(source, target, images, least, inside):  # type: ignore[no-untyped-def]
+    """Mark the candidates, given by their source and target points (C, d)."""
+    for c in range(inside.size):
+        for b in range(images.shape[0]):
+            hits = 0
+            for p in range(source.shape[1]):
+                hits += images[b, source[c, p]] == target[c, p]
+            if hits >= least:
+                inside[c] = True
+                break
 
 
 def covered(cores: Assignments, known: Assignments) -> NDArray[np.bool_]:

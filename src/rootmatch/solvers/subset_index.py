@@ -6,6 +6,8 @@ after the other (compressed rows). An entry is the number of the hyper-edge, and
 hash as the 32 bits leave over (9 for 8 million hyper-edges): other entries of a bucket are passed over without
 a look at the hyper-edge itself. What passes is compared in full: collisions cost time and never change an answer.
 
+A tensor of order 3 with many hyper-edges for its points has a table of all pairs instead (see `pair_table`).
+
 Memory beside the tensor: 4 d + (2 d to 4 d) bytes a hyper-edge, 24 to 32 at order 4; 8 d more while it is built.
 """
 
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.kernels.contraction import CHUNK, threads_for
+from rootmatch.solvers.pair_table import pair_support, pair_table, worth_a_table
 from rootmatch.tensor import AffinityTensor
 
 PART_BITS = 17
@@ -36,9 +39,14 @@ class SubsetIndex(NamedTuple):
     weights: NDArray[np.float64]  # (E,)
     unary: NDArray[np.float64]  # (n n',), zeros where the tensor has none
     marginals: NDArray[np.float64]  # (n n',): the most that a correspondence can gain from hyper-edges
+    source: NDArray[np.int64]  # (n n',) point of each correspondence
     keys: NDArray[np.uint64]  # (n n',) random numbers
-    start: NDArray[np.uint32]  # (buckets + 1,)
+    start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs
     entries: NDArray[np.uint32]  # (d E,): hash bits above, hyper-edge below; ascending in a long bucket
+    paired: bool  # whether there is a table of pairs (see `pair_table`) instead of buckets
+    others: NDArray[np.int32]  # (3 E,) of a table of pairs
+    held: NDArray[np.float64]  # (3 E,) of a table of pairs
+    sums: NDArray[np.float64]  # (pairs,) of a table of pairs
     bucket_shift: int
     tag_shift: int
     edge_bits: int
@@ -53,7 +61,7 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     ----------
     tensor : AffinityTensor
     bucket_bits : int, optional
-        2^bucket_bits buckets; by default such that a bucket holds one to two entries.
+        2^bucket_bits buckets; by default such that a bucket holds one to two entries, or a table of pairs.
 
     Raises
     ------
@@ -66,10 +74,19 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
             f"{tensor.size} hyper-edges of order {tensor.order} are more than the index holds (2³² subsets): "
             "keep the strongest only (max_hyperedges)"
         )
+    size = tensor.shape[0] * tensor.shape[1]
+    unary = np.zeros(size) if tensor.unary is None else tensor.unary.reshape(-1)
+    source = np.repeat(np.arange(tensor.shape[0]), tensor.shape[1])
+    if bucket_bits is None and worth_a_table(tensor.size, tensor.order, size):
+        table = pair_table(tensor.indices, tensor.weights, size)
+        return SubsetIndex(
+            tensor.indices, tensor.weights, unary, table.marginals, source, np.empty(0, np.uint64), table.start,
+            np.empty(0, np.uint32), True, table.others, table.held, table.sums, 0, 0, 0, *tensor.shape,
+        )  # fmt: skip
     bits = max(1, (count // 2).bit_length()) if bucket_bits is None else bucket_bits
     edge_bits = max(1, (tensor.size - 1).bit_length())
     tag_bits = min(32 - edge_bits, 64 - bits)
-    keys = _random_keys(tensor.shape[0] * tensor.shape[1])
+    keys = _random_keys(size)
     shifts = (64 - bits, 64 - bits - tag_bits)
     if bits <= PART_BITS + 2:
         start, entries = _sort_at_once(tensor.indices, keys, bits, *shifts, edge_bits)
@@ -77,11 +94,10 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
         with threads_for(tensor.size // CHUNK):
             chunks = numba.get_num_threads()
             start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits, chunks)
-    unary = np.zeros(keys.size) if tensor.unary is None else tensor.unary.reshape(-1)
-    marginals = tensor.marginals().reshape(-1)
     return SubsetIndex(
-        tensor.indices, tensor.weights, unary, marginals, keys, start, entries, *shifts, edge_bits, *tensor.shape
-    )
+        tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source, keys, start, entries, False,
+        np.empty(0, np.int32), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
+    )  # fmt: skip
 
 
 def _random_keys(count: int) -> NDArray[np.uint64]:
@@ -215,9 +231,18 @@ def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
         gap //= 3
 
 
-@njit(cache=True)
 def index_support(index: SubsetIndex) -> NDArray[np.float64]:
     """Support of each hyper-edge, (E,), as `AffinityTensor.support` has it, but for rare collisions of hashes."""
+    if not index.paired:
+        return np.asarray(_hashed_support(index))
+    support = np.empty(index.weights.size)
+    pair_support(index.indices, index.weights, index.sums, support)
+    return support
+
+
+@njit(cache=True)
+def _hashed_support(index):  # type: ignore[no-untyped-def]
+    """Sums over the entries of each bucket that have the same bits of the hash."""
     order = index.indices.shape[1]
     support = np.empty(index.weights.size)
     for e in range(support.size):

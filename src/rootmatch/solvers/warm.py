@@ -22,12 +22,14 @@ def is_cold() -> bool:
 
 
 def warm() -> None:
-    """Compile, by the solution of a small tensor. The types are the same for every problem and size."""
+    """Compile, by the solution of small tensors. The types are the same for every problem and size."""
     rng = np.random.default_rng(0)
-    shape, order, count = (6, 7), 4, 2000
-    sources = np.argsort(rng.random((count, shape[0])), axis=1)[:, :order]
-    targets = np.argsort(rng.random((count, shape[1])), axis=1)[:, :order]
-    indices = (sources * shape[1] + targets).astype(np.int32)
-    tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
-    answer = MultiStartAscent()(tensor).assignment
-    supported_answers(indices, tensor.weights, None, shape[1], answer[None], 0.1)
+    shape, count = (6, 7), 2000
+    # Tensors of order 3 have a few kernels of their own.
+    for order in (4, 3):
+        sources = np.argsort(rng.random((count, shape[0])), axis=1)[:, :order]
+        targets = np.argsort(rng.random((count, shape[1])), axis=1)[:, :order]
+        indices = (sources * shape[1] + targets).astype(np.int32)
+        tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
+        answer = MultiStartAscent()(tensor).assignment
+        supported_answers(indices, tensor.weights, None, shape[1], answer[None], 0.1)

@@ -1,0 +1,70 @@
+"""A few steps of a reweighted random walk, as a start of the discrete ascent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.assignment import discretise
+from rootmatch.solvers.pair_table import rank
+from rootmatch.solvers.reweighted_walk import ReweightedWalk, balanced
+from rootmatch.solvers.subset_index import SubsetIndex
+from rootmatch.tensor import AffinityTensor
+
+FEWEST, PART = 128, 8
+"""Correspondences that keep their mass after a step, at least, and one of so many."""
+
+SETTLED = 1e-6
+"""Squared change of a step after which the walk is over."""
+
+
+def short_walk(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
+    """Assignment (n,) after some steps of `ReweightedWalk`.
+
+    With a table of pairs, after each step only the heaviest correspondences keep their mass: then few pairs are looked
+    up instead of all hyper-edges. As a start it is as good: the ascents from it come as high.
+    """
+    shape = (index.n, index.n_target)
+    if not index.paired:
+        tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
+        return ReweightedWalk(iterations=steps, keep=0)(tensor).assignment
+    usual = ReweightedWalk()
+    count = index.unary.size
+    most = max(FEWEST, count // PART)
+    x = np.full(count, 1.0 / count)
+    # Of the uniform x; what pairs have in common with the third is each hyper-edge once.
+    v = index.marginals / count**2
+    for _ in range(steps):
+        w = v + index.unary
+        largest = w.max()
+        if largest <= 0:
+            break
+        jump = balanced(np.exp(usual.inflation * (w / largest)).reshape(shape), usual.balancing).ravel()
+        new = usual.walk * (w / w.sum()) + (1 - usual.walk) * (jump / jump.sum())
+        chosen = np.arange(count)
+        if most < count:
+            chosen = np.sort(np.argsort(-new, kind="stable")[:most])
+            kept = np.zeros(count)
+            kept[chosen] = new[chosen]
+            new = kept / kept.sum()
+        change = float(((new - x) ** 2).sum())
+        x = new
+        if change < SETTLED:
+            break
+        v = np.zeros(count)
+        _contract_among(index, x, chosen, v)
+    return discretise(x.reshape(shape))
+
+
+@njit(cache=True, nogil=True)
+def _contract_among(index, x, chosen, v):  # type: ignore[no-untyped-def]
+    """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, to v (n n',)."""
+    start, others, held = index.start, index.others, index.held
+    for p in range(chosen.size):
+        a = chosen[p]
+        for q in range(p):
+            b = chosen[q]
+            product, place = x[a] * x[b], rank(a, b)
+            for t in range(np.int64(start[place]), np.int64(start[place + 1])):
+                v[others[t]] += product * held[t]
