@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.solvers import MultiStartAscent
+from rootmatch.solvers import MultiStartAscent, subset_index
 from rootmatch.solvers.discrete_state import change
 from rootmatch.solvers.local_search import climb, modifications, state_of
 from rootmatch.solvers.subset_index import build_index, index_support
@@ -38,7 +38,7 @@ def naive_gains(tensor, image):
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
-@pytest.mark.parametrize("bits", [None, 1, 4])
+@pytest.mark.parametrize("bits", [None, 1, 4, 20])
 def test_gains_follow_a_random_walk_of_entries_and_removals(order, bits):
     tensor = random_tensor(order, 6, 7, order, 3000, unary=True)
     index = build_index(tensor, bucket_bits=bits)
@@ -64,11 +64,25 @@ def test_gains_follow_a_random_walk_of_entries_and_removals(order, bits):
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
-@pytest.mark.parametrize("bits", [None, 1, 3])
+@pytest.mark.parametrize("bits", [None, 1, 3, 20])
 def test_index_support_is_exact_but_for_collisions(order, bits):
     tensor = random_tensor(order, 5, 5, order, 150)
     support = index_support(build_index(tensor, bucket_bits=bits))
     np.testing.assert_allclose(support, naive_support(tensor.indices, tensor.weights), atol=1e-12)
+
+
+def test_index_in_parts_is_the_same_on_any_number_of_threads(monkeypatch):
+    tensor = random_tensor(3, 9, 9, 4, 4000)
+    found = []
+    for threads in (1, 3):
+        monkeypatch.setattr(subset_index, "threads_worth", lambda tasks, threads=threads: threads)
+        found.append(build_index(tensor, bucket_bits=20))
+    at_once = subset_index._sort_at_once(
+        tensor.indices, found[0].keys, 20, found[0].bucket_shift, found[0].tag_shift, found[0].edge_bits
+    )
+    for index in found:
+        np.testing.assert_array_equal(index.start, at_once[0])
+        np.testing.assert_array_equal(index.entries, at_once[1])
 
 
 def test_support_of_a_hot_bucket():

@@ -159,6 +159,18 @@ def test_balancing_is_bounded():
     assert np.isfinite(balanced(y, 5)).all()
 
 
+def test_without_slack_both_sets_are_balanced_to_equal_sums():
+    y = np.random.default_rng(2).random((3, 7)) + 0.1
+    for x in (balanced(y, 2000, 1e-12, slack=False), balanced(y.T, 2000, 1e-12, slack=False).T):
+        np.testing.assert_allclose(x.sum(axis=1), x.sum() / 3)
+        np.testing.assert_allclose(x.sum(axis=0), x.sum() / 7)
+        ratio = x / y
+        np.testing.assert_allclose(ratio * ratio[0, 0], ratio[:, :1] * ratio[:1])
+    indices, weights, _ = planted(3, 5, 9, 3, 300)
+    tensor = AffinityTensor(indices, weights, (5, 9))
+    assert np.any(ReweightedWalk(slack=False)(tensor).soft != ReweightedWalk()(tensor).soft)
+
+
 # --- HGM -------------------------------------------------------------------------------------------------------------
 
 

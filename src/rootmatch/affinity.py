@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -214,8 +213,3 @@ def random_tensor(
     indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
     weights = weigh.weights(np.concatenate([part[1] for part in parts]))
     return AffinityTensor.unchecked(indices, weights, shape).merged(), done
-
-
-def threads() -> int:
-    """Threads that the backend uses."""
-    return int(numba.get_num_threads())

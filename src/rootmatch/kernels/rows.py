@@ -5,23 +5,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.kernels.contraction import CHUNK, threads_for
+from rootmatch.kernels.contraction import CHUNK
+from rootmatch.kernels.threads import in_threads, threads_worth
 
 
 def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
     """Copy of the rows (E, d) with the entries of each in ascending order."""
-    with threads_for(len(indices) // CHUNK):
-        return np.asarray(_sorted_rows(indices))
-
-
-@njit(cache=True, parallel=True)
-def _sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
-    """Copy of the rows with the entries of each in ascending order (insertion sort: d is small)."""
     out = indices.copy()
-    for e in prange(out.shape[0]):
+    in_threads(lambda first, last: _sort_rows(out, first, last), len(out), threads_worth(len(out) // CHUNK))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _sort_rows(out, first, last):  # type: ignore[no-untyped-def]
+    """Put the entries of rows first…last−1 into ascending order (insertion sort: d is small)."""
+    for e in range(first, last):
         for p in range(1, out.shape[1]):
             a = out[e, p]
             q = p - 1
@@ -29,7 +30,6 @@ def _sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
                 out[e, q + 1] = out[e, q]
                 q -= 1
             out[e, q + 1] = a
-    return out
 
 
 def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

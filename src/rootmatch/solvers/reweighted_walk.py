@@ -25,7 +25,8 @@ class ReweightedWalk:
     3. x ← walk · w + (1 − walk) · y;
 
     until ‖Δx‖² < tolerance; then the Hungarian method. For n ≠ n' the larger set gets a slack line that takes what is
-    left over, so lines of the smaller set sum to 1 and those of the larger to 1 at most.
+    left over, so lines of the smaller set sum to 1 and those of the larger to 1 at most. The published code balances
+    both to equal sums instead, outliers too (``slack=False``).
 
     Source: Lee, Cho and Lee, Hyper-graph matching via reweighted random walks, CVPR 2011, algorithm 1.
 
@@ -40,6 +41,8 @@ class ReweightedWalk:
     tolerance : float
     balancing : int
         Limit of Sinkhorn steps in an iteration.
+    slack : bool
+        Whether the larger set has a slack line.
     keep : int
         Alternatives to report: the best single changes of the answer.
     """
@@ -49,6 +52,7 @@ class ReweightedWalk:
     iterations: int = 300
     tolerance: float = 1e-6
     balancing: int = 100
+    slack: bool = True
     keep: int = 16
 
     def __post_init__(self) -> None:
@@ -71,7 +75,7 @@ class ReweightedWalk:
             if largest <= 0:
                 # No hyper-edge has all but one of its correspondences left: there is nowhere to walk.
                 break
-            jump = balanced(np.exp(self.inflation * (w / largest)), self.balancing)
+            jump = balanced(np.exp(self.inflation * (w / largest)), self.balancing, slack=self.slack)
             new = self.walk * (w / w.sum()) + (1 - self.walk) * (jump / jump.sum())
             change = float(((new - x) ** 2).sum())
             x = new
@@ -88,23 +92,25 @@ class ReweightedWalk:
         )
 
 
-def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4) -> NDArray[np.float64]:
+def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:
     """Positive matrix (n, n') scaled so that lines of the smaller set sum to 1 and those of the larger to at most 1.
+
+    Without `slack` so that all lines of a set sum to the same.
 
     Sinkhorn's alternation on the matrix with a slack line, at most `steps` times or until sums are within tolerance.
     """
     wide = y.shape[0] <= y.shape[1]
     # A scale of its own makes no difference.
     out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
-    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), steps, tolerance)
+    spare = float(out.shape[1] - out.shape[0]) if slack else 0.0
+    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), spare, steps, tolerance)
     return out if wide else out.T
 
 
 @njit(cache=True, error_model="numpy")
-def _sinkhorn(y, row, column, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Balance a matrix with n ≤ n' in place; the slack row, of total n' − n, is kept as one factor a column."""
+def _sinkhorn(y, row, column, spare, steps, tolerance):  # type: ignore[no-untyped-def]
+    """Balance a matrix with n ≤ n' in place; the slack row, of total `spare`, is kept as one factor a column."""
     n, n_target = y.shape
-    spare = float(n_target - n)
     # y_ik r_i c_k, and the slack row s c_k.
     slack = 1.0
     for _ in range(steps):

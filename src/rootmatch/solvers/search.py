@@ -29,9 +29,10 @@ FIRST_ROUND, LARGEST_ROUND = 2, 64
 CLEAR, CLEAR_AFTER = 1.5, 24
 """After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
 
-PATIENCE, PATIENCE_PART = 24, 16
-"""Candidates in a row from which nothing better comes, at least, and one of so many correspondences, after which no
-more are tried. Where the score tells the truth, it is reached from one of the first."""
+PATIENCE, PATIENCE_PART, IN_VAIN = 24, 16, 110_000
+"""Candidates in a row from which nothing better comes, at least; or one of so many correspondences; or as many as read
+so many entries of the index: after the most of these no more are tried. Where the score tells the truth, it is reached
+from one of the first. Where it does not, as good a search as its time allows."""
 
 RIVALS = 16
 """Candidates outside of all that was found from which an ascent is made in any case."""
@@ -63,7 +64,6 @@ class Search:
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
         # Small problems have no more starts that differ.
         self.starts = min(options.starts, 2 * n * n_target)
-        self.patience = max(PATIENCE, n * n_target // PATIENCE_PART)
         self.candidates, rank = _candidates(index, POOL * self.starts)
         heaviest = index.weights.max(initial=0.0) or 1.0
         # What a candidate would score with all those that support it, were they one group of points of usual weights.
@@ -76,7 +76,10 @@ class Search:
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
         self.state = self.empty = empty_state(index)
         self.best, self.value = self.empty.image, 0.0
-        self.effort = 4.0 * math.comb(min(n, n_target), order - 1) / LOOKUPS
+        lookups = 4.0 * math.comb(min(n, n_target), order - 1)
+        self.effort = lookups / LOOKUPS
+        read = lookups * (1.0 + index.indices.size / math.comb(n * n_target, order - 1))
+        self.patience = max(PATIENCE, n * n_target // PATIENCE_PART, int(IN_VAIN / max(read, 1.0)))
         self.made, self.moves, self.cut = 0, 0, 0
 
     def ascents(

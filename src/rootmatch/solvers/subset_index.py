@@ -15,13 +15,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.kernels.contraction import CHUNK, threads_for
+from rootmatch.kernels.contraction import CHUNK
+from rootmatch.kernels.threads import in_threads, threads_worth
 from rootmatch.solvers.pair_table import pair_support, pair_table, worth_a_table
 from rootmatch.tensor import AffinityTensor
 
@@ -91,9 +91,7 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     if bits <= PART_BITS + 2:
         start, entries = _sort_at_once(tensor.indices, keys, bits, *shifts, edge_bits)
     else:
-        with threads_for(tensor.size // CHUNK):
-            chunks = numba.get_num_threads()
-            start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits, chunks)
+        start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits)
     return SubsetIndex(
         tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source, keys, start, entries, False,
         np.empty(0, np.int32), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
@@ -148,62 +146,90 @@ def _sort_at_once(  # type: ignore[no-untyped-def]
     return start[: start.size - 1], entries
 
 
-@njit(cache=True, parallel=True)
-def _sort_by_parts(  # type: ignore[no-untyped-def]
-    indices, keys, bits, bucket_shift, tag_shift, edge_bits, chunks
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def _sort_by_parts(
+    indices: NDArray[np.int32], keys: NDArray[np.uint64], bits: int, bucket_shift: int, tag_shift: int, edge_bits: int
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Counting sort of all subsets, first into parts by the upper bits of the bucket and then within each part.
 
     Counters of a part stay in the cache, whereas those of all buckets would not; and threads never meet.
     """
     edges, order = indices.shape
-    parts, local = 1 << (bits - PART_BITS), 1 << PART_BITS
-    down, tag_down = np.uint64(bucket_shift), np.uint64(tag_shift)
-    tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
-    up, part_down, half = np.uint64(edge_bits), np.uint64(PART_BITS), np.uint64(32)
-
+    threads = threads_worth(edges // CHUNK)
+    chunks, parts = threads, 1 << (bits - PART_BITS)
+    bounds = np.array([chunk * edges // chunks for chunk in range(chunks + 1)])
     place = np.zeros((chunks, parts), np.int64)
-    for chunk in prange(chunks):
-        for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            total = _total_hash(indices, keys, e)
-            for p in range(order):
-                place[chunk, np.int64(((total - keys[indices[e, p]]) >> down) >> part_down)] += 1
-    first = np.zeros(parts + 1, np.int64)
-    before = 0
-    for part in range(parts):
-        first[part] = before
-        for chunk in range(chunks):
-            count = place[chunk, part]
-            place[chunk, part] = before
-            before += count
-    first[parts] = before
+
+    def count(first: int, last: int) -> None:
+        for chunk in range(first, last):
+            _count_parts(indices, keys, bucket_shift, bounds[chunk], bounds[chunk + 1], place[chunk])
+
+    in_threads(count, chunks, threads)
+    # Part by part, and within each chunk by chunk.
+    counts = place.T.flatten()
+    before = np.cumsum(counts) - counts
+    place[:] = before.reshape(parts, chunks).T
+    first_of = np.append(place[0], edges * order)
 
     # Bucket and entry side by side.
     moved = np.empty(edges * order, np.uint64)
-    for chunk in prange(chunks):
-        for e in range(chunk * edges // chunks, (chunk + 1) * edges // chunks):
-            total = _total_hash(indices, keys, e)
-            for p in range(order):
-                subset = total - keys[indices[e, p]]
-                bucket = subset >> down
-                tag = (subset >> tag_down) & tag_mask
-                to = np.int64(bucket >> part_down)
-                moved[place[chunk, to]] = (bucket << half) | (tag << up) | np.uint64(e)
-                place[chunk, to] += 1
 
-    start = np.empty((1 << bits) + 1, np.uint32)
-    start[1 << bits] = np.uint32(before)
-    entries = np.empty(edges * order, np.uint32)
-    for part in prange(parts):
+    def move(first: int, last: int) -> None:
+        for chunk in range(first, last):
+            _move_to_parts(
+                indices, keys, bucket_shift, tag_shift, edge_bits, bounds[chunk], bounds[chunk + 1], place[chunk], moved
+            )
+
+    in_threads(move, chunks, threads)
+    start, entries = np.empty((1 << bits) + 1, np.uint32), np.empty(edges * order, np.uint32)
+    start[1 << bits] = first_of[-1]
+    in_threads(lambda first, last: _sort_parts(moved, first_of, first, last, start, entries), parts, threads)
+    return start, entries
+
+
+@njit(cache=True, nogil=True)
+def _count_parts(indices, keys, bucket_shift, first, last, place):  # type: ignore[no-untyped-def]
+    """Subsets of hyper-edges first…last−1 in each part."""
+    down = np.uint64(bucket_shift + PART_BITS)
+    for e in range(first, last):
+        total = _total_hash(indices, keys, e)
+        for p in range(indices.shape[1]):
+            place[np.int64((total - keys[indices[e, p]]) >> down)] += 1
+
+
+@njit(cache=True, nogil=True)
+def _move_to_parts(  # type: ignore[no-untyped-def]
+    indices, keys, bucket_shift, tag_shift, edge_bits, first, last, place, moved
+):
+    """Write the subsets of hyper-edges first…last−1 to where the place of their part is, which moves on."""
+    down, tag_down, up = np.uint64(bucket_shift), np.uint64(tag_shift), np.uint64(edge_bits)
+    tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
+    part_down, half = np.uint64(PART_BITS), np.uint64(32)
+    for e in range(first, last):
+        total = _total_hash(indices, keys, e)
+        for p in range(indices.shape[1]):
+            subset = total - keys[indices[e, p]]
+            bucket = subset >> down
+            tag = (subset >> tag_down) & tag_mask
+            to = np.int64(bucket >> part_down)
+            moved[place[to]] = (bucket << half) | (tag << up) | np.uint64(e)
+            place[to] += 1
+
+
+@njit(cache=True, nogil=True)
+def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[no-untyped-def]
+    """Counting sort of the parts first…last−1 by bucket."""
+    local, half = 1 << PART_BITS, np.uint64(32)
+    ends = np.zeros(local + 1, np.uint32)
+    for part in range(first, last):
         base = part * local
-        ends = np.zeros(local + 1, np.uint32)
-        for t in range(first[part], first[part + 1]):
+        ends[:] = 0
+        for t in range(first_of[part], first_of[part + 1]):
             ends[np.int64(moved[t] >> half) - base + 1] += np.uint32(1)
-        ends[0] = np.uint32(first[part])
+        ends[0] = np.uint32(first_of[part])
         for b in range(local):
             start[base + b] = ends[b]
             ends[b + 1] += ends[b]
-        for t in range(first[part], first[part + 1]):
+        for t in range(first_of[part], first_of[part + 1]):
             bucket_in_part = np.int64(moved[t] >> half) - base
             entries[ends[bucket_in_part]] = np.uint32(moved[t] & np.uint64(0xFFFFFFFF))
             ends[bucket_in_part] += np.uint32(1)
@@ -211,7 +237,6 @@ def _sort_by_parts(  # type: ignore[no-untyped-def]
         for b in range(local):
             if ends[b] - start[base + b] > LONG:
                 _sort_long(entries, int(start[base + b]), int(ends[b]))
-    return start, entries
 
 
 @njit(cache=True)
