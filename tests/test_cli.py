@@ -18,8 +18,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import rootmatch as rm
 from rootmatch.cli import app
 from rootmatch.cli.texts import as_options
+from rootmatch.simulation import up2p_scene
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
 CAMERA = "1000,1000,320,240"
@@ -188,6 +190,25 @@ class TestOtherProblems:
         assert advised[:2] == ["rootmatch", "match"]
         again = run(*advised[1:])
         assert again.stdout.splitlines()[:-2] == result.stdout.splitlines()[:-2]  # all but the seconds and the verdict
+
+    @pytest.mark.parametrize("motions", ["2", "auto"])
+    def test_several_motions_are_those_of_the_library(self, tmp_path: Path, motions: str) -> None:
+        for seed in range(3):
+            folder = tmp_path / str(seed)
+            assert (
+                run("simulate", "up2p", "--motions", 2, "--noise", 0.5, "--seed", seed, "--output", folder).exit_code
+                == 0
+            )
+            result = run(*of(folder, "--noise", 0.5, "--motions", motions, "--json", problem="up2p"))
+            assert result.exit_code == 0, result.output
+            record = json.loads(result.stdout)
+            scene = up2p_scene(10, 0, 0.5, seed, 2)
+            match = rm.match(
+                scene.source, scene.target, scene.problem, noise=0.5, motions=2 if motions == "2" else "auto"
+            )
+            assert record["assignment"] == match.assignment.tolist()
+            assert record["motions"] == match.motions.tolist()
+            assert record["score"] == pytest.approx(match.score)
 
     def test_directions_come_from_the_options_or_the_camera_file(self, tmp_path: Path) -> None:
         """A world turned on its side: only with its own vertical are its points matched."""

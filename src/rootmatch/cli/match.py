@@ -229,7 +229,7 @@ def match(
     ):
         from rootmatch.match import match as find
 
-        if solver is None and preset is None:
+        if solver is None and preset is None and _motions(motions) == 1:
             options["solver"] = beside.enter_context(solver_compiled_beside())
         found = find(
             source.points,
