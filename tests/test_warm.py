@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 WARM = """
 from rootmatch.solvers.warm import is_cold, warm
 assert is_cold()
@@ -41,4 +43,28 @@ def test_a_solution_finds_all_its_kernels_after_warming(tmp_path: Path) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     for program in ([WARM], [SOLVE, "4"], [SOLVE, "3"]):
         done = subprocess.run([sys.executable, "-c", *program], env=env, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+SEARCH = """
+import numpy as np
+import rootmatch as rm
+from rootmatch.kernels.weigh import _weigh
+from rootmatch.simulation import p3p_scene, up2p_scene
+make = {"p3p": p3p_scene, "up2p": up2p_scene}[PROBLEM]
+scene = make(12, 8, 1.0, 1)
+normals = scene.source if NORMALS else None
+rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided", normals=normals)
+assert sum(_weigh.stats.cache_hits.values()) == 1
+assert not _weigh.stats.cache_misses
+"""
+
+
+@pytest.mark.parametrize(("problem", "normals"), [("p3p", True), ("up2p", False)])
+def test_a_search_finds_its_kernel_after_warming(tmp_path: Path, problem: str, normals: bool) -> None:
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    warm = f"from rootmatch.guided.warm import warm; warm({problem!r})"
+    search = SEARCH.replace("PROBLEM", repr(problem)).replace("NORMALS", repr(normals))
+    for program in (warm, search):
+        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The very first match: the solver is compiled by a second process while this one compiles what comes before it."""
+"""The very first match: a second process compiles the solver and a part of the search beside this one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,18 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rootmatch.problems.problem import Problem
     from rootmatch.solvers import Solution, Solver
     from rootmatch.tensor import AffinityTensor
 
-WARM = "import gc; gc.disable(); from rootmatch.solvers.warm import warm; warm()"
+WARM = """
+import gc, sys
+gc.disable()
+from rootmatch.guided import warm as search
+from rootmatch.solvers import warm as solver
+search.warm(sys.argv[1])
+solver.warm(int(sys.argv[2]))
+"""
 
 
 class Awaiting:
@@ -30,7 +38,7 @@ class Awaiting:
 
 
 @contextmanager
-def solver_compiled_beside() -> Iterator[Solver]:
+def compiled_beside(problem: Problem) -> Iterator[Solver]:
     """The default solver; its kernels are compiled beside the work inside, where there are none yet and two cores."""
     from rootmatch.solvers import get_solver
     from rootmatch.solvers.warm import is_cold
@@ -40,7 +48,10 @@ def solver_compiled_beside() -> Iterator[Solver]:
         yield solver
         return
     process = subprocess.Popen(
-        [sys.executable, "-c", WARM], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-c", WARM, problem.name, str(problem.order)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     gc.disable()  # a compiler makes millions of objects and few cycles: a tenth of the time
     try:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rootmatch.cli.cold import solver_compiled_beside
+from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.geometry import ProblemName, flag, posed_problem
 from rootmatch.cli.progress import shown
 from rootmatch.cli.texts import in_words_of_the_command
@@ -230,7 +230,7 @@ def match(
         from rootmatch.match import match as find
 
         if solver is None and preset is None and _motions(motions) == 1:
-            options["solver"] = beside.enter_context(solver_compiled_beside())
+            options["solver"] = beside.enter_context(compiled_beside(posed))
         found = find(
             source.points,
             target.points,

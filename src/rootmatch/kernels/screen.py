@@ -52,10 +52,8 @@ def looked_up(raster, frame, normals, place):  # type: ignore[no-untyped-def]
     x, y, z = turned(frame, place[0], place[1], place[2])
     x, y, z = x + frame[0], y + frame[1], z + frame[2]
     cell = cell_of(raster, x, y, z)
-    if normals:
-        hidden = away(frame, place[3:], x, y, z) > 0.0
-        return HIDDEN if hidden else cell
-    return cell
+    hidden = normals and away(frame, place[3:], x, y, z) > 0.0
+    return HIDDEN if hidden else cell
 
 
 @scalar
@@ -120,10 +118,7 @@ def screen(tables, raster, grid, normals, before, coordinates, own, j, looks, sc
         for turn in range((looks + 1) // 2 if looks > 0 else 1):
             one = numbers(coordinates, 2 * turn)
             two = numbers(coordinates, min(2 * turn + 1, looks - 1) if looks > 0 else 0)
-            if normals:
-                cells_of_two(tables, raster, True, before, one, two, fronts, seen, scratch, root, cells)
-            else:
-                cells_of_two(tables, raster, False, before, one, two, fronts, seen, scratch, root, cells)
+            cells_of_two(tables, raster, normals, before, one, two, fronts, seen, scratch, root, cells)
             for k in range(scratch.shape[1]):
                 first, second = cells[0, k], cells[1, k]
                 there = first != NOTHING

@@ -21,12 +21,12 @@ def is_cold() -> bool:
     return next(folder.glob(f"{Path(local_search.__file__).stem}._ascend-*.nbi"), None) is None
 
 
-def warm() -> None:
-    """Compile, by the solution of small tensors. The types are the same for every problem and size."""
+def warm(*orders: int) -> None:
+    """Compile, by the solution of a small tensor of each order. The types are the same for every problem and size."""
     rng = np.random.default_rng(0)
     shape, count = (6, 7), 2000
-    # Tensors of order 3 have a few kernels of their own.
-    for order in (4, 3):
+    # tensors of order 3 have a few kernels of their own
+    for order in orders or (4, 3):
         sources = np.argsort(rng.random((count, shape[0])), axis=1)[:, :order]
         targets = np.argsort(rng.random((count, shape[1])), axis=1)[:, :order]
         indices = (sources * shape[1] + targets).astype(np.int32)
