@@ -21,7 +21,9 @@ def main() -> None:
     options = parser.parse_args()
     print("| way | scene | part allowed | hyper-edges | of all | part to the 4th | s | of all | accuracy |")
     print("|" + " --- |" * 9)
-    ways: tuple[tuple[Literal["exhaustive", "guided"], int, int], ...] = (("exhaustive", 10, 10), ("guided", 30, 30))
+    ways: tuple[tuple[Literal["exhaustive", "guided"], int, int], ...] = (
+        ("exhaustive", 10, 10), ("exhaustive", 14, 10), ("guided", 30, 30), ("guided", 100, 100)
+    )  # fmt: skip
     for way, n, clutter in ways:
         first: tuple[float, float] | None = None
         for part in PARTS:
