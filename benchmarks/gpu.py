@@ -29,6 +29,7 @@ from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tenso
 from rootmatch.backends import cpu, cuda
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.selection import Enumeration
+from rootmatch.benchmark.timing import seconds
 from rootmatch.hyperedges import exhaustive_count, wide_first
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 from rootmatch.tensor import AffinityTensor
@@ -42,17 +43,6 @@ FUSED_A_CLOCK = {(6, 0): 32, (7, 0): 32, (7, 2): 32, (8, 0): 32, (9, 0): 64, (10
 """Fused multiply-adds in float64 that a multiprocessor does in a clock, by compute capability; 2 on the others."""
 REACH = {"normalised": 5e9, "exhaustive": 5.0}
 """P3P hyper-edges/s asked for, and seconds for 30 against 30."""
-
-
-def seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median time of a call, after one that is not counted."""
-    work()
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))
 
 
 def card() -> dict[str, Any]:

@@ -174,6 +174,21 @@ def exhaustive_tensor(
     return AffinityTensor.unchecked(indices, weigh.weights(residuals), shape), evaluated
 
 
+def given_tensor(
+    tables: Any,
+    kind: kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    source: NDArray[np.int64],
+    target: NDArray[np.int64],
+) -> AffinityTensor:
+    """Tensor of those of the given hyper-edges (E, d), (E, d) whose residual is below the gate, in their order."""
+    residuals = cpu.residuals(tables, kind, source, target)
+    keep = residuals <= weigh.gate
+    indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
+    return AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
+
+
 def random_tensor(
     tables: Any,
     kind: kinds.Kind,

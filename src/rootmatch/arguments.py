@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch import hyperedges as edges
 from rootmatch.errors import InputError
 
 
@@ -48,12 +47,6 @@ def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> N
     if np.any(ordered[:, 1:] == ordered[:, :-1]):
         raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")
     return np.ascontiguousarray(array, dtype=np.int64)
-
-
-def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None) -> float:
-    """Hyper-edges that an exhaustive search looks at, about: exactly without candidates."""
-    count = edges.exhaustive_count(n, n_target, order)
-    return float(count if mask is None else int(count * float(mask.mean()) ** order))
 
 
 def check_size(n: int, n_target: int, count: float, limit: int) -> None:

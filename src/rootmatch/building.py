@@ -79,7 +79,7 @@ def build(
         If it is too much, or what is asked for does not go together or is not there.
     """
     n, n_target = shape
-    count = arguments.estimated_count(n, n_target, order, candidates)
+    count = edges.estimated_count(n, n_target, order, candidates)
     chosen: Any = way
     searched = 0
     if cluster is not None:

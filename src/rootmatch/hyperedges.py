@@ -20,6 +20,12 @@ def exhaustive_count(n: int, n_target: int, order: int) -> int:
     return math.comb(n, order) * math.perm(n_target, order)
 
 
+def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None) -> float:
+    """Hyper-edges that an exhaustive search looks at, about: exactly without candidates."""
+    count = float(exhaustive_count(n, n_target, order))
+    return count if mask is None else count * float(mask.mean()) ** order
+
+
 def source_bases(n: int, order: int) -> NDArray[np.int64]:
     """Minimal sets (B, d − 1) of source points, increasing, that leave at least one later point to complete them."""
     return np.array(list(combinations(range(n - 1), order - 1)), dtype=np.int64).reshape(-1, order - 1)

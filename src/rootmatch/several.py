@@ -13,6 +13,7 @@ from rootmatch.building import Way
 from rootmatch.guided import Choice, Weighed
 from rootmatch.guided.completed import Completed
 from rootmatch.hyperedges import exhaustive_count
+from rootmatch.kernels.rows import first_rows, sorted_rows
 from rootmatch.problems.problem import check_noise
 from rootmatch.road import Road
 from rootmatch.solvers.group_fit import GroupFit
@@ -122,7 +123,5 @@ def _of_some(noise: ArrayLike, pixels: NDArray[np.int64], count: int) -> ArrayLi
 
 def _distinct(tensor: AffinityTensor) -> AffinityTensor:
     """Each hyper-edge once, with the weight that it had first."""
-    ordered = np.sort(tensor.indices, axis=1)
-    _, first = np.unique(ordered, axis=0, return_index=True)
-    first = np.sort(first)
+    first = np.sort(first_rows(sorted_rows(tensor.indices), math.prod(tensor.shape)))
     return AffinityTensor.unchecked(tensor.indices[first], tensor.weights[first], tensor.shape, tensor.unary)

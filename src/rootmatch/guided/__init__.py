@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Progress
+from rootmatch.affinity import Affinity, Progress, given_tensor
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.guided.choice import Choice, Weighed
@@ -28,7 +28,6 @@ from rootmatch.kernels import (  # noqa: F401  (two of them register what they p
     up2p_propose,
 )
 from rootmatch.kernels.proposers import can_propose
-from rootmatch.tensor import AffinityTensor
 
 __all__ = ["Choice", "Guided", "Weighed", "can_propose", "pays"]
 
@@ -46,9 +45,7 @@ def pays(
     candidates: NDArray[np.bool_] | None = None,
 ) -> bool:
     """Whether a guided search is possible and cheaper than to look at all hyper-edges."""
-    count = float(hyperedges.exhaustive_count(*shape, order))
-    if candidates is not None:
-        count *= float(candidates.mean()) ** order
+    count = hyperedges.estimated_count(*shape, order, candidates)
     return can_propose(type(tables)) and count > (CHEAP if motions == 1 else CHEAP_OF_MANY)
 
 
@@ -128,11 +125,8 @@ class Guided:
         search.run(progress)
         search.refine()
         source, target, share = hyperedges_among(search.settle(), shape, order, self, search.rng)
-        residuals = cpu.residuals(tables, kind, source, target)
+        tensor = given_tensor(tables, kind, weigh, shape, source, target)
         by_chance = cpu.residuals(tables, kind, *random_hyperedges(shape, order, CHANCE_SAMPLES, search.rng))
-        keep = residuals <= weigh.gate
-        indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
-        tensor = AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
         # no sample is large enough to say that chance never agrees
         chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
         evaluated = search.evaluated + len(source) + CHANCE_SAMPLES

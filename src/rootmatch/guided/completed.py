@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Progress
-from rootmatch.backends import cpu
+from rootmatch.affinity import Affinity, Progress, given_tensor
 from rootmatch.errors import InputError
 from rootmatch.guided.choice import Weighed
 from rootmatch.guided.sets import width
 from rootmatch.kernels import kinds, up2p_complete  # noqa: F401  (it registers its predictions)
 from rootmatch.kernels.completions import Completions, can_complete
+from rootmatch.kernels.rows import first_rows, sorted_rows
 from rootmatch.kernels.threads import in_threads
-from rootmatch.tensor import AffinityTensor
 
 Integers = NDArray[np.int64]
 
@@ -114,15 +113,10 @@ class Completed:
         evaluated = sum(number for _, number in results)
         found = _distinct(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
-        residuals = cpu.residuals(tables, kind, source, target)
-        keep = residuals <= weigh.gate
-        indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
-        weights = weigh.weights(residuals[keep])
-        possible = hyperedges.exhaustive_count(*shape, order) * (
-            float(allowed.mean()) ** order if allowed.size else 1.0
-        )
-        chance = max(1.0, float(weights.sum())) / max(possible, 1.0)
-        return Weighed(AffinityTensor.unchecked(indices, weights, shape), evaluated + len(found), 1.0, chance)
+        tensor = given_tensor(tables, kind, weigh, shape, source, target)
+        possible = hyperedges.estimated_count(*shape, order, candidates)
+        chance = max(1.0, float(tensor.weights.sum())) / max(possible, 1.0)
+        return Weighed(tensor, evaluated + len(found), 1.0, chance)
 
     def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
         """Minimal sets of source points, each with the others that it is one of the widest to predict."""
@@ -132,27 +126,17 @@ class Completed:
         places = np.ascontiguousarray(tables.points.T)
         wide = np.stack([width(places, subsets[:, base]) for base in bases], axis=1)
         ranked = np.argsort(-wide, axis=1, kind="stable")[:, : self.bases]
-        every: list[tuple[Integers, Integers]] = []
         rows = np.arange(len(subsets))
         base = np.concatenate([subsets[rows[:, None], bases[choice]] for choice in ranked.T])
         other = np.concatenate([subsets[rows, last[choice]] for choice in ranked.T])
         sets, which = np.unique(base, axis=0, return_inverse=True)
         order_of = np.argsort(which.reshape(-1), kind="stable")
         cuts = np.searchsorted(which.reshape(-1)[order_of], np.arange(len(sets) + 1))
-        for number, one in enumerate(sets):
-            every.append((one, other[order_of[cuts[number] : cuts[number + 1]]]))
-        return every
+        return [(one, other[order_of[cuts[number] : cuts[number + 1]]]) for number, one in enumerate(sets)]
 
 
 def _distinct(found: Integers, shape: tuple[int, int]) -> Integers:
     """Each hyper-edge (source, target: 2 d columns) once."""
     order = found.shape[1] // 2
-    flat = np.sort(found[:, :order] * shape[1] + found[:, order:], axis=1)
-    if order * math.log2(shape[0] * shape[1]) < 63:
-        key = flat[:, 0]
-        for column in flat.T[1:]:
-            key = key * (shape[0] * shape[1]) + column
-        _, first = np.unique(key, return_index=True)
-    else:
-        _, first = np.unique(flat, axis=0, return_index=True)
-    return found[np.sort(first)]
+    flat = (found[:, :order] * shape[1] + found[:, order:]).astype(np.int32)
+    return found[np.sort(first_rows(sorted_rows(flat), math.prod(shape)))]

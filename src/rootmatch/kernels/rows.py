@@ -35,16 +35,26 @@ def _sort_rows(out, first, last):  # type: ignore[no-untyped-def]
 def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row number of the first of each distinct row, in ascending order of rows, and the group (E,) of each row.
 
-    Entries lie in 0 … base − 1. Rows are packed into one integer where they fit, ten times as fast as comparing them.
+    Entries lie in 0 … base − 1.
     """
-    if float(base) ** rows.shape[1] < 2.0**63:
-        key = np.zeros(rows.shape[0], np.int64)
-        for p in range(rows.shape[1]):
-            key = key * base + rows[:, p]
-        _, first, group = np.unique(key, return_index=True, return_inverse=True)
-    else:
-        _, first, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    _, first, group = np.unique(**_comparable(rows, base), return_index=True, return_inverse=True)
     return first, group.reshape(-1)
+
+
+def first_rows(rows: NDArray[Any], base: int) -> NDArray[np.intp]:
+    """Row number of the first of each distinct row, as `unique_rows`, for those who need no groups."""
+    first: NDArray[np.intp] = np.unique(**_comparable(rows, base), return_index=True)[1]
+    return first
+
+
+def _comparable(rows: NDArray[Any], base: int) -> dict[str, Any]:
+    """Arguments of `numpy.unique`: rows as one integer each where they fit, which compares ten times as fast."""
+    if float(base) ** rows.shape[1] >= 2.0**63:
+        return {"ar": rows, "axis": 0}
+    key = np.zeros(rows.shape[0], np.int64)
+    for p in range(rows.shape[1]):
+        key = key * base + rows[:, p]
+    return {"ar": key}
 
 
 def one_to_one(rows: NDArray[Any], n_target: int) -> NDArray[np.bool_]:

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.kernels.rows import first_rows, sorted_rows
+
 
 def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
     """Sets (C, d + 1) of correspondences, ascending, all of whose d-subsets are among the hyper-edges (E, d), d ≥ 2.
@@ -18,11 +20,8 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> ND
     (C, d + 1) int32 array
         In lexicographic order; None where there are more than ``most``.
     """
-    ordered = np.sort(indices, axis=1)
-    ordered = np.ascontiguousarray(ordered[np.lexsort(ordered.T[::-1])])
-    if len(ordered) > 1:
-        fresh = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
-        ordered = np.ascontiguousarray(ordered[fresh])
+    ordered = sorted_rows(indices)
+    ordered = ordered[first_rows(ordered, shape[0] * shape[1])]
     starts = np.searchsorted(ordered[:, 0], np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
     found = np.empty((min(most, 1 << 16), ordered.shape[1] + 1), np.int32)
     while True:
