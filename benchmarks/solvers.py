@@ -16,6 +16,7 @@ import numpy as np
 
 from rootmatch.benchmark.contraction import contraction, planted
 from rootmatch.benchmark.timing import seconds
+from rootmatch.kernels.threads import at_most
 from rootmatch.solvers import SOLVERS, MultiStartAscent
 from rootmatch.solvers.subset_index import build_index
 
@@ -38,17 +39,15 @@ def ascent(n: int, n_target: int, order: int, count: int, repeats: int) -> dict[
 def all_solvers(repeats: int) -> dict[str, dict[str, float]]:
     """Each solver on 0.8 million nonzeros of the symmetric tensor of order 3, n = n' = 20, on one thread."""
     tensor, truth = planted(1, 20, 20, 3, 800_000 // math.factorial(3))
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
     found = {}
-    for name, solver in SOLVERS.items():
-        solution = solver(tensor)
-        found[name] = {
-            "milliseconds": 1e3 * seconds(lambda solver=solver: solver(tensor), repeats),  # type: ignore[misc]
-            "accuracy": float(np.mean(solution.assignment == truth)),
-            "iterations": float(solution.iterations),
-        }
-    numba.set_num_threads(threads)
+    with at_most(1):
+        for name, solver in SOLVERS.items():
+            solution = solver(tensor)
+            found[name] = {
+                "milliseconds": 1e3 * seconds(lambda solver=solver: solver(tensor), repeats),  # type: ignore[misc]
+                "accuracy": float(np.mean(solution.assignment == truth)),
+                "iterations": float(solution.iterations),
+            }
     return found
 
 

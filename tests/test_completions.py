@@ -7,6 +7,7 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.affinity import affinity, exhaustive_tensor
+from rootmatch.guided import Request
 from rootmatch.guided.completed import Completed
 from rootmatch.hyperedges import target_arrangements
 from rootmatch.kernels.completions import STRIDE, Completions, predict_block
@@ -125,7 +126,7 @@ def test_completed_tensor_has_what_exhaustion_finds_of_the_truth() -> None:
         tables, scene = up2p_tables(seed, 10, 10)
         kind = weigh.residual.kernel_kind(3)
         shape = (10, 20)
-        completed = Completed()(tables, kind, weigh, shape, 3)
+        completed = Completed()(Request(tables, kind, weigh, shape, 3))
         every, evaluated = exhaustive_tensor(tables, kind, weigh, shape, 3)
         assert completed.evaluated < evaluated
         assert not completed.partial
@@ -155,11 +156,12 @@ def test_completions_are_the_same_in_one_thread_and_two_and_obey_the_mask() -> N
     mask = np.random.default_rng(0).random((12, 18)) < 0.5
     mask[np.arange(12), scene.truth] = True
     results = []
+    request = Request(tables, weigh.residual.kernel_kind(3), weigh, (12, 18), 3, candidates=mask)
     before = numba.get_num_threads()
     try:
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
-            results.append(Completed()(tables, weigh.residual.kernel_kind(3), weigh, (12, 18), 3, candidates=mask))
+            results.append(Completed()(request))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(results[0].tensor.indices, results[1].tensor.indices)
@@ -174,7 +176,7 @@ def test_what_cannot_be_completed_says_so() -> None:
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     weigh = affinity("joint", None)
     with pytest.raises(rm.InputError, match="predicts no points"):
-        Completed()(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4)
+        Completed()(Request(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4))
     with pytest.raises(rm.InputError, match="positive"):
         Completed(gate=0.0)
-    assert not Completed().pays(tables, (40, 40), 4)
+    assert not Completed().pays(Request(tables, weigh.residual.kernel_kind(2), weigh, (40, 40), 4))

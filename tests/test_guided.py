@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 
 import numba
@@ -16,7 +17,7 @@ from rootmatch.affinity import affinity
 from rootmatch.backends import cpu
 from rootmatch.camera import Camera
 from rootmatch.errors import InputError
-from rootmatch.guided import CHANCE_SAMPLES, Guided, Weighed, pays
+from rootmatch.guided import CHANCE_SAMPLES, Guided, Request, Weighed, pays
 from rootmatch.guided.sets import minimal_sets, others_of, widest, width
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.problem import Problem
@@ -36,7 +37,7 @@ def search(
     tables = problem.prepare(source, target, noise, normals)
     kind = WEIGH.residual.kernel_kind(problem.pair_count)
     guided = options.pop("options", Guided())
-    return guided(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options)
+    return guided(Request(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options))
 
 
 def of_scene(scene: Scene, **options: object) -> Weighed:
@@ -82,7 +83,7 @@ def test_any_kind_of_residual_weighs_what_is_proposed(kind: str) -> None:
     scene = p3p_scene(8, 4, noise=0.5, seed=4)
     weigh = affinity(kind)
     tables = scene.problem.prepare(scene.source, scene.target, 0.5)
-    tensor, *_ = Guided()(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
+    tensor, *_ = Guided()(Request(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4))
     assert tensor.size >= 60
     assert tensor.score(scene.truth) > 0.0
 
@@ -153,13 +154,16 @@ def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
 
 
 def test_it_pays_beyond_a_few_million_hyperedges() -> None:
-    tables = p3p_scene(20, 20).problem.prepare(*(lambda s: (s.source, s.target))(p3p_scene(20, 20)))
-    assert not pays(tables, (10, 10), 4)
-    assert pays(tables, (10, 20), 4)
-    assert not pays(tables, (10, 20), 4, motions=2)
-    assert pays(tables, (20, 20), 4, motions=2)
-    assert not pays(tables, (10, 20), 4, candidates=np.eye(10, 20, dtype=bool))
-    assert not pays(object(), (20, 40), 4)
+    scene = p3p_scene(20, 20)
+    kind = WEIGH.residual.kernel_kind(6)
+    tables = scene.problem.prepare(scene.source, scene.target)
+    assert not pays(Request(tables, kind, WEIGH, (10, 10), 4))
+    request = Request(tables, kind, WEIGH, (10, 20), 4)
+    assert pays(request)
+    assert not pays(replace(request, motions=2))
+    assert pays(replace(request, motions=2, shape=(20, 20)))
+    assert not pays(replace(request, candidates=np.eye(10, 20, dtype=bool)))
+    assert not pays(replace(request, tables=object(), shape=(20, 40)))
 
 
 def test_two_motions_are_both_proposed() -> None:
@@ -271,5 +275,5 @@ def test_mistakes_are_said() -> None:
         pass
 
     with pytest.raises(InputError, match="no proposals"):
-        Guided()(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4)
+        Guided()(Request(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6

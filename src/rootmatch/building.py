@@ -5,19 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rootmatch import arguments
 from rootmatch import hyperedges as edges
-from rootmatch.affinity import Affinity, Progress, exhaustive_tensor, random_tensor
+from rootmatch.affinity import exhaustive_tensor, random_tensor
 from rootmatch.backends import choice
 from rootmatch.backends.cluster import Cluster
 from rootmatch.backends.selection import Backend
 from rootmatch.errors import InputError
-from rootmatch.guided import Choice, Guided, Weighed, pays
+from rootmatch.guided import Choice, Guided, Request, Weighed, pays
 from rootmatch.guided.completed import Completed
-from rootmatch.kernels import kinds
 
 Way = Literal["auto", "exhaustive", "random", "guided"]
 WAYS: tuple[Way, ...] = ("auto", "exhaustive", "random", "guided")
@@ -40,36 +36,23 @@ class Built(NamedTuple):
 
 
 def build(
-    tables: Any,
-    kind: kinds.Kind,
-    weigh: Affinity,
-    shape: tuple[int, int],
-    order: int,
+    request: Request,
     *,
     way: Way | Choice = "auto",
     samples: int | None = None,
-    seed: int = 0,
-    motions: int | Literal["auto"] = 1,
-    candidates: NDArray[np.bool_] | None = None,
     backend: choice.Name = "auto",
     cluster: Cluster | None = None,
     max_hyperedges: int = 5_000_000,
     limit: int | None = None,
-    progress: Progress | None = None,
 ) -> Built:
     """Tensor of the hyper-edges that are looked at.
 
     Parameters
     ----------
-    tables
-        Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
-    kind : Kind
-    weigh : Affinity
-    shape : (n, n')
-    order : int
+    request : Request
     way : str or Choice
         See `rootmatch.match`, where all that follows is explained too.
-    samples, seed, motions, candidates, backend, max_hyperedges, limit, progress
+    samples, backend, max_hyperedges, limit
     cluster : Cluster, optional
         Workers that evaluate in the place of this process.
 
@@ -78,43 +61,43 @@ def build(
     InputError
         If it is too much, or what is asked for does not go together or is not there.
     """
-    n, n_target = shape
-    count = edges.estimated_count(n, n_target, order, candidates)
+    n, n_target = request.shape
+    count = request.count
     chosen: Any = way
     searched = 0
     if cluster is not None:
         chosen = _for_workers(way, backend)
-    elif way == "auto" and motions != 1 and Completed().pays(tables, shape, order):
+    elif way == "auto" and request.motions != 1 and Completed().pays(request):
         chosen = Completed()
-    elif way == "auto" and pays(tables, shape, order, motions, candidates):
+    elif way == "auto" and pays(request):
         chosen = "exhaustive" if backend == "cuda" and count <= CHEAP_ON_DEVICE else "guided"
-    after_all = way == "auto" and motions == 1 and count <= min(AFFORDABLE, AFFORDABLE if limit is None else limit)
+    affordable = AFFORDABLE if limit is None else min(AFFORDABLE, limit)
+    after_all = way == "auto" and request.motions == 1 and count <= affordable
     if chosen == "guided":
         chosen = Guided(budget=max(int(count) // PER_SEARCHED, 1)) if after_all else Guided()
     if callable(chosen):
         here = choice.chosen(backend, 0.0)
-        weighed = chosen(
-            tables, kind, weigh, shape, order, seed=seed, motions=motions, candidates=candidates, progress=progress
-        )
+        weighed = chosen(request)
         if weighed.found or not after_all:
             return Built(weighed, here)
         searched = weighed.evaluated
     if chosen == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
     evaluator = choice.chosen(backend, count) if cluster is None else cluster
+    asked = request.tables, request.kind, request.weigh, request.shape, request.order
     if chosen == "random":
         tensor, evaluated = random_tensor(
-            tables, kind, weigh, shape, order, int(count), seed,
-            candidates=candidates, backend=evaluator, progress=progress,
+            *asked, int(count), request.seed,
+            candidates=request.candidates, backend=evaluator, progress=request.progress,
         )  # fmt: skip
         # a random sample sees each hyper-edge with this probability
-        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, order))
+        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, request.order))
         return Built(Weighed(tensor, evaluated, share), evaluator)
     most = LIMIT_ON_DEVICE if choice.is_device(evaluator) else EXHAUSTIVE_LIMIT
     arguments.check_size(n, n_target, count, most if limit is None else limit)
     tensor, evaluated = exhaustive_tensor(
-        tables, kind, weigh, shape, order,
-        max_hyperedges=max_hyperedges, candidates=candidates, backend=evaluator, progress=progress,
+        *asked,
+        max_hyperedges=max_hyperedges, candidates=request.candidates, backend=evaluator, progress=request.progress,
     )  # fmt: skip
     return Built(Weighed(tensor, evaluated + searched), evaluator)
 

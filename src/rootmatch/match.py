@@ -169,9 +169,10 @@ def match(
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Choice
         Which are looked at: all, random ones, or those that a search by prediction proposes (`rootmatch.guided.Guided`
-        is such a choice and has its options; `rootmatch.guided.completed.Completed` is another). ``"auto"`` is
-        ``"guided"`` where there are more than two million. With several motions it is ``"guided"`` beyond 200 million,
-        or where the problem allows it all that agree are found by completing minimal sets.
+        is such a choice and has its options; `rootmatch.guided.completed.Completed` is another; one of your own takes
+        a `rootmatch.guided.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With several
+        motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found by
+        completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided import Weighed
-from rootmatch.kernels import kinds
-from rootmatch.kernels.contraction import threads_for
+from rootmatch.guided import Request, Weighed
 from rootmatch.kernels.padding import padded
+from rootmatch.kernels.threads import at_most
 from rootmatch.match import Match, match
 from rootmatch.problems.problem import Problem, check_points
 from rootmatch.tensor import AffinityTensor
@@ -23,7 +21,6 @@ SMALL = 100_000
 """Hyper-edges up to which one thread looks at all of them in a millisecond."""
 FIRST_CAPACITY = 1_024
 """Hyper-edges below the gate that there is room for at first."""
-EVERYTHING = np.empty((0, 0), np.bool_)
 
 
 class SmallSweep:
@@ -37,30 +34,17 @@ class SmallSweep:
         self.arrangements: dict[tuple[int, int], NDArray[np.int32]] = {}
         self.capacity = FIRST_CAPACITY
 
-    def __call__(
-        self,
-        tables: Any,
-        kind: kinds.Kind,
-        weigh: Affinity,
-        shape: tuple[int, int],
-        order: int,
-        *,
-        seed: int = 0,
-        motions: int | Literal["auto"] = 1,
-        candidates: NDArray[np.bool_] | None = None,
-        progress: Progress | None = None,
-    ) -> Weighed:
-        """Tensor of all hyper-edges below the gate; see `rootmatch.guided.Choice`."""
-        n, n_target = shape
-        tables = padded(tables, n_target)
+    def __call__(self, request: Request) -> Weighed:
+        """Tensor of all hyper-edges below the gate."""
+        (n, n_target), order, kind, weigh = request.shape, request.order, request.kind, request.weigh
+        tables, allowed = padded(request.tables, n_target), request.allowed
         if (n, order) not in self.bases:
             self.bases[n, order] = hyperedges.source_bases(n, order)
         if (n_target, order) not in self.arrangements:
             self.arrangements[n_target, order] = hyperedges.target_arrangements(n_target, order - 1)
         bases, arrangements = self.bases[n, order], self.arrangements[n_target, order]
-        allowed = EVERYTHING if candidates is None else np.ascontiguousarray(candidates)
         total = len(bases) * len(arrangements)
-        with threads_for(1):
+        with at_most(1):
             while True:
                 codes, residuals, counts, looked = cpu.sweep(
                     tables, kind, bases, 0, total, arrangements, weigh.gate, allowed, self.capacity, n_target, n, 1
@@ -70,7 +54,7 @@ class SmallSweep:
                 self.capacity = 2 * int(counts[0])
         indices = cpu.decode(codes[0, : counts[0]], bases, arrangements, n_target, n)
         weights = weigh.weights(residuals[0, : counts[0]])
-        return Weighed(AffinityTensor.unchecked(indices, weights, shape), int(looked[0]))
+        return Weighed(AffinityTensor.unchecked(indices, weights, request.shape), int(looked[0]))
 
 
 class Matcher:

@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.problems.fit import Fit
 from rootmatch.problems.problem import Problem
+from rootmatch.significance import CROWDING
 
 Integers = NDArray[np.int64]
 
-CROWDING = 1.5
-"""Detections are denser where they matter than on average over the box around them."""
 NEAR = 6.0
 """Logarithm of the odds against an answer at which it is not looked at any more."""
 GIVEN = 20.0

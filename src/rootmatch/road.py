@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from rootmatch.affinity import Affinity, Progress
 from rootmatch.backends import choice, cpu
 from rootmatch.backends.cluster import Cluster
 from rootmatch.building import Way, build
-from rootmatch.guided import Choice, Weighed
+from rootmatch.guided import Choice, Request, Weighed
 from rootmatch.kernels import kinds
 from rootmatch.problems.problem import Problem
 from rootmatch.tensor import AffinityTensor
@@ -46,23 +46,37 @@ class Road:
         """Source and target points."""
         return len(self.points), len(self.pixels)
 
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """In which the source points are asked for, (n,)."""
+        return edges.wide_first(self.points)
+
+    def request(self) -> Request:
+        """What a choice of hyper-edges is asked for, the source points in their order."""
+        return Request(
+            self._prepare(), self.weigh.residual.kernel_kind(self.problem.pair_count), self.weigh, self.shape,
+            self.problem.order, self.seed, self.motions,
+            None if self.allowed is None else self.allowed[self.order], self.progress,
+        )  # fmt: skip
+
     def tensor(self, way: Way | Choice, samples: int | None) -> Weighed:
         """Hyper-edges chosen in some way, weighed; ``samples`` is how many random ones."""
-        order = edges.wide_first(self.points)
-        facing = None if self.normals is None else self.normals[order]
-        prepare = partial(self.problem.prepare, self.points[order], self.pixels, self.noise, facing)
-        tables = prepare()
+        request = self.request()
         weighed, evaluator = build(
-            tables, self.weigh.residual.kernel_kind(self.problem.pair_count), self.weigh, self.shape,
-            self.problem.order, way=way, samples=samples, seed=self.seed, motions=self.motions,
-            candidates=None if self.allowed is None else self.allowed[order], backend=self.backend,
-            cluster=None if self.scheduler is None else Cluster(self.scheduler, prepare),
-            max_hyperedges=self.max_hyperedges, limit=self.limit, progress=self.progress,
+            request, way=way, samples=samples, backend=self.backend,
+            cluster=None if self.scheduler is None else Cluster(self.scheduler, self._prepare),
+            max_hyperedges=self.max_hyperedges, limit=self.limit,
         )  # fmt: skip
         tensor = weighed.tensor
         if self.problem.small_baseline > 0.0:
-            tensor = self._near(tensor, tables)
-        return weighed._replace(tensor=choice.placed(_restored(tensor, order, self.unary), evaluator))
+            tensor = self._near(tensor, request.tables)
+        return weighed._replace(tensor=choice.placed(_restored(tensor, self.order, self.unary), evaluator))
+
+    @property
+    def _prepare(self) -> partial[Any]:
+        """The problem's tables; by itself, so that a cluster's workers make their own."""
+        facing = None if self.normals is None else self.normals[self.order]
+        return partial(self.problem.prepare, self.points[self.order], self.pixels, self.noise, facing)
 
     def _near(self, tensor: AffinityTensor, tables: Any) -> AffinityTensor:
         """The tensor with the prior of views from nearly one place."""

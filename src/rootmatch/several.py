@@ -16,6 +16,7 @@ from rootmatch.hyperedges import exhaustive_count
 from rootmatch.kernels.rows import first_rows, sorted_rows
 from rootmatch.problems.problem import check_noise
 from rootmatch.road import Road
+from rootmatch.significance import CROWDING
 from rootmatch.solvers.group_fit import GroupFit
 from rootmatch.solvers.packing import GroupPacking
 from rootmatch.solvers.solution import Solution
@@ -23,8 +24,6 @@ from rootmatch.tensor import AffinityTensor
 
 REST = 50_000_000
 """Most hyper-edges among what is left that are looked at one by one."""
-CROWDING = 1.5
-"""Detections are denser where they matter than on average."""
 
 
 def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
@@ -53,7 +52,7 @@ def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
     way: Way | Choice = "exhaustive"
     if exhaustive_count(*rest.shape, order) > REST:
         way = Completed()
-        if not way.pays(_tables(rest), rest.shape, order):
+        if not way.pays(rest.request()):
             return solution, weighed
     more = rest.tensor(way, 0)
     source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))

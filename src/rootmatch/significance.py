@@ -6,6 +6,12 @@ import math
 
 from rootmatch.problems.problem import Problem
 
+CROWDING = 1.5
+"""How much denser clutter is taken to be than detections are on average.
+
+Detections crowd about what is seen, and predictions fall there too: chance meets one more often than their mean density
+says. A round factor on the safe side; a predicted point that meets a detection is worth the less for it.
+"""
 TRUE_WEIGHT = {degrees: math.sqrt(0.5**degrees) for degrees in range(1, 9)}
 """Mean of exp(−χ²/2) of a true hyper-edge, by degrees of freedom of χ²."""
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import seconds
+from rootmatch.kernels.threads import at_most
 from rootmatch.tensor import AffinityTensor
 
 BLOCK = 500_000
@@ -50,11 +50,9 @@ def contraction(hyperedges: int, n: int, repeats: int) -> dict[str, float]:
     tensor, _ = planted(0, n, n, 3, hyperedges)
     x = np.random.default_rng(0).random(tensor.shape)
     np.testing.assert_allclose(tensor.contract(x), add_at(tensor, x), rtol=1e-9)
-    threads = numba.get_num_threads()
     all_threads = seconds(lambda: tensor.contract(x), repeats)
-    numba.set_num_threads(1)
-    one_thread = seconds(lambda: tensor.contract(x), repeats)
-    numba.set_num_threads(threads)
+    with at_most(1):
+        one_thread = seconds(lambda: tensor.contract(x), repeats)
     numpy = seconds(lambda: add_at(tensor, x), repeats)
     return {
         "hyperedges": float(tensor.size),

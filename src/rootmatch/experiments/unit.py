@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from rootmatch.experiments.store import Row
 from rootmatch.hyperedges import exhaustive_count, random_hyperedges, wide_first
 from rootmatch.kernels import kinds
 from rootmatch.kernels.rows import sorted_rows
+from rootmatch.kernels.threads import at_most
 from rootmatch.simulation import Scene
 from rootmatch.solvers import MultiStartAscent, PowerIteration, Solver
 from rootmatch.tensor import AffinityTensor
@@ -177,13 +177,8 @@ def nested_tensors(
 
 def evaluate(unit: Unit) -> list[Row]:
     """All rows of a unit; they depend on the unit alone, not on threads, processes or what else is in it."""
-    with _ONE_AT_A_TIME:
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)
-        try:
-            return list(_evaluate(unit))
-        finally:
-            numba.set_num_threads(threads)
+    with _ONE_AT_A_TIME, at_most(1):
+        return list(_evaluate(unit))
 
 
 def _evaluate(unit: Unit) -> Iterator[Row]:

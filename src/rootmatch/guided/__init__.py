@@ -10,26 +10,17 @@ tensor. No pose is handed on: the minimal problem proposes, the residual weighs,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Progress, given_tensor
+from rootmatch.affinity import given_tensor
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided.choice import Choice, Weighed
+from rootmatch.guided.choice import Choice, Request, Weighed
 from rootmatch.guided.gather import hyperedges_among, random_hyperedges
 from rootmatch.guided.search import Search
-from rootmatch.kernels import (  # noqa: F401  (two of them register what they propose)
-    kinds,
-    p3p_propose,
-    up2p_propose,
-)
+from rootmatch.kernels import p3p_propose, up2p_propose  # noqa: F401  (they register what they propose)
 from rootmatch.kernels.proposers import can_propose
 
-__all__ = ["Choice", "Guided", "Weighed", "can_propose", "pays"]
+__all__ = ["Choice", "Guided", "Request", "Weighed", "can_propose", "pays"]
 
 CHANCE_SAMPLES = 4096
 """Random hyper-edges that tell how well chance does."""
@@ -37,16 +28,9 @@ CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
 """Hyper-edges up to which looking at all of them takes no longer than a search for one motion, for several."""
 
 
-def pays(
-    tables: Any,
-    shape: tuple[int, int],
-    order: int,
-    motions: int | Literal["auto"] = 1,
-    candidates: NDArray[np.bool_] | None = None,
-) -> bool:
+def pays(request: Request) -> bool:
     """Whether a guided search is possible and cheaper than to look at all hyper-edges."""
-    count = hyperedges.estimated_count(*shape, order, candidates)
-    return can_propose(type(tables)) and count > (CHEAP if motions == 1 else CHEAP_OF_MANY)
+    return can_propose(type(request.tables)) and request.count > (CHEAP if request.motions == 1 else CHEAP_OF_MANY)
 
 
 @dataclass(frozen=True)
@@ -82,51 +66,31 @@ class Guided:
             if not getattr(self, name) > 0:
                 raise InputError(f"Guided: {name} is {getattr(self, name)!r}; give a positive number")
 
-    def __call__(
-        self,
-        tables: Any,
-        kind: kinds.Kind,
-        weigh: Affinity,
-        shape: tuple[int, int],
-        order: int,
-        *,
-        seed: int = 0,
-        motions: int | Literal["auto"] = 1,
-        candidates: NDArray[np.bool_] | None = None,
-        progress: Progress | None = None,
-    ) -> Weighed:
+    def __call__(self, request: Request) -> Weighed:
         """Tensor of the hyper-edges among the correspondences that minimal sets propose.
 
         Parameters
         ----------
-        tables
-            Of `Problem.prepare`; the source points in an order that begins with points far apart is best.
-        kind : Kind
-        weigh : Affinity
-        shape : (n, n')
-        order : int
-        seed : int
-            Of the order in which minimal sets are tried, and of the choice of hyper-edges where there are too many.
-        motions : int or "auto"
-            With 1 the search ends when one proposal is beyond chance; with more it goes on to the budget.
-        candidates : (n, n') bool array, optional
-            Correspondences that are possible; others are never tried.
-        progress : callable, optional
-            Called with (evaluations, budget) between batches.
+        request : Request
+            Its seed is that of the order in which minimal sets are tried, and of the choice of hyper-edges where there
+            are too many. With one motion the search ends when one proposal is beyond chance, with more when as many
+            are. Progress is told between batches as (evaluations, budget).
 
         Raises
         ------
         InputError
             If the problem has no proposals.
         """
+        tables, weigh = request.tables, request.weigh
         if not can_propose(type(tables)):
             raise InputError('hyperedges: this problem has no proposals to be guided by; use "exhaustive" or "random"')
-        search = Search(tables, shape, order - 1, seed, motions, self, candidates)
-        search.run(progress)
+        search = Search(request, self)
+        search.run()
         search.refine()
-        source, target, share = hyperedges_among(search.settle(), shape, order, self, search.rng)
-        tensor = given_tensor(tables, kind, weigh, shape, source, target)
-        by_chance = cpu.residuals(tables, kind, *random_hyperedges(shape, order, CHANCE_SAMPLES, search.rng))
+        source, target, share = hyperedges_among(search.settle(), request.shape, request.order, self, search.rng)
+        tensor = given_tensor(tables, request.kind, weigh, request.shape, source, target)
+        drawn = random_hyperedges(request.shape, request.order, CHANCE_SAMPLES, search.rng)
+        by_chance = cpu.residuals(tables, request.kind, *drawn)
         # no sample is large enough to say that chance never agrees
         chance = max(1.0, float(weigh.weights(by_chance[by_chance <= weigh.gate]).sum())) / CHANCE_SAMPLES
         evaluated = search.evaluated + len(source) + CHANCE_SAMPLES

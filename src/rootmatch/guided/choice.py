@@ -1,15 +1,53 @@
-"""What chooses hyper-edges and weighs them, and what comes of it."""
+"""What chooses hyper-edges and weighs them: what it is asked for, and what comes of it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch import hyperedges
 from rootmatch.affinity import Affinity, Progress
 from rootmatch.kernels import kinds
 from rootmatch.tensor import AffinityTensor
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a choice of hyper-edges is asked for: the points of a problem, and what may be matched with what."""
+
+    tables: Any
+    """Of `Problem.prepare`, which knows the noise; best with the source points in the order of `wide_first`."""
+    kind: kinds.Kind
+    """Which residual weighs a hyper-edge; its type chooses the kernel."""
+    weigh: Affinity
+    """From that residual to a weight, and the gate beyond which a hyper-edge is dropped."""
+    shape: tuple[int, int]
+    """Source and target points, (n, n')."""
+    order: int
+    """Correspondences of a hyper-edge, d: one more than a minimal set has."""
+    seed: int = 0
+    """Of everything random."""
+    motions: int | Literal["auto"] = 1
+    """How many rigid motions are looked for; "auto" for any number of them."""
+    candidates: NDArray[np.bool_] | None = None
+    """(n, n') correspondences that are possible, others are never tried; None for all."""
+    progress: Progress | None = None
+    """Called now and then with (done, in all), in units of the choice's own."""
+
+    @property
+    def allowed(self) -> NDArray[np.bool_]:
+        """The candidates as kernels take them: (n, n'), or (0, 0) where all are possible."""
+        if self.candidates is None:
+            return np.empty((0, 0), np.bool_)
+        return np.ascontiguousarray(self.candidates, np.bool_)
+
+    @property
+    def count(self) -> float:
+        """Hyper-edges that there are, about; exactly where all correspondences are possible."""
+        return hyperedges.estimated_count(*self.shape, self.order, self.candidates)
 
 
 class Weighed(NamedTuple):
@@ -30,20 +68,8 @@ class Weighed(NamedTuple):
 
 
 class Choice(Protocol):
-    """Something that chooses hyper-edges and weighs them."""
+    """Something that chooses hyper-edges and weighs them, such as `Guided`; `match` takes any."""
 
-    def __call__(
-        self,
-        tables: Any,
-        kind: kinds.Kind,
-        weigh: Affinity,
-        shape: tuple[int, int],
-        order: int,
-        *,
-        seed: int = 0,
-        motions: int | Literal["auto"] = 1,
-        candidates: NDArray[np.bool_] | None = None,
-        progress: Progress | None = None,
-    ) -> Weighed:
-        """Tensor of the hyper-edges of some order between n source and n' target points; see `Guided`."""
+    def __call__(self, request: Request) -> Weighed:
+        """Tensor of the hyper-edges that it chooses and whose residual is below the gate."""
         ...

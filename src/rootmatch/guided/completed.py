@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Progress, given_tensor
+from rootmatch.affinity import given_tensor
 from rootmatch.errors import InputError
-from rootmatch.guided.choice import Weighed
+from rootmatch.guided.choice import Request, Weighed
 from rootmatch.guided.sets import width
-from rootmatch.kernels import kinds, up2p_complete  # noqa: F401  (it registers its predictions)
+from rootmatch.kernels import up2p_complete  # noqa: F401  (it registers its predictions)
 from rootmatch.kernels.completions import Completions, can_complete
 from rootmatch.kernels.rows import first_rows, sorted_rows
 from rootmatch.kernels.threads import in_threads
@@ -60,44 +60,32 @@ class Completed:
         if not self.gate > 0.0 or self.bases < 1:
             raise InputError(f"Completed: gate {self.gate!r} and bases {self.bases!r} given; give positive numbers")
 
-    def pays(self, tables: Any, shape: tuple[int, int], order: int) -> bool:
+    def pays(self, request: Request) -> bool:
         """Whether it is possible, affordable, and cheaper than to look at all hyper-edges."""
-        count = completion_count(shape, order, self.bases)
+        count = completion_count(request.shape, request.order, self.bases)
         return (
-            can_complete(type(tables))
+            can_complete(type(request.tables))
             and count <= AFFORDABLE
-            and DEARER * count <= hyperedges.exhaustive_count(*shape, order)
+            and DEARER * count <= hyperedges.exhaustive_count(*request.shape, request.order)
         )
 
-    def __call__(
-        self,
-        tables: Any,
-        kind: kinds.Kind,
-        weigh: Affinity,
-        shape: tuple[int, int],
-        order: int,
-        *,
-        seed: int = 0,
-        motions: int | Literal["auto"] = 1,
-        candidates: NDArray[np.bool_] | None = None,
-        progress: Progress | None = None,
-    ) -> Weighed:
-        """Tensor of the hyper-edges that agree; see `rootmatch.guided.Guided`. Nothing here is random.
+    def __call__(self, request: Request) -> Weighed:
+        """Tensor of the hyper-edges that agree, all of them; nothing here is random.
 
         Raises
         ------
         InputError
             If the problem has no predictions.
         """
+        tables, shape, order = request.tables, request.shape, request.order
         if not can_complete(type(tables)):
             raise InputError('hyperedges: this problem predicts no points; use "exhaustive" or "random"')
-        allowed = np.empty((0, 0), np.bool_) if candidates is None else np.ascontiguousarray(candidates, np.bool_)
         images = hyperedges.target_arrangements(shape[1], order - 1).astype(np.int64)
         tasks = self._tasks(tables, shape[0], order)
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 
         def work(first: int, last: int) -> None:
-            completions = Completions(tables, images, self.gate**2, allowed)
+            completions = Completions(tables, images, self.gate**2, request.allowed)
             for number in range(first, last):
                 base, others = tasks[number]
                 found, evaluated = completions.of(base, others)
@@ -108,14 +96,13 @@ class Completed:
         for done in range(0, len(tasks), AT_ONCE * threads):
             few = min(AT_ONCE * threads, len(tasks) - done)
             in_threads(lambda first, last, done=done: work(done + first, done + last), few, threads, 4)  # type: ignore[misc]
-            if progress is not None:
-                progress(done + few, len(tasks))
+            if request.progress is not None:
+                request.progress(done + few, len(tasks))
         evaluated = sum(number for _, number in results)
         found = _distinct(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
-        tensor = given_tensor(tables, kind, weigh, shape, source, target)
-        possible = hyperedges.estimated_count(*shape, order, candidates)
-        chance = max(1.0, float(tensor.weights.sum())) / max(possible, 1.0)
+        tensor = given_tensor(tables, request.kind, request.weigh, shape, source, target)
+        chance = max(1.0, float(tensor.weights.sum())) / max(request.count, 1.0)
         return Weighed(tensor, evaluated + len(found), 1.0, chance)
 
     def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch import hyperedges
-from rootmatch.affinity import Progress
+from rootmatch.guided.choice import Request
 from rootmatch.guided.found import Found, Proposals
 from rootmatch.guided.sets import minimal_sets, others_of, widest
 from rootmatch.kernels import proposals
@@ -19,6 +19,7 @@ from rootmatch.kernels.padding import padded
 from rootmatch.kernels.propose import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.kernels.raster import build_raster
 from rootmatch.kernels.weigh import weigh
+from rootmatch.significance import CROWDING
 
 if TYPE_CHECKING:
     from rootmatch.guided import Guided
@@ -27,8 +28,6 @@ Integers = NDArray[np.int64]
 
 SEEN = (0.95, 0.6, 0.25, 0.1)
 """Chances that a source point is seen, over which the evidence of a proposal is averaged."""
-CROWDING = 1.5
-"""Detections are denser where they matter than on average, by so much at the least."""
 BEYOND_CHANCE = 7.0
 """Evidence above the logarithm of the number of trials from which a proposal is no accident: one in a thousand."""
 COMPLETE = 0.9
@@ -70,35 +69,20 @@ class Search:
 
     Parameters
     ----------
-    tables
-        Of `Problem.prepare`.
-    shape : (n, n')
-    minimal : int
-        Correspondences of a minimal set.
-    seed : int
-    motions : int or "auto"
+    request : Request
     options : Guided
-    candidates : (n, n') bool array, optional
     """
 
-    def __init__(
-        self,
-        tables: Any,
-        shape: tuple[int, int],
-        minimal: int,
-        seed: int,
-        motions: int | Literal["auto"],
-        options: Guided,
-        candidates: NDArray[np.bool_] | None,
-    ) -> None:
-        self.tables, self.options = tables, options
-        self.padded = padded(tables, shape[1])
+    def __init__(self, request: Request, options: Guided) -> None:
+        tables, motions = request.tables, request.motions
+        self.tables, self.options, self.progress = tables, options, request.progress
+        self.n, self.n_target = request.shape
+        self.padded = padded(tables, self.n_target)
         self.single = motions == 1
         self.motions = math.inf if motions == "auto" else float(motions)
-        self.n, self.n_target = shape
-        self.minimal = minimal
-        self.rng = np.random.default_rng([seed, *shape])
-        self.allowed = np.empty((0, 0), np.bool_) if candidates is None else np.ascontiguousarray(candidates, np.bool_)
+        self.minimal = request.order - 1
+        self.rng = np.random.default_rng([request.seed, *request.shape])
+        self.allowed = request.allowed
         spread = np.sqrt(tables.variance)
         self.raster = build_raster(tables.rays, options.gate * max(float(np.median(spread)), float(spread.max()) / 2.0))
         self.density = CROWDING * self.raster.density
@@ -111,7 +95,7 @@ class Search:
         self.found = False
         self.started = time.perf_counter()
 
-    def run(self, progress: Progress | None = None) -> None:
+    def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
         arrangements = self.rng.permutation(hyperedges.target_arrangements(self.n_target, self.minimal - 1))
         batch = FIRST_BATCH
@@ -123,8 +107,8 @@ class Search:
                 last = min(tasks, done + max(CHUNKS, batch // (self.n_target - self.minimal + 1)))
                 self._try(sets, rules, arrangements, done, last, self.allowed)
                 done, batch = last, min(2 * batch, LARGEST_BATCH)
-                if progress is not None:
-                    progress(min(self.evaluated, self.options.budget), self.options.budget)
+                if self.progress is not None:
+                    self.progress(min(self.evaluated, self.options.budget), self.options.budget)
                 if self._spent():
                     return
                 if self._enough():

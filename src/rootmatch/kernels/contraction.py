@@ -10,10 +10,6 @@ own and the tables are summed in order, so the result is the same to the last bi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-import numba
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -30,20 +26,6 @@ VALID, OUT_OF_RANGE, SHARED_SOURCE, SHARED_TARGET, BAD_WEIGHT = 0, 1, 2, 3, 4
 
 USUALLY_INSIDE = 4096
 """Hyper-edges inside an assignment for which there is room at once; where there are more they are counted first."""
-
-
-@contextmanager
-def threads_for(tasks: int) -> Iterator[None]:
-    """Let parallel functions inside use as many threads as there are tasks worth one, and no more than allowed.
-
-    Waking threads for a few microseconds of work costs more than the work, and far more on a busy machine.
-    """
-    allowed = numba.get_num_threads()
-    numba.set_num_threads(max(1, min(allowed, tasks)))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(allowed)
 
 
 def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,8 @@ threads here is a range of tasks, and each thread calls the same plain kernel wi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numba
 
@@ -17,6 +18,17 @@ def threads_worth(tasks: int) -> int:
     Waking threads for a few microseconds of work costs more than the work, and far more on a busy machine.
     """
     return 1 if tasks < 2 else min(tasks, int(numba.get_num_threads()))
+
+
+@contextmanager
+def at_most(threads: int) -> Iterator[None]:
+    """No more than so many threads for what is called inside; afterwards as many as before."""
+    allowed = int(numba.get_num_threads())
+    numba.set_num_threads(min(threads, allowed))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(allowed)
 
 
 def in_threads(work: Callable[[int, int], None], count: int, threads: int, parts: int = 1) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row, Store
 from rootmatch.experiments.sweep import Plan, check_jobs, run, units
 from rootmatch.experiments.unit import Unit
+from rootmatch.kernels.threads import at_most
 from rootmatch.solvers import (
     BlockCoordinateAscent,
     KLProjection,
@@ -59,10 +59,8 @@ def _triangles(setting: Setting) -> int:
 
 def evaluate(unit: Unit) -> list[Row]:
     """Rows of one seed: a tensor for each setting, all solvers on it, one thread."""
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        rows = []
+    rows = []
+    with at_most(1):
         for task in unit.tasks:
             points = instance(task.setting, unit.seed)
             tensor = tensor_of(points, unit.seed)
@@ -82,19 +80,15 @@ def evaluate(unit: Unit) -> list[Row]:
                         found.converged,
                     )
                 )
-        return rows
-    finally:
-        numba.set_num_threads(threads)
+    return rows
 
 
 def milliseconds(instances: int = TIMED_INSTANCES) -> dict[str, float]:
     """Median time of each solver at n = 20 on one thread, after a first call that compiles."""
     setting = Setting(DEFORMATION, 0, TIMED_NOISE)
     tensors = [tensor_of(instance(setting, seed), seed) for seed in range(instances)]
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
     found = {}
-    try:
+    with at_most(1):
         for name, solver in SOLVERS.items():
             solver(tensors[0], seed=0)
             taken = []
@@ -103,8 +97,6 @@ def milliseconds(instances: int = TIMED_INSTANCES) -> dict[str, float]:
                 solver(tensor, seed=0)
                 taken.append(time.perf_counter() - start)
             found[name] = 1e3 * float(np.median(taken))
-    finally:
-        numba.set_num_threads(threads)
     return found
 
 
