@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from rootmatch.problems.planar_motion import PlanarMotion, derivation
 CAMERA = Camera(*INTRINSICS)
 
 
+@cache
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python, which need not be compiled; `test_match` runs the compiled ones."""
     derived = PlanarMotion(CAMERA).derived

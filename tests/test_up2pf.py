@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,24 +28,30 @@ def problem_of(scene: robot_scenes.Scene) -> UP2PF:
     return UP2PF(CENTRE, vertical_camera=scene.vertical)
 
 
-def pair_equation(points: np.ndarray, pixels: np.ndarray, rotation: np.ndarray, focal: float) -> float:
-    """n · R (X₂ − X₁), n the normal of the plane of both rays."""
+def pair_equation(points: np.ndarray, pixels: np.ndarray, rotations: np.ndarray, focal: float) -> np.ndarray:
+    """n · R (X₂ − X₁) for rotations (K, 3, 3), n the normal of the plane of both rays."""
     rays = np.column_stack((pixels - CENTRE, np.full(2, focal)))
-    return float(np.cross(rays[0], rays[1]) @ rotation @ (points[1] - points[0]))
+    return np.cross(rays[0], rays[1]) @ rotations @ (points[1] - points[0])
 
 
-def eliminated(points: np.ndarray, pixels: np.ndarray, rotation: np.ndarray) -> float:
+def eliminated(points: np.ndarray, pixels: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     """The two equations of points 0, 1 and 0, 2 are linear in f (after one f is divided out): their resultant in f."""
     rows = []
     for k in (1, 2):
-        one, two = (pair_equation(points[[0, k]], pixels[[0, k]], rotation, f) for f in (1000.0, 2000.0))
+        one, two = (pair_equation(points[[0, k]], pixels[[0, k]], rotations, f) for f in (1000.0, 2000.0))
         rows.append(((two - one) / 1000.0, 2.0 * one - two))  # a f + b
-    return float(np.linalg.det(rows))
+    (a, b), (c, d) = rows
+    return a * d - b * c
 
 
 def rotation_of(scene: robot_scenes.Scene, angle: float) -> np.ndarray:
     """The camera's rotation with the turn about the vertical changed by ``angle``."""
     return scene.rotation @ axis_rotation(DOWN, angle)
+
+
+def rotations_of(scene: robot_scenes.Scene, angles: np.ndarray) -> np.ndarray:
+    """That for each of K angles, (K, 3, 3)."""
+    return np.array([rotation_of(scene, angle) for angle in angles])
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
@@ -58,19 +65,16 @@ def test_quartic_is_the_resultant_of_two_pairs(tilt: float) -> None:
         # the problem's own zero of the angle is unknown here: compare the differences of all roots
         roots = np.roots(found)
         ours = np.sort(2.0 * np.arctan(roots[np.abs(roots.imag) < 1e-7 * np.abs(roots)].real))
-        angles = np.linspace(-math.pi, math.pi, 20001)
-        values = np.array([eliminated(points, pixels, rotation_of(scene, a)) for a in angles[::40]])
-        count = int(np.sum(np.sign(values[1:]) != np.sign(values[:-1])))
-        assert count <= len(ours)  # a coarse grid may miss a close pair
-        zeros = []
-        for k in np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1])):
-            low, high = angles[::40][k], angles[::40][k + 1]
-            for _ in range(60):
-                middle = 0.5 * (low + high)
-                same = np.sign(eliminated(points, pixels, rotation_of(scene, middle))) == np.sign(values[k])
-                low, high = (middle, high) if same else (low, middle)
-            zeros.append(low)
-        if not zeros:
+        angles = np.linspace(-math.pi, math.pi, 501)
+        signs = np.sign(eliminated(points, pixels, rotations_of(scene, angles)))
+        changes = np.flatnonzero(signs[1:] != signs[:-1])
+        assert len(changes) <= len(ours)  # a coarse grid may miss a close pair
+        zeros, high = angles[changes], angles[changes + 1]
+        for _ in range(40 if len(zeros) else 0):
+            middle = 0.5 * (zeros + high)
+            same = np.sign(eliminated(points, pixels, rotations_of(scene, middle))) == signs[changes]
+            zeros, high = np.where(same, middle, zeros), np.where(same, high, middle)
+        if not len(zeros):
             continue  # so much noise leaves some triples without a real root
         seen += 1
         # one shift takes all zeros found to roots
@@ -110,6 +114,7 @@ def test_shipped_formulas_are_those_of_the_equations() -> None:
         assert getattr(ours, name) == getattr(fresh, name) == getattr(UP2PF(CENTRE), name)
 
 
+@cache
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python: compiling each takes ten seconds."""
     derived = UP2PF(CENTRE).derived

@@ -38,7 +38,7 @@ def compile_residuals(
     interpreted : bool
         As plain Python too: slow, for tests of the composition itself.
     """
-    text = residuals.text()
+    text = residuals.text
     degree = residuals.shape.degree
 
     def plain(function: Any) -> Any:
@@ -70,7 +70,7 @@ def compile_residuals(
 def tag_name(residuals: Residuals, generated: str, version: str) -> str:
     """A name for the kernels: a digest of all text that they are made of."""
     constants = f"{version} {LARGE} {GATE} {BLUR} {VAGUE}"
-    digest = hashlib.sha256("\0".join([constants, generated, residuals.text()]).encode())
+    digest = hashlib.sha256("\0".join([constants, generated, residuals.text]).encode())
     return f"k{digest.hexdigest()[:24]}"
 
 

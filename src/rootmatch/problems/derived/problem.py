@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -64,10 +65,8 @@ class DerivedProblem(Problem):
             source_dimension=self.source.dimension,
             target_dimension=self.target.dimension,
         )
-        shape = Shape(plan, self.source.noise_dimensions, self.target.noise_dimensions)
-        residuals = Residuals(shape, tuple(plan["orders"]), plan["interval"])
-        self.__dict__["residuals"] = residuals
-        self.__dict__["tag"] = tag_name(residuals, self.generated.text, __version__)
+        residuals, tag = _composed(self.generated, self.source.noise_dimensions, self.target.noise_dimensions)
+        self.__dict__.update(residuals=residuals, tag=tag)
 
     @property
     def code(self) -> str:
@@ -127,6 +126,14 @@ class DerivedProblem(Problem):
     def __reduce__(self) -> Any:
         """Pickled as text, which is vetted again where it is read."""
         return _rebuilt, (self.title, self.generated.text, self.source, self.target)
+
+
+@lru_cache(maxsize=64)
+def _composed(generated: Generated, source_noise: int, target_noise: int) -> tuple[Residuals, str]:
+    """Text of the kernels and their tag: the same however the problem is seen, and slower to compose than a match."""
+    plan = generated.plan
+    residuals = Residuals(Shape(plan, source_noise, target_noise), tuple(plan["orders"]), plan["interval"])
+    return residuals, tag_name(residuals, generated.text, __version__)
 
 
 def _rebuilt(title: str, text: str, source: Measurement, target: Measurement) -> DerivedProblem:

@@ -36,9 +36,9 @@ _OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub)
 _NAME = re.compile(r"[a-z][a-zA-Z0-9_]*\Z")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Generated:
-    """A vetted generated module.
+    """A vetted generated module; itself alone is equal to it, so that what is made of it can be kept.
 
     Attributes
     ----------
