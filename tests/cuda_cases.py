@@ -94,6 +94,13 @@ CASES |= {
     "gate": Case("up2p", Joint, gate=6.0, slabs=250),
     "strongest": Case("up2p", Normalised, limit=40, slabs=100),
 }
+SINGLE = {
+    f"{problem} {kind.__name__} {pairs}": Case(problem, kind, pairs, shape=(6, 7), gate=40.0, slabs=200)
+    for problem in ("p3p", "up2p")
+    for kind in (Normalised, Joint)
+    for pairs in (1, 0b110)
+}
+"""What there are kernels of single precision for."""
 LIMITED = {
     "few of many": (Case("up2p", Joint), 50),
     "all": (Case("up2p", Joint, gate=20.0, shape=(4, 5)), 10**6),

@@ -3,6 +3,9 @@
 A driver calls `edge_residual` and `slab_residual`; the type of the problem's tables and the type of the kind (both
 NamedTuples) choose the kernel. One driver thus serves every problem, and the on-disk cache of Numba finds it again:
 a driver that took the kernel as an argument, or closed over it, would be compiled anew in each process.
+
+Tables of single precision get the kernel's twin (`rootmatch.kernels.single`), in `edge_residual`, `fill_panel` and
+`slab_residual`.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 from numpy.typing import NDArray
+
+from rootmatch.kernels.single import serving
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
@@ -51,6 +56,7 @@ _SLAB: dict[tuple[type, type], Callable[..., Any]] = {}
 _PANEL: dict[tuple[type, type], Callable[..., Any]] = {}
 _LISTED: dict[tuple[type, type], tuple[Callable[..., Any], Callable[..., Any]]] = {}
 _SQUARES: set[tuple[type, type]] = set()
+_SINGLE: set[tuple[type, type]] = set()
 
 
 def register(
@@ -60,12 +66,14 @@ def register(
     slab: Callable[..., Any],
     panel: Callable[..., Any] | None = None,
     squares: bool = False,
+    single: bool = False,
 ) -> None:
     """Make these functions the kernels of a pair of types.
 
     They are ``edge(tables, kind, i, j)`` and ``slab(tables, kind, i, j, first, scratch, out)``; with
     ``panel(tables, kind, i, j, panel)`` the slab's is ``slab(tables, kind, i, j, first, panel, scratch, out)``.
     ``squares`` says that the slab gives the squares of residuals, whose roots only what passes the gate is worth.
+    ``single`` says that the ranking of hyper-edges by residual survives in single precision.
     """
     _EDGE[tables, kind] = edge
     _SLAB[tables, kind] = slab
@@ -73,6 +81,8 @@ def register(
         _PANEL[tables, kind] = panel
     if squares:
         _SQUARES.add((tables, kind))
+    if single:
+        _SINGLE.add((tables, kind))
 
 
 def register_listed(tables: type, kind: type, fill: Callable[..., Any], edge: Callable[..., Any]) -> None:
@@ -99,7 +109,7 @@ def slab_of_rows(row: Callable[..., Any]) -> Any:
 
 def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     """Residual of one hyper-edge: source indices ``i`` and target indices ``j``, sequences of length d."""
-    return float(_EDGE[type(tables), type(kind)](tables, kind, i, j))
+    return float(serving(tables, _EDGE[type(tables), type(kind)])(tables, kind, i, j))
 
 
 def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64], panel: NDArray[np.float64]) -> None:
@@ -109,7 +119,7 @@ def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64
     has what follows with every image of that one, say the roots, found in one loop that vectorises.
     """
     if (type(tables), type(kind)) in _PANEL:
-        _PANEL[type(tables), type(kind)](tables, kind, i, j, panel)
+        serving(tables, _PANEL[type(tables), type(kind)])(tables, kind, i, j, panel)
 
 
 def slab_residual(
@@ -132,10 +142,11 @@ def slab_residual(
     SCRATCH_COLUMNS long. What depends on the minimal set alone is computed once: that is most of the work.
     """
     key = type(tables), type(kind)
+    slab = serving(tables, _SLAB[key])
     if key in _PANEL:
-        _SLAB[key](tables, kind, i, j, first, panel, scratch, out)
+        slab(tables, kind, i, j, first, panel, scratch, out)
     else:
-        _SLAB[key](tables, kind, i, j, first, scratch, out)
+        slab(tables, kind, i, j, first, scratch, out)
 
 
 def gives_squares(tables: Any, kind: Any) -> bool:
@@ -181,7 +192,7 @@ BLOCK_ROWS, BLOCK_COLUMNS = 56, 64
 
 @chooses(edge_residual)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
-    function = _EDGE[tables.instance_class, kind.instance_class]
+    function = serving(tables, _EDGE[tables.instance_class, kind.instance_class])
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any) -> Any:
         return function(tables, kind, i, j)
@@ -196,7 +207,7 @@ def _no_panel(tables, kind, i, j, panel):  # type: ignore[no-untyped-def]
 
 @chooses(fill_panel)
 def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Callable[..., Any]:
-    function: Callable[..., Any] = _PANEL.get((tables.instance_class, kind.instance_class), _no_panel)
+    function = serving(tables, _PANEL.get((tables.instance_class, kind.instance_class), _no_panel))
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Any:
         function(tables, kind, i, j, panel)
@@ -241,7 +252,7 @@ def _slab_overload(
     tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any
 ) -> Callable[..., Any]:
     key = tables.instance_class, kind.instance_class
-    function = _SLAB[key]
+    function = serving(tables, _SLAB[key])
 
     def plain(tables: Any, kind: Any, i: Any, j: Any, first: Any, panel: Any, scratch: Any, out: Any) -> Any:
         function(tables, kind, i, j, first, scratch, out)
@@ -265,6 +276,11 @@ def _squares_overload(tables: Any, kind: Any) -> Callable[..., Any]:
 def has_panel(tables: Any, kind: Any) -> bool:
     """Whether the slab kernel of these types reads its panel."""
     return (type(tables), type(kind)) in _PANEL
+
+
+def has_single(tables: Any, kind: Any) -> bool:
+    """Whether these types have a kernel of single precision."""
+    return (type(tables), type(kind)) in _SINGLE
 
 
 def kinds_of(tables: type) -> tuple[type, ...]:

@@ -11,6 +11,8 @@ the true hyper-edges were lost. All that depends on abc is computed once for eve
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
 from rootmatch.kernels.dispatch import kernel, register, scalar
@@ -215,7 +217,7 @@ def slab_joint(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-un
                 scratch[6, r], scratch[7, r], scratch[8, r], scratch[9, r], scratch[10, r], scratch[11, r],
             ) = predict(alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz, va, vb, vc)  # fmt: skip
             if looks_back(t, affine, frame, first + r, scratch[0, r], scratch[1, r], scratch[2, r]) > 0.0:
-                scratch[9, r] = np.inf  # a prediction without meaning
+                scratch[9, r] = inf  # a prediction without meaning
         for r in range(rows):
             d0, d1, d2, d3, d4, d5 = (
                 scratch[0, r],
@@ -280,4 +282,4 @@ def panel_joint(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
     solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], h[j[0], j[1]], h[j[1]], h[j[0]], panel)
 
 
-register(P3PTables, Joint, edge_joint, slab_joint, panel_joint, squares=True)
+register(P3PTables, Joint, edge_joint, slab_joint, panel_joint, squares=True, single=True)

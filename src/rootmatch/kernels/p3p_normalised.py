@@ -8,6 +8,8 @@ over the roots of p is taken: the resultant is a product over them, and vanishes
 
 from __future__ import annotations
 
+from math import nan
+
 import numpy as np
 
 from rootmatch.kernels.dispatch import kernel, register, scalar
@@ -133,7 +135,7 @@ def panel_normalised(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
     solve_all(s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]], hab, hbd, hda, panel)
     for n in range(panel.shape[1]):
         apart = min(hbd[n], hda[n]) > COINCIDENT
-        panel[8, n] = (va + v[n]) * hda[n] * (2.0 - hda[n]) if apart else np.nan
+        panel[8, n] = (va + v[n]) * hda[n] * (2.0 - hda[n]) if apart else nan
         panel[9, n] = (vb + v[n]) * hbd[n] * (2.0 - hbd[n])
         panel[10, n] = 2.0 * v[n] * tangent_gram(hda[n], hbd[n], hab)
         panel[11, n] = 2.0 * va * tangent_gram(hab, hda[n], hbd[n])
@@ -225,4 +227,4 @@ def slab_normalised(t, kind, i, j, first, panel, scratch, out):  # type: ignore[
                 out[r, n] = edge_normalised(t, kind, i, j) ** 2
 
 
-register(P3PTables, Normalised, edge_normalised, slab_normalised, panel_normalised, squares=True)
+register(P3PTables, Normalised, edge_normalised, slab_normalised, panel_normalised, squares=True, single=True)

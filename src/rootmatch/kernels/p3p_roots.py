@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+from math import nan
 
 from rootmatch.kernels.dispatch import kernel, scalar
 from rootmatch.kernels.p3p import STEP, quadratics, quartic
@@ -53,10 +53,10 @@ def ratio_pairs(A, B, C, hab, hbc, hca):  # type: ignore[no-untyped-def]
     q4, q3, q2, q1, q0 = quartic(n2, n1, n0, d1, d0, m2, m1, m0, hca)
     r0, r1, r2, r3, i01, i23 = roots_quartic(q4, q3, q2, q1, q0)
     # a pair is kept once, at its real part, when it is nearly real
-    r0 = r0 if i01 < NEARLY_REAL else np.nan
-    r1 = r1 if i01 == 0.0 else np.nan
-    r2 = r2 if i23 < NEARLY_REAL else np.nan
-    r3 = r3 if i23 == 0.0 else np.nan
+    r0 = r0 if i01 < NEARLY_REAL else nan
+    r1 = r1 if i01 == 0.0 else nan
+    r2 = r2 if i23 < NEARLY_REAL else nan
+    r3 = r3 if i23 == 0.0 else nan
     x0, y0 = ratio_pair(A, B, C, hab, hbc, hca, r0)
     x1, y1 = ratio_pair(A, B, C, hab, hbc, hca, r1)
     x2, y2 = ratio_pair(A, B, C, hab, hbc, hca, r2)

@@ -8,6 +8,7 @@ decides how far from real is too far.
 from __future__ import annotations
 
 import math
+from math import inf
 
 from rootmatch.kernels.dispatch import scalar
 
@@ -104,7 +105,7 @@ def largest_root_cubic(a2, a1, a0):  # type: ignore[no-untyped-def]
     for _ in range(2):
         slope = (3.0 * x + 2.0 * a2) * x + a1
         value = ((x + a2) * x + a1) * x + a0
-        y = x - value / (slope if slope != 0.0 else math.inf)
+        y = x - value / (slope if slope != 0.0 else inf)
         x = y if abs(((y + a2) * y + a1) * y + a0) < abs(value) else x
     return x
 
@@ -114,7 +115,7 @@ def polish(a4, a3, a2, a1, a0, x):  # type: ignore[no-untyped-def]
     """One Newton step, taken only if it brings the quartic nearer to 0 (at a double root it may not)."""
     before = value_quartic(a4, a3, a2, a1, a0, x)
     slope = slope_quartic(a4, a3, a2, a1, x)
-    y = x - before / (slope if slope != 0.0 else math.inf)
+    y = x - before / (slope if slope != 0.0 else inf)
     return y if abs(value_quartic(a4, a3, a2, a1, a0, y)) < abs(before) else x
 
 

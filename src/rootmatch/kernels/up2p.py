@@ -326,4 +326,4 @@ for _kind, _value in (
     (SVD, singular_value),
 ):
     register(UP2PTables, _kind, *_resultant_kernels(_value))
-register(UP2PTables, Joint, edge_joint, slab_of_rows(row_joint), squares=True)
+register(UP2PTables, Joint, edge_joint, slab_of_rows(row_joint), squares=True, single=True)

@@ -113,4 +113,4 @@ def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
                 out[r, k] = edge(t, kind, i, (j[0], j[1], k)) ** 2
 
 
-register(UP2PTables, Normalised, edge, slab, squares=True)
+register(UP2PTables, Normalised, edge, slab, squares=True, single=True)
