@@ -13,6 +13,8 @@ from typing import Any
 from numba import cuda, typeof, types
 
 CAPABILITY = (9, 0)
+COMPUTES = r"\b(?:add|sub|mul|fma|div|sqrt|rcp|rsqrt|abs|neg|min|max|setp|selp|cvt)\.\S*{}\b[^;]*"
+"""Instructions on numbers of a type, but for moves, loads and stores."""
 
 
 def probe(x):  # type: ignore[no-untyped-def]
@@ -64,38 +66,49 @@ def kernels() -> list[dict[str, Any]]:
     numba.cuda.dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=CAPABILITY)
     from cuda_cases import CASES, case_tables
     from rootmatch.backends import cuda as backend
-    from rootmatch.backends import cuda_contraction
+    from rootmatch.backends import cuda_contraction, cuda_single
+    from rootmatch.kernels.dispatch import has_single
+    from rootmatch.kernels.single import rounded
 
     def array(dimensions: int, dtype: Any = types.float64) -> Any:
         return types.Array(dtype, dimensions, "C")
 
     i8, i4, flag = types.int64, types.int32, types.boolean
-    indices, listed, found = array(2, i4), array(2, i8), (array(1, i8), array(1), array(1, i8))
+    indices, listed = array(2, i4), array(2, i8)
     wanted = {(case.problem, case.kind): case for case in CASES.values()}
     backend.make_known()
     made = []
     ptxas = assembler()
 
-    def add(problem: str, kind: str, driver: Any, arguments: Any) -> None:
+    def add(problem: str, kind: str, driver: Any, arguments: Any, single: bool = False) -> None:
         ptx, _ = cuda.compile(driver, types.void(*arguments), cc=CAPABILITY, device=False, abi="numba")
         made.append(
             {
-                "problem": problem, "kind": kind, "driver": driver.__name__,
+                "problem": problem, "kind": kind, "driver": driver.__name__, "in_single": single,
                 "unresolved": re.findall(r"\.extern \.func[^;]*?(\w+)\s*\(", ptx),
-                "single": len(re.findall(r"\b(?:add|sub|mul|fma|div|sqrt|cvt)\.\S*f32\b", ptx)),
+                "single": re.findall(COMPUTES.format("f32"), ptx), "double": re.findall(COMPUTES.format("f64"), ptx),
                 **measured(ptx, ptxas),
             }
+        )  # fmt: skip
+
+    def add_sweep(problem: str, kind: type, tables: Any, number: Any) -> None:
+        typed, single = (typeof(tables), typeof(kind(1))), number is types.float32
+        rows, found = array(3, number), (array(1, i8), array(1, number), array(1, i8))
+        add(problem, kind.__name__, backend.panel_kernel, (*typed, listed, indices, i8, rows), single)
+        add(
+            problem, kind.__name__, backend.sweep_kernel,
+            (*typed, listed, i8, i8, indices, number, flag, array(2, flag), i8, i8, rows, rows, *found), single,
         )  # fmt: skip
 
     for (problem, kind), case in wanted.items():
         tables = case_tables(case)
         typed = typeof(tables), typeof(kind(1))
         add(problem, kind.__name__, backend.evaluate_kernel, (*typed, indices, indices, array(1)))
-        add(problem, kind.__name__, backend.panel_kernel, (*typed, listed, indices, i8, array(3)))
-        add(
-            problem, kind.__name__, backend.sweep_kernel,
-            (*typed, listed, i8, i8, indices, types.float64, flag, array(2, flag), i8, i8, array(3), array(3), *found),
-        )  # fmt: skip
+        add_sweep(problem, kind, tables, types.float64)
+        if has_single(tables, kind(1)):
+            add_sweep(problem, kind, rounded(tables), types.float32)
+            numbered = array(1, i8), array(1)
+            add(problem, kind.__name__, cuda_single.exact_kernel, (*typed, listed, indices, i8, i8, *numbered))
     contracted = indices, array(1), array(1), array(1, i8), array(1, i4), array(1)
     add("", "", cuda_contraction.contract_kernel, contracted)
     return made

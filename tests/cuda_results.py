@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 import rootmatch as rm
-from cuda_cases import CASES, LIMITED, SOLVED, case_tables, given_hyperedges, random_tensor
+from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
 from rootmatch.affinity import affinity, exhaustive_tensor
 from rootmatch.affinity import random_tensor as sampled_tensor
-from rootmatch.backends import cuda
+from rootmatch.backends import cuda, cuda_single
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.selection import Enumeration
 from rootmatch.simulation import up2p_scene
@@ -33,6 +33,11 @@ def results() -> dict[str, Any]:
         found = cuda.strongest(work, *case.ranks(work), case.gate, case.limit)
         made[f"{name} codes"], made[f"{name} residuals"] = found.codes, found.residuals
         made[f"{name} evaluated"] = found.evaluated
+    for name, case in SINGLE.items():
+        work = Enumeration.of(case_tables(case), case.kind(case.pairs), case.shape, case.order, case.mask())
+        found = cuda_single.strongest(work, *case.ranks(work), case.gate, case.limit)
+        made[f"{name} screened codes"], made[f"{name} screened residuals"] = found.codes, found.residuals
+        made[f"{name} screened evaluated"] = found.evaluated
     for name, (case, limit) in LIMITED.items():
         cuda.LAUNCH, cuda.CAPACITY = 200, 8
         weigh = affinity("joint", gate=case.gate)
@@ -50,9 +55,10 @@ def results() -> dict[str, Any]:
     tensor, _ = random_tensor(3)
     made["power"] = PowerIteration(iterations=2)(DeviceTensor.of(tensor)).soft
     scene = up2p_scene(**SOLVED)
-    match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend="cuda")
-    made["match assignment"], made["match indices"] = match.assignment, match.tensor.indices
-    made["match weights"], made["match evaluated"] = match.tensor.weights, match.hyperedges
+    for backend in ("cuda", "cuda-float32"):
+        match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend=backend)
+        made[f"{backend} assignment"], made[f"{backend} indices"] = match.assignment, match.tensor.indices
+        made[f"{backend} weights"], made[f"{backend} evaluated"] = match.tensor.weights, match.hyperedges
     return made
 
 

@@ -112,9 +112,10 @@ class TestErrors:
         with pytest.raises(rm.InputError, match=r"one process.*exhaustive"):
             self.match(scheduler=scheduler, hyperedges="guided")
 
-    def test_card(self, scheduler: str) -> None:
-        with pytest.raises(rm.InputError, match=r"processors.*leave backend"):
-            self.match(scheduler=scheduler, backend="cuda")
+    @pytest.mark.parametrize("backend", ["cuda", "cuda-float32"])
+    def test_card(self, scheduler: str, backend: str) -> None:
+        with pytest.raises(rm.InputError, match=rf'processors.*leave backend="{backend}"'):
+            self.match(scheduler=scheduler, backend=backend)
 
     def test_nobody_there(self, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.importorskip("distributed")

@@ -8,18 +8,19 @@ import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import rootmatch as rm
-from cuda_cases import CASES, LIMITED, SOLVED, case_tables, given_hyperedges, random_tensor
+from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
 from rootmatch.affinity import affinity, exhaustive_tensor
 from rootmatch.affinity import random_tensor as sampled_tensor
 from rootmatch.backends import choice, cpu
 from rootmatch.backends.selection import Enumeration, Strongest
-from rootmatch.simulation import up2p_scene
+from rootmatch.simulation import three_plus_one_scene, up2p_scene
 from rootmatch.solvers import PowerIteration
 
 FOLDER = Path(__file__).parent
@@ -111,6 +112,27 @@ class TestKernels:
 
 
 @needs_numba_cuda
+@pytest.mark.parametrize("name", list(SINGLE))
+def test_screened_in_single_precision(name: str, there: Any) -> None:
+    """The same hyper-edges but for some at the gate, with the residuals of double precision."""
+    case = SINGLE[name]
+    work = Enumeration.of(case_tables(case), case.kind(case.pairs), case.shape, case.order, case.mask())
+    here = cpu.strongest(work, *case.ranks(work), case.gate, case.limit)
+    codes, at, of = np.intersect1d(there[f"{name} screened codes"], here.codes, return_indices=True)
+    assert np.array_equal(codes, there[f"{name} screened codes"])
+    assert np.all(np.delete(here.residuals, of) > 0.99 * case.gate)
+    assert len(codes) >= 10
+    others = [
+        cpu.strongest(
+            replace(work, tables=moved_by_rounding(work.tables, seed)), *case.ranks(work), case.gate, case.limit
+        ).residuals[of]
+        for seed in range(8)
+    ]
+    check_equal(there[f"{name} screened residuals"][at], here.residuals[of], others)
+    assert there[f"{name} screened evaluated"] == here.evaluated
+
+
+@needs_numba_cuda
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
 def test_contraction(order: int, there: Any) -> None:
     tensor, x = random_tensor(order)
@@ -124,13 +146,14 @@ def test_solver_on_a_tensor_on_the_card(there: Any) -> None:
 
 
 @needs_numba_cuda
-def test_whole_match(there: Any) -> None:
+@pytest.mark.parametrize("backend", ["cuda", "cuda-float32"])
+def test_whole_match(backend: str, there: Any) -> None:
     scene = up2p_scene(**SOLVED)
     here = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend="cpu")
-    np.testing.assert_array_equal(there["match assignment"], here.assignment)
-    np.testing.assert_array_equal(there["match indices"], here.tensor.indices)
-    np.testing.assert_allclose(there["match weights"], here.tensor.weights, rtol=SHARP)
-    assert there["match evaluated"] == here.hyperedges
+    np.testing.assert_array_equal(there[f"{backend} assignment"], here.assignment)
+    np.testing.assert_array_equal(there[f"{backend} indices"], here.tensor.indices)
+    np.testing.assert_allclose(there[f"{backend} weights"], here.tensor.weights, rtol=SHARP)
+    assert there[f"{backend} evaluated"] == here.hyperedges
     assert (here.assignment == scene.truth).all()
 
 
@@ -168,6 +191,26 @@ class TestChoice:
     def test_importing_the_package_does_not_import_cuda(self) -> None:
         code = "import sys, rootmatch\nprint([m for m in sys.modules if m.startswith(('numba_cuda', 'numba.cuda.'))])"
         assert run("-c", code).strip() == "[]"
+
+    @pytest.mark.parametrize(
+        ("scene", "residual"), [(three_plus_one_scene(**SOLVED), "joint"), (up2p_scene(**SOLVED), "qr")]
+    )
+    def test_single_precision_only_where_the_ranking_survives(self, scene: Any, residual: str) -> None:
+        """Said before a card is looked for."""
+        with pytest.raises(rm.InputError, match=r"cuda-float32.*ranking.*use \"cuda\""):
+            rm.match(scene.source, scene.target, scene.problem, residual=residual, backend="cuda-float32")
+
+    @pytest.mark.parametrize("slow", [False, True])
+    def test_auto_screens_on_cards_slow_in_double(self, slow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+        double, single = SimpleNamespace(SIMULATED=False), SimpleNamespace()
+        monkeypatch.setattr(choice, "device_backend", lambda: double)
+        monkeypatch.setattr(choice, "_screening", lambda: single)
+        monkeypatch.setattr(choice, "_slow_in_double", lambda: slow)
+        assert choice.chosen("auto", 1e12, True) is (single if slow else double)
+        assert choice.chosen("auto", 1e12, False) is double
+        assert choice.chosen("cuda", 1e12, True) is double
+        assert choice.chosen("cuda-float32", 1e12, True) is single
+        assert choice.chosen("auto", choice.PAYS - 1, True) is cpu
 
     def test_few_hyperedges_stay_on_the_processor(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(choice, "device_backend", lambda: pytest.fail("asked for a card"))

@@ -41,9 +41,13 @@ def test_every_kernel_compiles_with_nothing_left_unresolved(compiled: list[dict[
         assert row["unresolved"] == [], row
 
 
-def test_nothing_is_computed_in_single_precision(compiled: list[dict[str, Any]]) -> None:
+def test_nothing_is_computed_in_the_other_precision(compiled: list[dict[str, Any]]) -> None:
     for row in compiled:
-        assert row["single"] == 0, row
+        assert row["double" if row["in_single"] else "single"] == [], row
+    swept = [row for row in compiled if row["driver"] == "sweep_kernel"]
+    assert sum(row["in_single"] for row in swept) == 4
+    for row in swept:
+        assert len(row["single" if row["in_single"] else "double"]) > 50, row
 
 
 def test_registers_do_not_overflow_into_memory(compiled: list[dict[str, Any]]) -> None:
@@ -52,4 +56,5 @@ def test_registers_do_not_overflow_into_memory(compiled: list[dict[str, Any]]) -
     if not measured:
         pytest.skip("no ptxas")
     for row in measured:
+        assert row["spilled"] == 0 or not row["in_single"], row
         assert row["spilled"] <= (600 if row["kind"] == "SVD" else 160), row

@@ -14,6 +14,7 @@ from rootmatch.backends.selection import Backend
 from rootmatch.errors import InputError
 from rootmatch.guided import Choice, Guided, Request, Weighed, pays
 from rootmatch.guided.completed import Completed
+from rootmatch.kernels.dispatch import has_single
 
 Way = Literal["auto", "exhaustive", "random", "guided"]
 WAYS: tuple[Way, ...] = ("auto", "exhaustive", "random", "guided")
@@ -64,26 +65,27 @@ def build(
     n, n_target = request.shape
     count = request.count
     chosen: Any = way
+    single = has_single(request.tables, request.kind)
     searched = 0
     if cluster is not None:
         chosen = _for_workers(way, backend)
     elif way == "auto" and request.motions != 1 and Completed().pays(request):
         chosen = Completed()
     elif way == "auto" and pays(request):
-        chosen = "exhaustive" if backend == "cuda" and count <= CHEAP_ON_DEVICE else "guided"
+        chosen = "exhaustive" if backend in choice.ON_CARD and count <= CHEAP_ON_DEVICE else "guided"
     affordable = AFFORDABLE if limit is None else min(AFFORDABLE, limit)
     after_all = way == "auto" and request.motions == 1 and count <= affordable
     if chosen == "guided":
         chosen = Guided(budget=max(int(count) // PER_SEARCHED, 1)) if after_all else Guided()
     if callable(chosen):
-        here = choice.chosen(backend, 0.0)
+        here = choice.chosen(backend, 0.0, single)
         weighed = chosen(request)
         if weighed.found or not after_all:
             return Built(weighed, here)
         searched = weighed.evaluated
     if chosen == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
-    evaluator = choice.chosen(backend, count) if cluster is None else cluster
+    evaluator = choice.chosen(backend, count, single) if cluster is None else cluster
     asked = request.tables, request.kind, request.weigh, request.shape, request.order
     if chosen == "random":
         tensor, evaluated = random_tensor(
@@ -104,8 +106,10 @@ def build(
 
 def _for_workers(way: Way | Choice, backend: choice.Name) -> Way:
     """Which hyper-edges go to a cluster's workers: all, or random ones."""
-    if backend == "cuda":
-        raise InputError('scheduler: its workers compute on processors; leave backend="cuda" out, or go without it')
+    if backend in choice.ON_CARD:
+        raise InputError(
+            f'scheduler: its workers compute on processors; leave backend="{backend}" out, or go without it'
+        )
     if way == "random":
         return way
     if way in ("auto", "exhaustive"):

@@ -186,10 +186,12 @@ def match(
         Bool: which correspondences are possible. Numbers: prior weights, of which zeros forbid.
     motions : int or "auto"
         Into how many rigid motions the matches are divided.
-    backend : {"auto", "cpu", "cuda"}
+    backend : {"auto", "cpu", "cuda", "cuda-float32"}
         What evaluates hyper-edges and contracts the tensor: processor cores, or an NVIDIA card through numba-cuda (the
         extra ``gpu``). ``"auto"`` is the card where there is one and 200 million hyper-edges or more are looked at. A
         guided search runs on the processor; with ``"cuda"`` it is chosen only beyond a thousand million hyper-edges.
+        ``"cuda-float32"`` looks at all hyper-edges in single precision and again in double at those that pass: for
+        ``"joint"`` and ``"normalised"`` of P3P and up2p, where ``"auto"`` takes it on cards that are slow in double.
     max_hyperedges : int
         Most hyper-edges kept, the strongest; 24 bytes each at order 4.
     limit : int

@@ -10,8 +10,9 @@ from rootmatch.backends.selection import Backend
 from rootmatch.errors import InputError
 from rootmatch.tensor import AffinityTensor
 
-Name = Literal["auto", "cpu", "cuda"]
-NAMES: tuple[Name, ...] = ("auto", "cpu", "cuda")
+Name = Literal["auto", "cpu", "cuda", "cuda-float32"]
+NAMES: tuple[Name, ...] = ("auto", "cpu", "cuda", "cuda-float32")
+ON_CARD: tuple[Name, ...] = ("cuda", "cuda-float32")
 PAYS = 200_000_000
 """Hyper-edges from which ``"auto"`` prefers a card: below, starting it takes longer than the processor's whole work."""
 
@@ -41,11 +42,28 @@ def device_backend() -> Backend:
 
 def is_device(backend: Any) -> bool:
     """Whether a backend is the card."""
-    return getattr(backend, "__name__", "") == "rootmatch.backends.cuda"
+    return getattr(backend, "__name__", "") in ("rootmatch.backends.cuda", "rootmatch.backends.cuda_single")
 
 
-def chosen(name: Name, count: float) -> Backend:
-    """The backend of that name; ``"auto"`` is the card where there is one and ``count`` hyper-edges make it pay."""
+def chosen(name: Name, count: float, single: bool = False) -> Backend:
+    """The backend of that name; ``"auto"`` is the card where there is one and ``count`` hyper-edges make it pay.
+
+    ``single`` says that there are kernels of single precision: then ``"auto"`` screens by them on cards that are slow
+    in double.
+
+    Raises
+    ------
+    InputError
+        If there is no card, or single precision is asked for and there are no such kernels.
+    """
+    if name == "cuda-float32":
+        if not single:
+            raise InputError(
+                'backend: "cuda-float32" given, but the ranking of hyper-edges by this residual does not survive '
+                'single precision; that of "joint" and "normalised" of P3P and up2p does; use "cuda"'
+            )
+        device_backend()
+        return _screening()
     if name == "cuda":
         return device_backend()
     if name == "auto" and count >= PAYS:
@@ -54,8 +72,26 @@ def chosen(name: Name, count: float) -> Backend:
         except (InputError, ImportError):
             return cpu
         # a simulated card is slower than anything
-        return cpu if backend.SIMULATED else backend
+        if backend.SIMULATED:
+            return cpu
+        if single and _slow_in_double():
+            return _screening()
+        return device_backend()
     return cpu
+
+
+def _screening() -> Backend:
+    """The backend that screens in single precision, where there is a card."""
+    from rootmatch.backends import cuda_single
+
+    return cuda_single
+
+
+def _slow_in_double() -> bool:
+    """Whether the card is one on which that pays."""
+    from rootmatch.backends import cuda_single
+
+    return cuda_single.pays()
 
 
 def placed(tensor: AffinityTensor, backend: Any) -> AffinityTensor:

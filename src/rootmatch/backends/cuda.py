@@ -10,7 +10,7 @@ the same hyper-edges in the same order as that of the processor.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from rootmatch.kernels.dispatch import (
     has_panel,
     slab_residual,
 )
+from rootmatch.kernels.single import is_single
 
 SIMULATED: bool = bool(cuda.config.ENABLE_CUDASIM) if hasattr(cuda, "config") else False
 """Whether Numba's simulator stands in for a card (``NUMBA_ENABLE_CUDASIM=1``)."""
@@ -95,13 +96,17 @@ def panel_kernel(tables, kind, bases, arrangements, first_stem, panels):  # type
 
 
 def sweep_kernel(  # type: ignore[no-untyped-def]
-    tables, kind, bases, first_rank, last_rank, arrangements, gate, masked, allowed, points, first_stem,
+    tables, kind, bases, first_rank, last_rank, arrangements, most, masked, allowed, points, first_stem,
     panels, lines, codes, residuals, counts,
 ):  # fmt: skip
     """Hyper-edges below the gate among the slabs of ranks ``first_rank … last_rank − 1``; see `cpu.sweep`.
 
+    In the precision of the tables, which is that of ``most`` and of all arrays of numbers.
+
     Parameters
     ----------
+    most : float
+        The gate, or its square where the slab kernel gives squares.
     masked : bool
         Whether ``allowed`` (n, n') counts.
     points : int
@@ -123,12 +128,11 @@ def sweep_kernel(  # type: ignore[no-untyped-def]
     targets = lines.shape[1]
     i = cuda.local.array(LONGEST, np.int64)[:d]
     j = cuda.local.array(LONGEST, np.int64)[:d]
-    scratch = cuda.local.array((SCRATCH_ROWS, SCRATCH_COLUMNS), np.float64)
+    scratch = cuda.local.array((SCRATCH_ROWS, SCRATCH_COLUMNS), lines.dtype)
     out = lines[:, :, thread]
     slabs = last_rank - first_rank
     slabs_a_stem = targets - d + 2
     squares = gives_squares(tables, kind)
-    most = min(gate * gate, 1e300) if squares else gate
     done = 0
     for task in range(thread, slabs * (points - d + 1), threads):
         rank = first_rank + task % slabs
@@ -221,24 +225,26 @@ def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple
 
 
 class Sweep:
-    """An enumeration on the card, with room for what is found."""
+    """An enumeration on the card, with room for what is found; in the precision of its tables."""
 
     def __init__(self, work: Enumeration) -> None:
         n, n_target = work.shape
+        self.number: Any = np.float32 if is_single(work.tables) else np.float64
+        self.squares = gives_squares(work.tables, work.kind)
         self.tables, self.kind = on_device(work.tables), work.kind
         self.bases, self.arrangements = cuda.to_device(work.bases), cuda.to_device(work.arrangements)
         self.masked, self.points = work.allowed.size > 0, n
         self.allowed = cuda.to_device(work.allowed if self.masked else np.ones((1, 1), np.bool_))
-        self.lines = cuda.device_array((1, n_target, blocks() * THREADS), np.float64)
+        self.lines = cuda.device_array((1, n_target, blocks() * THREADS), self.number)
         self.counts = cuda.device_array(2, np.int64)
         self.has_panel = has_panel(work.tables, work.kind)
         self.slabs_a_stem = n_target - work.order + 2
-        self.panels = cuda.device_array((1, PANEL_ROWS, n_target), np.float64)
+        self.panels = cuda.device_array((1, PANEL_ROWS, n_target), self.number)
         self._reserve(CAPACITY)
 
     def _reserve(self, capacity: int) -> None:
         self.codes = cuda.device_array(capacity, np.int64)
-        self.residuals = cuda.device_array(capacity, np.float64)
+        self.residuals = cuda.device_array(capacity, self.number)
 
     def _fill_panels(self, first: int, last: int) -> int:
         """Panels of the stems of these ranks; the first of the stems."""
@@ -246,31 +252,50 @@ class Sweep:
             return 0
         first_stem, stems = first // self.slabs_a_stem, -(-last // self.slabs_a_stem) - first // self.slabs_a_stem
         if stems != self.panels.shape[0]:
-            self.panels = cuda.device_array((stems, *self.panels.shape[1:]), np.float64)
+            self.panels = cuda.device_array((stems, *self.panels.shape[1:]), self.number)
         launch(_panel, self.tables, self.kind, self.bases, self.arrangements, first_stem, self.panels)
         return first_stem
 
-    def __call__(self, first: int, last: int, gate: float) -> Found:
-        """What is below the gate among the slabs of these ranks, in no order."""
+    def run(self, first: int, last: int, gate: float) -> tuple[int, int]:
+        """How many of the slabs of these ranks are below the gate, and looked at; ``codes`` has them, in no order."""
         first_stem = self._fill_panels(first, last)
+        # entries that are no hyper-edge are infinite: the limit stays below that
+        most = self.number(min(gate * gate if self.squares else gate, float(np.finfo(self.number).max)))
         while True:
             self.counts.copy_to_device(np.zeros(2, np.int64))
             launch(
-                _sweep, self.tables, self.kind, self.bases, first, last, self.arrangements, gate, self.masked,
+                _sweep, self.tables, self.kind, self.bases, first, last, self.arrangements, most, self.masked,
                 self.allowed, self.points, first_stem, self.panels, self.lines, self.codes, self.residuals, self.counts,
             )  # fmt: skip
             found, looked = (int(number) for number in self.counts.copy_to_host())
             if found <= self.codes.size:
-                return Found(self.codes[:found].copy_to_host(), self.residuals[:found].copy_to_host(), looked)
+                return found, looked
             self._reserve(1 << found.bit_length())
+
+    def __call__(self, first: int, last: int, gate: float) -> Found:
+        """What is below the gate among the slabs of these ranks, in no order."""
+        found, looked = self.run(first, last, gate)
+        return Found(self.codes[:found].copy_to_host(), self.residuals[:found].copy_to_host(), looked)
 
 
 def strongest(
     work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
 ) -> Found:
     """See `Backend.strongest`."""
+    return drawn(Sweep(work), work, first, last, gate, limit, progress)
+
+
+def drawn(
+    sweep: Callable[[int, int, float], Found],
+    work: Enumeration,
+    first: int,
+    last: int,
+    gate: float,
+    limit: int,
+    progress: Progress | None,
+) -> Found:
+    """`strongest` by a sweep of ranks with a gate."""
     kept = Strongest(limit, gate)
-    sweep = Sweep(work)
     step = max(1, LAUNCH // work.per_slab)
     total, rank = 0, first
     while rank < last:

@@ -159,7 +159,10 @@ def match(
     backend: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="What computes: auto, cpu or cuda.", show_default="auto", rich_help_panel=METHOD
+            metavar="NAME",
+            help="What computes: auto, cpu, cuda or cuda-float32.",
+            show_default="auto",
+            rich_help_panel=METHOD,
         ),
     ] = None,
     scheduler: Annotated[
