@@ -18,7 +18,7 @@ def benchmark(
     """Measure kernels, contraction, whole matches and memory on this machine.
 
     Kernels are set against batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
-    compiles, which takes minutes and is not timed; after that it takes about half a minute.
+    compiles, which takes minutes and is not timed; after that it takes about a minute of two cores.
     """
     from rootmatch.benchmark import Plan, run
     from rootmatch.cli.progress import shown

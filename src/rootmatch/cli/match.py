@@ -121,13 +121,16 @@ def match(
         str | None,
         typer.Option(
             metavar="WHICH",
-            help="Which are looked at: auto, exhaustive or random.",
+            help="Which are looked at: auto, exhaustive, random, or (p3p, up2p) guided.",
             show_default="auto",
             rich_help_panel=METHOD,
         ),
     ] = None,
     samples: Annotated[
-        int | None, typer.Option(metavar="N", help="How many random hyper-edges.", rich_help_panel=METHOD)
+        int | None,
+        typer.Option(
+            metavar="N", help="How many random hyper-edges.", show_default="100000 if random", rich_help_panel=METHOD
+        ),
     ] = None,
     residual: Annotated[
         str | None,
@@ -136,7 +139,13 @@ def match(
         ),
     ] = None,
     rho: Annotated[
-        float | None, typer.Option(metavar="R", help="Spread of the affinity.", rich_help_panel=METHOD)
+        float | None,
+        typer.Option(
+            metavar="R",
+            help="Spread of the affinity, in units of the residual.",
+            show_default="1 for joint and normalised, else one a problem",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
     solver: Annotated[
         str | None,
@@ -150,11 +159,20 @@ def match(
     limit: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="Most hyper-edges that an exhaustive search may look at.", rich_help_panel=METHOD
+            metavar="N",
+            help="Most hyper-edges that an exhaustive search may look at.",
+            show_default="4e9, on a card 1e11",
+            rich_help_panel=METHOD,
         ),
     ] = None,
     max_hyperedges: Annotated[
-        int | None, typer.Option(metavar="N", help="Most hyper-edges kept in memory.", rich_help_panel=METHOD)
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Most hyper-edges kept in memory, the strongest.",
+            show_default="5000000",
+            rich_help_panel=METHOD,
+        ),
     ] = None,
     backend: Annotated[
         str | None,
@@ -167,7 +185,9 @@ def match(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers evaluate.", rich_help_panel=METHOD),
+        typer.Option(
+            metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, whose workers evaluate.", rich_help_panel=METHOD
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.", rich_help_panel=METHOD)] = 0,
     output: Annotated[
@@ -192,7 +212,10 @@ def match(
 ) -> None:
     """Find which point is which.
 
-    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input.
+    The image's x points right and y down, lens distortion removed; the camera looks along z.
+
+    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input;
+    130: interrupted.
     """
     given: dict[str, str | float | None] = {
         "vertical_camera": vertical_camera,

@@ -40,7 +40,10 @@ def reproduce(
     With `hypergraph`, all solvers run on the public protocols of hypergraph matching instead.
 
     Results are kept as they come: after an interruption, however rough, the same command goes on. The same seed gives
-    the same results whatever the number of processes.
+    the same results whatever the number of processes. All hundred scenes of each setting take 50 minutes of one core
+    (`hypergraph`: six minutes); `--instances 4` takes a few minutes.
+
+    Exit code 0: done; 2: bad input; 130: interrupted, and what was done is kept.
     """
     from contextlib import nullcontext
 

@@ -37,7 +37,10 @@ def simulate(
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of a folder that is not empty.")] = False,
 ) -> None:
-    """Write model.csv, image.csv, truth.csv and camera.json of a simulated scene."""
+    """Write model.csv, image.csv, truth.csv and camera.json of a simulated scene.
+
+    The command that matches them is printed. Exit code 0: written; 2: bad input, nothing is written.
+    """
     from rootmatch.io import check_output_folder
 
     check_output_folder(output, force)
