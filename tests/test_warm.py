@@ -47,24 +47,47 @@ def test_a_solution_finds_all_its_kernels_after_warming(tmp_path: Path) -> None:
 
 
 SEARCH = """
-import numpy as np
 import rootmatch as rm
-from rootmatch.kernels.weigh import _weigh
+from rootmatch.kernels import proposals
 from rootmatch.simulation import p3p_scene, up2p_scene
 make = {"p3p": p3p_scene, "up2p": up2p_scene}[PROBLEM]
 scene = make(12, 8, 1.0, 1)
 normals = scene.source if NORMALS else None
 rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided", normals=normals)
-assert sum(_weigh.stats.cache_hits.values()) == 1
-assert not _weigh.stats.cache_misses
+for kernel in (proposals._group, proposals.candidate_hyperedges):
+    assert sum(kernel.stats.cache_hits.values()) == 1
+    assert not kernel.stats.cache_misses
 """
 
 
 @pytest.mark.parametrize(("problem", "normals"), [("p3p", True), ("up2p", False)])
-def test_a_search_finds_its_kernel_after_warming(tmp_path: Path, problem: str, normals: bool) -> None:
+def test_a_search_finds_its_kernels_after_warming(tmp_path: Path, problem: str, normals: bool) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    warm = f"from rootmatch.guided.warm import warm; warm({problem!r})"
+    warm = "from rootmatch.guided.warm import warm; warm()"
     search = SEARCH.replace("PROBLEM", repr(problem)).replace("NORMALS", repr(normals))
     for program in (warm, search):
+        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+PACKED = """
+import rootmatch as rm
+from rootmatch.simulation import up2p_scene
+from rootmatch.solvers.packing_search import search
+from rootmatch.solvers.set_packing import pack
+from rootmatch.solvers.warm import is_cold
+assert not is_cold(several=True)
+scene = up2p_scene(10, 4, 0.5, 1, motions=2)
+rm.match(scene.source, scene.target, scene.problem, noise=0.5, motions=2)
+for kernel in (pack, search):
+    assert sum(kernel.stats.cache_hits.values()) == 1
+    assert not kernel.stats.cache_misses
+"""
+
+
+def test_a_packing_finds_its_kernels_after_warming(tmp_path: Path) -> None:
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    warm = "from rootmatch.solvers.warm import is_cold, warm_packing; assert is_cold(several=True); warm_packing()"
+    for program in (warm, PACKED):
         done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

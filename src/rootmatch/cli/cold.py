@@ -1,4 +1,4 @@
-"""The very first match: a second process compiles the solver and a part of the search beside this one."""
+"""The very first match: a second process compiles what comes late in it beside this one."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ import gc, sys
 gc.disable()
 from rootmatch.guided import warm as search
 from rootmatch.solvers import warm as solver
-search.warm(sys.argv[1])
-solver.warm(int(sys.argv[2]))
+if "groups" in sys.argv:
+    solver.warm_packing()
+if "search" in sys.argv:
+    search.warm()
+if "solver" in sys.argv:
+    solver.warm(int(sys.argv[1]))
 """
 
 
@@ -38,24 +42,29 @@ class Awaiting:
 
 
 @contextmanager
-def compiled_beside(problem: Problem) -> Iterator[Solver]:
-    """The default solver; its kernels are compiled beside the work inside, where there are none yet and two cores."""
+def compiled_beside(problem: Problem, several: bool) -> Iterator[Solver | None]:
+    """Where there are no kernels yet, and two cores, late ones are compiled beside the work inside.
+
+    Gives the solver to be used, which waits for them; None with several motions, whose packing finds what is ready.
+    """
     from rootmatch.solvers import get_solver
     from rootmatch.solvers.warm import is_cold
 
-    solver = get_solver("ascent")
-    if not sys.executable or (os.cpu_count() or 1) < 2 or not is_cold():
-        yield solver
+    if not sys.executable or (os.cpu_count() or 1) < 2 or not is_cold(several):
+        yield None
         return
+    # where poses are fitted to groups there are no ascents, nor a search that proposes
+    late = ["groups"] if several else []
+    late += [] if several and problem.fits_groups else ["search", "solver"]
     process = subprocess.Popen(
-        [sys.executable, "-c", WARM, problem.name, str(problem.order)],
+        [sys.executable, "-c", WARM, str(problem.order), *late],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     gc.disable()  # a compiler makes millions of objects and few cycles: a tenth of the time
     try:
-        yield Awaiting(solver, process)
+        yield None if several else Awaiting(get_solver("ascent"), process)
     finally:
         gc.enable()
         process.kill()

@@ -255,8 +255,9 @@ def match(
     ):
         from rootmatch.match import match as find
 
-        if solver is None and preset is None and _motions(motions) == 1:
-            options["solver"] = beside.enter_context(compiled_beside(posed))
+        if solver is None and preset is None:
+            waiting = beside.enter_context(compiled_beside(posed, _motions(motions) != 1))
+            options |= {"solver": waiting} if waiting else {}
         found = find(
             source.points,
             target.points,

@@ -1,22 +1,18 @@
-"""The kernel that weighs proposals, compiled ahead of need: see `rootmatch.solvers.warm`."""
+"""Kernels of the search that come after its largest, compiled ahead of need: see `rootmatch.solvers.warm`."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.guided.search import CANDIDATE2, SEEN
-from rootmatch.kernels.weigh import weigh
-from rootmatch.simulation import p3p_scene, up2p_scene
-
-SCENES = {"p3p": p3p_scene, "up2p": up2p_scene}
+from rootmatch.guided.search import ALIKE, WEAK
+from rootmatch.kernels import proposals
+from rootmatch.kernels.weigh import CANDIDATES
 
 
-def warm(problem: str) -> None:
-    """Compile it for the problem of this name, by one proposal; nothing where there are no proposals."""
-    if problem not in SCENES:
-        return
-    scene = SCENES[problem](6, 2, 1.0, 0)
-    tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
-    points = np.arange(scene.problem.order - 1)[None]
-    images = np.append(0, scene.truth[points[0]])[None]
-    weigh(tables, points, images, 1.0, CANDIDATE2, np.empty((0, 0), np.bool_), np.array(SEEN))
+def warm() -> None:
+    """Compile them, by one proposal. The types are the same for every problem and size."""
+    best = np.zeros((1, 1), np.int64)
+    candidates = np.full((1, 1, CANDIDATES), -1)
+    _, lists = proposals.group(np.zeros(1), best, candidates, 1, ALIKE, WEAK)
+    subsets, counts = np.zeros((1, 1), np.int64), np.zeros(1, np.int64)
+    proposals.candidate_hyperedges(lists, proposals.membership(lists, 1), subsets, best, best.copy(), counts)

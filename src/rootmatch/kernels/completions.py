@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numba.extending import overload
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import FASTMATH, scalar
+from rootmatch.kernels.dispatch import FASTMATH, calls, scalar
 from rootmatch.kernels.padding import padded
 from rootmatch.kernels.unowned import unowned
 from rootmatch.kernels.vector import tangents
@@ -51,14 +50,9 @@ def predict_block(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: An
     return _PROBLEMS[type(tables)][2](tables, flat, count, j, root, out)
 
 
-@overload(predict_block, inline="always")
-def _predict_overload(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
-    function = _PROBLEMS[tables.instance_class][2]
-
-    def implementation(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Any:
-        return function(tables, flat, count, j, root, out)
-
-    return implementation
+@calls(predict_block)
+def _predict_choice(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
+    return _PROBLEMS[tables.instance_class][2]
 
 
 class Completions:

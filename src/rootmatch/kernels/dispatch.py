@@ -11,29 +11,32 @@ Tables of single precision get the kernel's twin (`rootmatch.kernels.single`), i
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
-from numba.extending import overload
+from numba import types
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import lower_builtin, overload
 from numpy.typing import NDArray
 
+from rootmatch.kernels.inner import inner
 from rootmatch.kernels.single import serving
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
 
-scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+scalar = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 """Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
-kernel = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+kernel = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 """Decorator of what loops: row kernels and large scalars.
 
 Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just
 compiled the driver would call the other copy than one that found it on disk, which differs in the last digits.
 """
 
-part = njit(fastmath=FASTMATH, error_model="numpy")
+part = inner(fastmath=FASTMATH, error_model="numpy")
 """Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""
 
 OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
@@ -47,6 +50,31 @@ def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
         OVERLOADS.append((function, choice))
         result: Callable[..., Any] = overload(function, jit_options={"forceinline": True})(choice)
         return result
+
+    return known
+
+
+def calls(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorate the choice, by types, of the kernel that ``function`` is in compiled code on processors.
+
+    Unlike an overload there is no function between the two, which would be optimised for itself once more.
+    """
+
+    def known(choice: Callable[..., Any]) -> Callable[..., Any]:
+        class Chosen(AbstractTemplate):
+            key = function
+
+            def generic(self, arguments: Any, keywords: Any) -> Any:
+                return types.Dispatcher(choice(*arguments)).get_call_type(self.context, arguments, keywords)
+
+        infer_global(function, types.Function(Chosen))  # type: ignore[no-untyped-call]
+
+        @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[no-untyped-call]
+        def called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            kernel = types.Dispatcher(choice(*signature.args))
+            return context.get_function(kernel, signature)(builder, arguments)
+
+        return choice
 
     return known
 
@@ -220,31 +248,29 @@ def _no_block(tables, kind, source, target, first, last, block):  # type: ignore
     """Where nothing is done for many hyper-edges at once."""
 
 
-@chooses(fill_block)
-def _fill_block_overload(
+@calls(fill_block)
+def _fill_block_choice(
     tables: Any, kind: Any, source: Any, target: Any, first: Any, last: Any, block: Any
 ) -> Callable[..., Any]:
     function, _ = _LISTED.get((tables.instance_class, kind.instance_class), (_no_block, None))
-
-    def implementation(tables: Any, kind: Any, source: Any, target: Any, first: Any, last: Any, block: Any) -> Any:
-        function(tables, kind, source, target, first, last, block)
-
-    return implementation
+    return function
 
 
-@chooses(listed_residual)
-def _listed_overload(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Callable[..., Any]:
+@calls(listed_residual)
+def _listed_choice(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Callable[..., Any]:
     key = tables.instance_class, kind.instance_class
-    alone = _EDGE[key]
-    _, function = _LISTED.get(key, (None, alone))
+    return _LISTED[key][1] if key in _LISTED else _one_by_one(_EDGE[key])
 
-    def one_by_one(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Any:
-        return alone(tables, kind, i, j)
 
-    def after_block(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: Any) -> Any:
-        return function(tables, kind, i, j, block, column)
+@cache
+def _one_by_one(edge: Callable[..., Any]) -> Callable[..., Any]:
+    """Kernel of one of a list from that of an edge."""
 
-    return after_block if key in _LISTED else one_by_one
+    @kernel
+    def listed(tables, kind, i, j, block, column):  # type: ignore[no-untyped-def]
+        return edge(tables, kind, i, j)
+
+    return listed  # type: ignore[no-any-return]
 
 
 @chooses(slab_residual)

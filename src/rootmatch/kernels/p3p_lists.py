@@ -15,7 +15,8 @@ from rootmatch.kernels.p3p import LARGE, P3PTables
 from rootmatch.kernels.p3p_joint import affine_coordinates, affine_of, backward, mahalanobis2, predict, solution_frame
 from rootmatch.kernels.p3p_roots import ratio_pairs
 
-DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = 8, 11, 14, 26, 38, 50, 54
+# not plain integers, for each of which Numba would compile what takes them anew
+DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14, 26, 38, 50, 54])
 """First rows of the block's parts, after the roots: |ab|², |bc|², |ca|²; versines; three for each of a, b, c, d; …"""
 
 

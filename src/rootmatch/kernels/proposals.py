@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.kernels.inner import inner
+
 Integers = NDArray[np.int64]
 
 LIST = 6
@@ -136,7 +138,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
         counts[g] = count - before
 
 
-@njit(cache=True)
+@inner()
 def _once(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
     """Whether the detections are distinct and no earlier group holds all the correspondences."""
     order = subsets.shape[1]

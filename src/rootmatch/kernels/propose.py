@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.kernels.dispatch import FASTMATH
+from rootmatch.kernels.dispatch import FASTMATH, part
 from rootmatch.kernels.padding import target_columns, with_room
 from rootmatch.kernels.proposers import set_coordinates, set_frame, set_known, solve_set
 from rootmatch.kernels.raster import Raster, look_up
@@ -64,7 +64,7 @@ def prepare_sets(tables: Any, points: NDArray[np.int64], others: NDArray[np.int6
     return Sets(points, others, coordinates, own, offset)
 
 
-@njit(fastmath=FASTMATH, error_model="numpy")
+@part
 def _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
     """Log-likelihood ratio of a frame in the raster's basis, points found, points looked up; −∞ when dropped."""
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
@@ -181,7 +181,8 @@ def _examine(  # type: ignore[no-untyped-def]
     tables, raster, grid, sets, arrangements, allowed = unowned((tables, raster, grid, sets, arrangements, allowed))
     scratch, cells, passed, stamp, j = unowned((scratch, cells, passed, stamp, j))
     found, ratios, counts = unowned((found, ratios, counts))
-    count, m = sets.points.shape
+    points_of, others_of, coordinates_of, own_of, offset = sets
+    count, m = points_of.shape
     n_target = raster.places.shape[1]
     masked = allowed.shape[0] > 0
     tick = 0
@@ -190,10 +191,10 @@ def _examine(  # type: ignore[no-untyped-def]
         weakest, solved, tested, looked = 0, 0, 0, 0
         for task in range(start, end):
             s = task % count
-            i = sets.points[s]
-            others = sets.others[s]
-            coordinates = sets.coordinates[s]
-            rank = (sets.offset[s] + task // count) % arrangements.shape[0]
+            i = points_of[s]
+            others = others_of[s]
+            coordinates = coordinates_of[s]
+            rank = (offset[s] + task // count) % arrangements.shape[0]
             possible = True
             for p in range(m - 1):
                 j[p] = arrangements[rank, p]
@@ -211,7 +212,7 @@ def _examine(  # type: ignore[no-untyped-def]
                         scratch[row, k] = np.nan
             before = set_known(tables, raster, i, j)
             some = screen(
-                tables, raster, grid, rules.normals, before, coordinates, sets.own[s], j, looks, scratch, cells, passed
+                tables, raster, grid, rules.normals, before, coordinates, own_of[s], j, looks, scratch, cells, passed
             )
             tested += some
             looked += some * looks

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from numba.extending import overload
+from rootmatch.kernels.dispatch import calls
 
 _PROPOSERS: dict[type, dict[str, Callable[..., Any]]] = {}
 
@@ -79,43 +79,21 @@ def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
     return _PROPOSERS[type(tables)]["predict"](tables, i, j, root, out)
 
 
-@overload(solve_set, inline="always")
-def _solve_overload(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., Any]:
-    function = _PROPOSERS[tables.instance_class]["solve"]
-
-    def implementation(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
-        return function(tables, i, j, scratch)
-
-    return implementation
+@calls(solve_set)
+def _solve_choice(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., Any]:
+    return _PROPOSERS[tables.instance_class]["solve"]
 
 
-@overload(set_known, inline="always")
-def _known_overload(tables: Any, raster: Any, i: Any, j: Any) -> Callable[..., Any]:
-    function = _PROPOSERS[tables.instance_class]["known"]
-
-    def implementation(tables: Any, raster: Any, i: Any, j: Any) -> Any:
-        return function(tables, raster, i, j)
-
-    return implementation
+@calls(set_known)
+def _known_choice(tables: Any, raster: Any, i: Any, j: Any) -> Callable[..., Any]:
+    return _PROPOSERS[tables.instance_class]["known"]
 
 
-@overload(set_frame, inline="always")
-def _hypothesis_overload(
-    tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any
-) -> Callable[..., Any]:
-    function = _PROPOSERS[tables.instance_class]["hypothesis"]
-
-    def implementation(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
-        return function(tables, raster, known, last, scratch, root)
-
-    return implementation
+@calls(set_frame)
+def _hypothesis_choice(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Callable[..., Any]:
+    return _PROPOSERS[tables.instance_class]["hypothesis"]
 
 
-@overload(predict_set, inline="always")
-def _predict_overload(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
-    function = _PROPOSERS[tables.instance_class]["predict"]
-
-    def implementation(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
-        return function(tables, i, j, root, out)
-
-    return implementation
+@calls(predict_set)
+def _predict_choice(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
+    return _PROPOSERS[tables.instance_class]["predict"]

@@ -7,9 +7,7 @@ one in ten, is looked at one by one.
 
 from __future__ import annotations
 
-from numba import njit
-
-from rootmatch.kernels.dispatch import FASTMATH, scalar
+from rootmatch.kernels.dispatch import part, scalar
 from rootmatch.kernels.proposers import set_frame
 
 ROOTS = 4
@@ -79,7 +77,7 @@ def cells_of_two(tables, raster, normals, before, one, two, own, seen, scratch, 
         cells[1, k] = looked_up(raster, frame, normals, two) if real else NOTHING
 
 
-@njit(fastmath=FASTMATH, error_model="numpy")
+@part
 def screen(tables, raster, grid, normals, before, coordinates, own, j, looks, scratch, cells, passed):  # type: ignore[no-untyped-def]
     """Mark the solutions that cannot be dropped yet in ``passed`` (4, columns); how many solutions there are.
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from rootmatch.kernels.inner import inner
+
 STEPS = 6
 """Gauss-Newton steps after a linear start."""
 SETTLED = 1e-6
 """Step in radians, and in sizes of the object, that is small enough."""
 ROUNDS = 3
 """Times that a group is fitted and grown."""
+LINEAR, DESCENT = np.array([5, 4])
+"""Unknowns of the linear start and of a step; not plain integers, for each of which what takes them is compiled."""
 FLAT = 1e-12
 """Pivot, relative to the largest entry, below which equations are taken to be degenerate."""
 
@@ -137,13 +141,15 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
                     continue
                 if _squared(seen, rays, variance, i, k) <= gate2:
                     if count < out.shape[0]:
-                        out[count] = image
+                        # `out[count] = image` would be compiled with all the text of an error: four seconds
+                        for other in range(n):
+                            out[count, other] = image[other]
                         out[count, i] = k
                     count += 1
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
     """Bearings (3, n) of all points as a pose has them."""
     for i in range(points.shape[1]):
@@ -153,14 +159,14 @@ def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
         seen[0, i], seen[1, i], seen[2, i] = px * scale, py * scale, pz * scale
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _squared(seen, rays, variance, i, k):  # type: ignore[no-untyped-def]
     """χ² of a detection about a predicted bearing that is known exactly."""
     x, y, z = seen[0, i] - rays[0, k], seen[1, i] - rays[1, k], seen[2, i] - rays[2, k]
     return (x * x + y * y + z * z) / variance[k]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untyped-def]
     """χ² of one group about its best pose (c, s, t), which is written to `pose` (5,).
 
@@ -180,8 +186,8 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
             f0, f1, f2 = basis[q]
             row[0], row[1] = f0 * x + f2 * z, f0 * z - f2 * x
             row[2], row[3], row[4], row[5] = f0, f1, f2, -f1 * y
-            _add(normal, row, 5, 1.0 / variance[image[i]])
-    if not _solve(normal, 5):
+            _add(normal, row, LINEAR, 1.0 / variance[image[i]])
+    if not _solve(normal, LINEAR):
         return np.inf
     angle = np.arctan2(normal[1, 5], normal[0, 5])
     scale = 1.0 / np.hypot(normal[0, 5], normal[1, 5])
@@ -210,8 +216,8 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
                 chi2 += weight * e * e
                 row[0] = (f0 * (c * z - s * x) - f2 * (c * x + s * z)) / distance
                 row[1], row[2], row[3], row[4] = f0 / distance, f1 / distance, f2 / distance, -e
-                _add(normal, row, 4, weight)
-        if step == STEPS or not _solve(normal, 4):
+                _add(normal, row, DESCENT, weight)
+        if step == STEPS or not _solve(normal, DESCENT):
             break
         small = abs(normal[0, 4]) < SETTLED and abs(normal[1, 4]) + abs(normal[2, 4]) + abs(normal[3, 4]) < SETTLED
         angle += normal[0, 4]
@@ -223,7 +229,7 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
     return chi2
 
 
-@njit(cache=True)
+@inner()
 def _across(rays, k, basis):  # type: ignore[no-untyped-def]
     """Two unit vectors across a bearing."""
     x, y, z = rays[0, k], rays[1, k], rays[2, k]
@@ -238,7 +244,7 @@ def _across(rays, k, basis):  # type: ignore[no-untyped-def]
     basis[1, 0], basis[1, 1], basis[1, 2] = y * f2 - z * f1, z * f0 - x * f2, x * f1 - y * f0
 
 
-@njit(cache=True)
+@inner()
 def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
     """Add an equation row · x = row[size] to normal equations (size, size + 1)."""
     for a in range(size):
@@ -246,7 +252,7 @@ def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
             normal[a, b] += weight * row[a] * row[b]
 
 
-@njit(cache=True)
+@inner()
 def _solve(normal, size):  # type: ignore[no-untyped-def]
     """Solve symmetric equations (size, size + 1) in place by elimination; the solution is in column `size`."""
     largest = 0.0

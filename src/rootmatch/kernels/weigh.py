@@ -77,6 +77,7 @@ def _weigh(  # type: ignore[no-untyped-def]
     tables, points, images, allowed, out = unowned((tables, points, images, allowed, out))
     roots, seen, owner, strength, distances = unowned((roots, seen, owner, strength, distances))
     evidence, best, candidates = unowned((evidence, best, candidates))
+    rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size
     masked = allowed.shape[0] > 0
@@ -106,7 +107,7 @@ def _weigh(  # type: ignore[no-untyped-def]
             for k in range(n_target):
                 if masked and not allowed[d, k]:
                     continue
-                chi2, determinant = _squared_distance(tables, out, d, k)
+                chi2, determinant = _squared_distance(rays, variance, out, d, k)
                 if not (chi2 <= gate2):
                     continue
                 ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * density)
@@ -142,13 +143,13 @@ def _weigh(  # type: ignore[no-untyped-def]
 
 
 @scalar
-def _squared_distance(tables, out, d, k):  # type: ignore[no-untyped-def]
+def _squared_distance(rays, variance, out, d, k):  # type: ignore[no-untyped-def]
     """χ² of detection k about the prediction of source point d, and the determinant of their covariance."""
-    x, y, z = tables.rays[0, k], tables.rays[1, k], tables.rays[2, k]
+    x, y, z = rays[0, k], rays[1, k], rays[2, k]
     f = out[3, d] * x + out[4, d] * y + out[5, d] * z
     g = out[6, d] * x + out[7, d] * y + out[8, d] * z
-    a = out[9, d] + tables.variance[k]
-    b = out[11, d] + tables.variance[k]
+    a = out[9, d] + variance[k]
+    b = out[11, d] + variance[k]
     c = out[10, d]
     determinant = a * b - c * c
     chi2 = (f * f * b - 2.0 * f * g * c + g * g * a) / determinant

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.kernels.inner import inner
 from rootmatch.kernels.rows import first_rows, sorted_rows
 
 
@@ -67,7 +68,7 @@ def _join(ordered, starts, n_target, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner()
 def _contains(ordered, starts, wanted):  # type: ignore[no-untyped-def]
     """Whether a hyper-edge is among the sorted ones."""
     d = wanted.size

@@ -73,8 +73,9 @@ def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ign
             option_count[depth] = -1
             if used > nodes:
                 break
-            covers[:] = 0
-            share[:] = price
+            # not by slices, which would be compiled with all the text of an error
+            for e in range(count):
+                covers[e], share[e] = 0, price[e]
             length = lengths[depth] if held < most else 0
             for q in range(length):
                 g = lists[depth, q]
@@ -93,7 +94,8 @@ def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ign
                 bound += slot_price * (most - held)
                 if bound < lost:
                     lost = bound
-                    best[:] = False
+                    for g in range(sets):
+                        best[g] = False
                     for q in range(depth):
                         if taken[q] >= 0:
                             best[taken[q]] = True

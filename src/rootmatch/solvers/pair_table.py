@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.kernels.inner import inner
+
 SPARSEST = 2
 """Pairs of the table for each that a hyper-edge has, at most."""
 
@@ -32,7 +34,7 @@ def pairs_of(correspondences: int) -> int:
     return correspondences * (correspondences - 1) // 2
 
 
-@njit(cache=True, nogil=True)
+@inner()
 def rank(a, b):  # type: ignore[no-untyped-def]
     """Place of a pair among all pairs; a and b are int64, in any order."""
     low, high = min(a, b), max(a, b)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from rootmatch.kernels.inner import inner
+
 
 @njit(cache=True)
 def pack(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
@@ -102,11 +104,13 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
         value += gain
         if value > best_value + 1e-9:
             best_value, improved = value, step
-            best[:] = inside
+            # `best[:] = inside` would be compiled with all the text of an error: four seconds
+            for g in range(sets):
+                best[g] = inside[g]
     return best
 
 
-@njit(cache=True)
+@inner()
 def _leave(elements, owner, inside, g):  # type: ignore[no-untyped-def]
     inside[g] = False
     for p in range(elements.shape[1]):

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rootmatch.kernels.support import supported_answers
-from rootmatch.solvers import local_search
+from rootmatch.solvers import local_search, packing_search
 from rootmatch.solvers.ascent import MultiStartAscent
+from rootmatch.solvers.set_packing import pack
 from rootmatch.tensor import AffinityTensor
 
 
-def is_cold() -> bool:
-    """Whether the largest kernel of the ascent is not in Numba's cache on disk, nor compiled by now."""
-    kernel = local_search._ascend
+def is_cold(several: bool = False) -> bool:
+    """Whether the largest kernel of the ascent, or of the packing of several motions, is not compiled.
+
+    That is neither in Numba's cache on disk nor by now in this process.
+    """
+    kernel: Any = packing_search.search if several else local_search._ascend
     if kernel.signatures:
         return False
-    folder = Path(kernel.stats.cache_path or "")
-    return next(folder.glob(f"{Path(local_search.__file__).stem}._ascend-*.nbi"), None) is None
+    folder, file = Path(kernel.stats.cache_path or ""), Path(kernel.py_func.__code__.co_filename)
+    return next(folder.glob(f"{file.stem}.{kernel.__name__}-*.nbi"), None) is None
 
 
 def warm(*orders: int) -> None:
@@ -33,3 +38,10 @@ def warm(*orders: int) -> None:
         tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
         answer = MultiStartAscent()(tensor).assignment
         supported_answers(indices, tensor.weights, None, shape[1], answer[None], 0.1)
+
+
+def warm_packing() -> None:
+    """Compile the choice among groups of several motions, by two groups."""
+    elements, values, price = np.arange(4).reshape(2, 2), np.ones(2), np.ones(4)
+    pack(elements, values, len(price), 2, np.zeros(2, np.bool_), 1)
+    packing_search.search(elements, values, price, 1.0, 2, 1.0, 1)
