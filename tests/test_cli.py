@@ -456,6 +456,12 @@ class TestProgram:
             assert result.returncode == 0, result.stderr
             assert words in result.stdout
 
+    def test_python_runs_the_package(self) -> None:
+        command = [sys.executable, "-m", "rootmatch", "--version"]
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert result.stdout.startswith("rootmatch ")
+
     def test_a_mistake_shows_no_traceback(self, tmp_path: Path) -> None:
         command = [*PROGRAM, "match", "a.csv", "b.csv", "--problem", "p3p", "--camera", CAMERA]
         result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

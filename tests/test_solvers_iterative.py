@@ -166,6 +166,11 @@ def test_without_slack_both_sets_are_balanced_to_equal_sums():
         np.testing.assert_allclose(x.sum(axis=0), x.sum() / 7)
         ratio = x / y
         np.testing.assert_allclose(ratio * ratio[0, 0], ratio[:, :1] * ratio[:1])
+    # many steps between sets of very different sizes neither overflow nor vanish
+    y = np.exp(30 * np.random.default_rng(3).random((3, 60)))
+    x = balanced(y, 5000, 0.0, slack=False)
+    np.testing.assert_allclose(x.sum(axis=1), 1)
+    np.testing.assert_allclose(x.sum(axis=0), 3 / 60)
     indices, weights, _ = planted(3, 5, 9, 3, 300)
     tensor = AffinityTensor(indices, weights, (5, 9))
     assert np.any(ReweightedWalk(slack=False)(tensor).soft != ReweightedWalk()(tensor).soft)

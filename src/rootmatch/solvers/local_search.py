@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.kernels.threads import in_threads
+from rootmatch.kernels.unowned import unowned
 from rootmatch.solvers.discrete_state import State, change, empty_state, joint_weight, objective
 from rootmatch.solvers.subset_index import SubsetIndex
 
@@ -115,6 +116,8 @@ def _ascend(  # type: ignore[no-untyped-def]
 
     `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size.
     """
+    index, root, state = unowned((index, root, state))
+    bases, dues, images, totals, sizes, moves = unowned((bases, dues, images, totals, sizes, moves))
     n, n_target, unary = index.n, index.n_target, index.unary
     image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
     for s in range(first, last):

@@ -50,17 +50,9 @@ def _fill(indices, weights, start, others, held, sums, marginals):  # type: igno
     # Counted two ahead, so that filling moves each to where the next pair starts.
     one = np.uint32(1)
     for e in range(indices.shape[0]):
-        a, b, c, h = np.int64(indices[e, 0]), np.int64(indices[e, 1]), np.int64(indices[e, 2]), weights[e]
+        a, b, c = np.int64(indices[e, 0]), np.int64(indices[e, 1]), np.int64(indices[e, 2])
         for r in (rank(a, b), rank(a, c), rank(b, c)):
             start[r + 2] += one
-            sums[r] += h
-    place = 0
-    for high in range(marginals.size):
-        for low in range(high):
-            # Each hyper-edge of a correspondence is in two of its pairs.
-            marginals[high] += 0.5 * sums[place]
-            marginals[low] += 0.5 * sums[place]
-            place += 1
     for r in range(2, start.size):
         start[r] += start[r - 1]
     for e in range(indices.shape[0]):
@@ -70,6 +62,19 @@ def _fill(indices, weights, start, others, held, sums, marginals):  # type: igno
             start[r] = place + one
             others[place] = rest
             held[place] = h
+    # Read in order, now that a pair's weights lie side by side.
+    r, place = 0, 0
+    for high in range(marginals.size):
+        for low in range(high):
+            total = 0.0
+            for t in range(place, np.int64(start[r + 1])):
+                total += held[t]
+            place = np.int64(start[r + 1])
+            sums[r] = total
+            # Each hyper-edge of a correspondence is in two of its pairs.
+            marginals[high] += 0.5 * total
+            marginals[low] += 0.5 * total
+            r += 1
 
 
 @njit(cache=True, nogil=True)

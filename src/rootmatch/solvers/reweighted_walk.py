@@ -95,7 +95,7 @@ class ReweightedWalk:
 def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:
     """Positive matrix (n, n') scaled so that lines of the smaller set sum to 1 and those of the larger to at most 1.
 
-    Without `slack` so that all lines of a set sum to the same.
+    Without `slack` all lines of the larger set sum to the same, which is less than 1.
 
     Sinkhorn's alternation on the matrix with a slack line, at most `steps` times or until sums are within tolerance.
     """
@@ -103,12 +103,13 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
     # A scale of its own makes no difference.
     out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
     spare = float(out.shape[1] - out.shape[0]) if slack else 0.0
-    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), spare, steps, tolerance)
+    column_sum = 1.0 if slack else out.shape[0] / out.shape[1]
+    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), spare, column_sum, steps, tolerance)
     return out if wide else out.T
 
 
 @njit(cache=True, error_model="numpy")
-def _sinkhorn(y, row, column, spare, steps, tolerance):  # type: ignore[no-untyped-def]
+def _sinkhorn(y, row, column, spare, column_sum, steps, tolerance):  # type: ignore[no-untyped-def]
     """Balance a matrix with n ≤ n' in place; the slack row, of total `spare`, is kept as one factor a column."""
     n, n_target = y.shape
     # y_ik r_i c_k, and the slack row s c_k.
@@ -129,8 +130,8 @@ def _sinkhorn(y, row, column, spare, steps, tolerance):  # type: ignore[no-untyp
             total = slack if spare > 0 else 0.0
             for i in range(n):
                 total += y[i, k] * row[i]
-            worst = max(worst, abs(total * column[k] - 1.0))
-            column[k] = 1.0 / total
+            worst = max(worst, abs(total * column[k] - column_sum))
+            column[k] = column_sum / total
         if worst < tolerance:
             break
     for i in range(n):

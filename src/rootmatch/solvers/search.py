@@ -217,7 +217,8 @@ class Search:
             "moves": float(self.moves),
             "matched": float(matched.size),
         }
-        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if matched.size else []
+        wanted = matched.size > 0 and self.options.keep > 0
+        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if wanted else []
         return Solution(soft, best, self.value, alternatives, self.cut == 0, self.moves, statistics)
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
@@ -245,13 +246,15 @@ def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
 
 
 @njit(cache=True, nogil=True)
-def _best_of_each(indices, rank, top, best):  # type: ignore[no-untyped-def]
+def _best_of_each(indices, weights, rank, top, best):  # type: ignore[no-untyped-def]
     """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none.
 
-    `top` (n n',) is −1 at first and becomes that rank.
+    `rank` (E,) is the support, to which each hyper-edge's own weight is added; `top` (n n',) is −1 at first and becomes
+    the highest rank.
     """
     for e in range(indices.shape[0]):
-        own = rank[e]
+        own = rank[e] + weights[e]
+        rank[e] = own
         for p in range(indices.shape[1]):
             a = indices[e, p]
             if own > top[a]:
@@ -261,11 +264,11 @@ def _best_of_each(indices, rank, top, best):  # type: ignore[no-untyped-def]
 def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Hyper-edges to start from, (P, d), and their rank (support and own weight), best first."""
     rank = index_support(index)
-    rank += index.weights
+    each = np.full(index.unary.size, -1)
+    top = np.full(each.size, -1.0)
+    _best_of_each(index.indices, index.weights, rank, top, each)
     count = min(count, rank.size)
     best = np.argpartition(-rank, count - 1)[:count] if count else np.empty(0, np.int64)
-    each = np.full(index.unary.size, -1)
-    _best_of_each(index.indices, rank, np.full(each.size, -1.0), each)
     chosen = np.union1d(best, each[each >= 0])
     chosen = chosen[index.weights[chosen] > 0]
     chosen = chosen[np.argsort(-rank[chosen], kind="stable")]

@@ -47,7 +47,7 @@ def tensor_of(points: Instance, seed: int) -> AffinityTensor:
 
     n·n' random source triangles are drawn, each possibly several times; of all triangles of the target, in all orders,
     the n·n' with the nearest *signed* sines make hyper-edges with it, of weight exp(−d / mean d). A hyper-edge counts
-    once, however often its triangle was drawn; the mean is over all draws.
+    as often as its triangle was drawn, as a multiple of its weight; the mean is over all draws.
 
     Source: Duchenne, Bach, Kweon and Ponce, PAMI 2011; Lee, Cho and Lee, CVPR 2011; Nguyen, Tudisco, Gautier and Hein,
     PAMI 2017. Their codes ask for approximate neighbours (up to 11 times as far as the nearest); these are the nearest.
@@ -67,4 +67,5 @@ def tensor_of(points: Instance, seed: int) -> AffinityTensor:
     found = np.take_along_axis(of_target[ascending[triangle]], ORDERS[order], axis=-1)
     indices = (chosen[:, None, :] * n_target + found).reshape(-1, 3).astype(np.int32)
     mean = float(np.average(distance.mean(axis=1), weights=times))
-    return AffinityTensor.unchecked(indices, np.exp(-distance / mean).ravel(), (n, n_target))
+    weights: NDArray[np.float64] = np.exp(-distance / mean) * times[:, None]
+    return AffinityTensor.unchecked(indices, weights.ravel(), (n, n_target))
