@@ -38,9 +38,9 @@ def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-# Not `numba.extending.overload`, which would compile a function for each combination of types, a tenth of a second each;
-# least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the ascent that
-# are set on several ways through a loop, and the results were wrong.
+# Not `numba.extending.overload`, which would compile a function for each combination of types, a tenth of a second
+# each; least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the
+# ascent that are set on several ways through a loop, and the results were wrong.
 @type_callable(unowned)
 def _type_of_unowned(context: Any) -> Callable[[Any], Any]:
     def type_of(value: Any) -> Any:

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.kernels.inner import inner
 from rootmatch.kernels.threads import in_threads
 from rootmatch.kernels.unowned import unowned
 from rootmatch.solvers.discrete_state import State, change, empty_state, joint_weight, objective
@@ -37,7 +38,7 @@ PARTS = 4
 """Ranges of ascents for each thread: some ascents are longer than others."""
 
 
-@njit(cache=True, nogil=True)
+@inner()
 def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
     """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1).
 
@@ -76,7 +77,7 @@ def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
     return best, entering, leaving
 
 
-@njit(cache=True, nogil=True)
+@inner()
 def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
     """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
 

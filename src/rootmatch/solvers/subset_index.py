@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.kernels.contraction import CHUNK
+from rootmatch.kernels.inner import inner
 from rootmatch.kernels.threads import in_threads, threads_worth
 from rootmatch.solvers.pair_table import pair_support, pair_table, worth_a_table
 from rootmatch.tensor import AffinityTensor
@@ -106,7 +107,7 @@ def _random_keys(count: int) -> NDArray[np.uint64]:
     return np.asarray(z ^ (z >> np.uint64(31)))
 
 
-@njit(cache=True)
+@inner()
 def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
     """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
     total = np.uint64(0)
@@ -239,7 +240,7 @@ def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[n
                 _sort_long(entries, int(start[base + b]), int(ends[b]))
 
 
-@njit(cache=True)
+@inner()
 def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
     """Ascending order of a long bucket, by Shell's steps: popular subsets may fill it with thousands."""
     gap = 1
