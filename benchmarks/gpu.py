@@ -1,8 +1,9 @@
 """Everything that is to be measured on an NVIDIA card, in one command: ``python benchmarks/gpu.py --output DIR``.
 
 It runs the tests of the CUDA backend on the card, checks whole tensors against the processor's, and measures
-hyper-edges/s of every kernel, the share of the card's peak in float64, all hyper-edges of 30 against 30 points, and the
-contraction. DIR/cuda.json has the figures, DIR/cuda.md the tables for docs/performance.md.
+hyper-edges/s of every kernel in float64, and screened in float32 where there is a kernel, the share of the card's peak,
+all hyper-edges of 30 against 30 points in both, and the contraction. DIR/cuda.json has the figures, DIR/cuda.md the
+tables for docs/performance.md.
 
 ``--quick`` takes the least sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
 without a card.
@@ -26,11 +27,12 @@ from numba import cuda as numba_cuda
 
 import rootmatch
 from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tensor
-from rootmatch.backends import cpu, cuda
+from rootmatch.backends import cpu, cuda, cuda_single
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.selection import Enumeration
 from rootmatch.benchmark.timing import seconds
 from rootmatch.hyperedges import exhaustive_count, wide_first
+from rootmatch.kernels.dispatch import has_single
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 from rootmatch.tensor import AffinityTensor
 
@@ -39,8 +41,9 @@ SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene,
 KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
 SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
 LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
-FUSED_A_CLOCK = {(6, 0): 32, (7, 0): 32, (7, 2): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64, (10, 3): 2}
-"""Fused multiply-adds in float64 that a multiprocessor does in a clock, by compute capability; 2 on the others."""
+PRECISIONS = {"float64": cuda, "float32": cuda_single}
+SINGLES_A_CLOCK = {(6, 0): 64, (7, 0): 64, (7, 2): 64, (7, 5): 64, (8, 0): 64}
+"""Fused multiply-adds in float32 that a multiprocessor does in a clock, by compute capability; 128 on the others."""
 REACH = {"normalised": 5e9, "exhaustive": 5.0}
 """P3P hyper-edges/s asked for, and seconds for 30 against 30."""
 
@@ -54,12 +57,15 @@ def card() -> dict[str, Any]:
         "simulated": cuda.SIMULATED,
     }
     if cuda.SIMULATED:
-        return made | {"name": "Numba's simulator", "peak": None}
+        return made | {"name": "Numba's simulator", "peak": {}}
     device = numba_cuda.get_current_device()
     name = device.name.decode() if isinstance(device.name, bytes) else str(device.name)
     capability = tuple(device.compute_capability)
     multiprocessors, clock = int(device.MULTIPROCESSOR_COUNT), 1e3 * device.CLOCK_RATE
-    peak = 2.0 * FUSED_A_CLOCK.get(capability, 2) * multiprocessors * clock
+    a_clock = {
+        "float64": cuda_single.DOUBLES_A_CLOCK.get(capability, 2), "float32": SINGLES_A_CLOCK.get(capability, 128)
+    }  # fmt: skip
+    peak = {precision: 2.0 * fused * multiprocessors * clock for precision, fused in a_clock.items()}
     return made | {
         "name": name, "compute_capability": capability, "multiprocessors": multiprocessors, "clock_hz": clock,
         "peak": peak,
@@ -101,36 +107,43 @@ def enumeration(problem: str, kind: str, points: int, outliers: int) -> tuple[En
     return Enumeration.of(tables, residual, shape, scene.problem.order, None), weigh
 
 
-def agreement(problem: str, kind: str, points: int, outliers: int) -> dict[str, Any]:
+def precisions(problem: str, kind: str) -> list[str]:
+    """In which precisions the card evaluates it."""
+    work, _ = enumeration(problem, kind, *LEAST[problem])
+    return list(PRECISIONS) if has_single(work.tables, work.kind) else ["float64"]
+
+
+def agreement(problem: str, kind: str, precision: str, points: int, outliers: int) -> dict[str, Any]:
     """Whole tensors of card and processor: hyper-edges in one alone (at the gate), and the difference of the rest."""
     work, weigh = enumeration(problem, kind, points, outliers)
     tensors = [
         exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=backend)[0]
-        for backend in (cpu, cuda)
+        for backend in (cpu, PRECISIONS[precision])
     ]
     here, there = ({tuple(row): w for row, w in zip(t.indices.tolist(), t.weights, strict=True)} for t in tensors)
     both = [row for row in here if row in there]
     apart = [abs(here[row] - there[row]) for row in both]
     return {
-        "problem": problem, "kind": kind, "hyperedges": len(here), "only_processor": len(here) - len(both),
-        "only_card": len(there) - len(both), "worst": max(apart, default=0.0),
+        "problem": problem, "kind": kind, "precision": precision, "hyperedges": len(here),
+        "only_processor": len(here) - len(both), "only_card": len(there) - len(both), "worst": max(apart, default=0.0),
         "beyond_1e-9": float(np.mean(np.array(apart) > 1e-9)) if apart else 0.0,
     }  # fmt: skip
 
 
-def rate(problem: str, kind: str, size: tuple[int, int], most: float, repeats: int) -> dict[str, Any]:
+def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: float, repeats: int) -> dict[str, Any]:
     """Hyper-edges a second of a part of an exhaustive sweep, with a gate that next to nothing passes."""
     work, weigh = enumeration(problem, kind, *size)
     gate = 0.3 if kind in NOISE_KINDS else 1e-2 * weigh.rho
     middle = work.ranks // 2
     last = min(work.ranks, middle + max(1, int(most) // work.per_slab))
     started = time.perf_counter()
-    evaluated = cuda.strongest(work, middle, last, gate, 100_000).evaluated
+    strongest = PRECISIONS[precision].strongest
+    evaluated = strongest(work, middle, last, gate, 100_000).evaluated
     first = time.perf_counter() - started
-    spent = seconds(lambda: cuda.strongest(work, middle, last, gate, 100_000), repeats)
+    spent = seconds(lambda: strongest(work, middle, last, gate, 100_000), repeats)
     return {
-        "problem": problem, "kind": kind, "shape": work.shape, "hyperedges": evaluated, "seconds": spent,
-        "per_second": evaluated / spent, "first_call_seconds": first,
+        "problem": problem, "kind": kind, "precision": precision, "shape": work.shape, "hyperedges": evaluated,
+        "seconds": spent, "per_second": evaluated / spent, "first_call_seconds": first,
     }  # fmt: skip
 
 
@@ -143,13 +156,17 @@ def operations(rows: list[dict[str, Any]]) -> None:
         row["operations"] = count
 
 
-def exhaustive(kind: str, points: int) -> dict[str, Any]:
+def exhaustive(kind: str, precision: str, points: int) -> dict[str, Any]:
     """The tensor of all hyper-edges of as many source and target points, with the default gate and limit."""
     work, weigh = enumeration("p3p", kind, points, 0)
     started = time.perf_counter()
-    tensor, evaluated = exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=cuda)
-    spent = time.perf_counter() - started
-    return {"kind": kind, "points": points, "hyperedges": evaluated, "kept": tensor.size, "seconds": spent}
+    tensor, evaluated = exhaustive_tensor(
+        work.tables, work.kind, weigh, work.shape, work.order, backend=PRECISIONS[precision]
+    )
+    return {
+        "kind": kind, "precision": precision, "points": points, "hyperedges": evaluated, "kept": tensor.size,
+        "seconds": time.perf_counter() - started,
+    }  # fmt: skip
 
 
 def contraction(edges: int, n: int, order: int, repeats: int) -> dict[str, Any]:
@@ -171,24 +188,25 @@ def markdown(found: dict[str, Any]) -> str:
     """The tables for docs/performance.md."""
     about, peak = found["card"], found["card"]["peak"]
     what = f"{about['name']}, {about['date']}, numba-cuda {about['numba_cuda']}, rootmatch {about['rootmatch']}"
-    if peak:
-        what += f"; peak in float64 {peak / 1e12:.1f} Tflop/s"
+    what += "".join(f"; peak in {precision} {most / 1e12:.1f} Tflop/s" for precision, most in peak.items())
     lines = [
         f"Card: {what}. Command: `python benchmarks/gpu.py`.", "", f"Tests on the card: {found['tests']}", "",
-        "| problem | residual | points | hyper-edges/s | operations each | share of peak | first call |",
-        "|---|---|---|---|---|---|---|",
+        "| problem | residual | precision | points | hyper-edges/s | operations each | share of peak | first call |",
+        "|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for row in found["rates"]:
         count = row.get("operations")
-        share = f"{100 * row['per_second'] * count / peak:.1f} %" if peak and count else "–"
+        most = peak.get(row["precision"])
+        share = f"{100 * row['per_second'] * count / most:.1f} %" if most and count else "–"
         lines.append(
-            f"| {row['problem']} | `{row['kind']}` | {row['shape'][0]} × {row['shape'][1]} | {row['per_second']:.3g} | "
-            f"{'–' if count is None else f'{count:.0f}'} | {share} | {row['first_call_seconds']:.1f} s |"
+            f"| {row['problem']} | `{row['kind']}` | {row['precision']} | {row['shape'][0]} × {row['shape'][1]} | "
+            f"{row['per_second']:.3g} | {'–' if count is None else f'{count:.0f}'} | {share} | "
+            f"{row['first_call_seconds']:.1f} s |"
         )
-    lines += ["", "| all hyper-edges of P3P | residual | looked at | kept | seconds |", "|---|---|---|---|---|"]
+    lines += ["", "| all hyper-edges of P3P | residual | precision | looked at | kept | seconds |", "|---" * 6 + "|"]
     lines += [
-        f"| {row['points']} × {row['points']} | `{row['kind']}` | {row['hyperedges']:.3g} | {row['kept']:,} | "
-        f"{row['seconds']:.2f} |"
+        f"| {row['points']} × {row['points']} | `{row['kind']}` | {row['precision']} | {row['hyperedges']:.3g} | "
+        f"{row['kept']:,} | {row['seconds']:.2f} |"
         for row in found["exhaustive"]
     ]
     lines += ["", "| contraction | order | card | processor | ratio |", "|---|---|---|---|---|"]
@@ -202,7 +220,8 @@ def markdown(found: dict[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]  # fmt: skip
     lines += [
-        f"| {row['problem']} `{row['kind']}` | {row['hyperedges']:,} | {row['only_processor'] + row['only_card']} | "
+        f"| {row['problem']} `{row['kind']}`, {row['precision']} | {row['hyperedges']:,} | "
+        f"{row['only_processor'] + row['only_card']} | "
         f"{row['worst']:.1e} | {100 * row['beyond_1e-9']:.2f} % |"
         for row in found["agreement"]
     ]
@@ -211,10 +230,17 @@ def markdown(found: dict[str, Any]) -> str:
 
 def verdict(found: dict[str, Any]) -> list[str]:
     """What was asked for and what was reached."""
-    fastest = [row["per_second"] for row in found["rates"] if (row["problem"], row["kind"]) == ("p3p", "normalised")]
-    longest = [row["seconds"] for row in found["exhaustive"] if row["kind"] == "normalised" and row["points"] == 30]
-    said = [f"P3P normalised: {rate:.3g} hyper-edges/s, {REACH['normalised']:.0e} asked for" for rate in fastest]
-    return said + [f"30 × 30: {spent:.2f} s, {REACH['exhaustive']:.0f} s asked for" for spent in longest]
+    said = [
+        f"P3P normalised, {row['precision']}: {row['per_second']:.3g} hyper-edges/s, "
+        f"{REACH['normalised']:.0e} asked for in float64"
+        for row in found["rates"]
+        if (row["problem"], row["kind"]) == ("p3p", "normalised")
+    ]
+    return said + [
+        f"30 × 30, {row['precision']}: {row['seconds']:.2f} s, {REACH['exhaustive']:.0f} s asked for"
+        for row in found["exhaustive"]
+        if row["kind"] == "normalised" and row["points"] == 30
+    ]
 
 
 def main() -> None:
@@ -242,12 +268,14 @@ def main() -> None:
     found["rates"] = []
     for problem, size in sizes.items():
         for kind in options.kinds:
-            # a hundred times the work of the others
-            row = rate(problem, kind, size, most / 20 if kind == "svd" else most, repeats)
-            said(
-                f"{problem} {kind}: {row['per_second']:.3g} hyper-edges/s, first call {row['first_call_seconds']:.1f} s"
-            )
-            found["rates"].append(row)
+            for precision in precisions(problem, kind):
+                # a hundred times the work of the others
+                row = rate(problem, kind, precision, size, most / 20 if kind == "svd" else most, repeats)
+                said(
+                    f"{problem} {kind} {precision}: {row['per_second']:.3g} hyper-edges/s, "
+                    f"first call {row['first_call_seconds']:.1f} s"
+                )
+                found["rates"].append(row)
     try:
         operations(found["rates"])
     except (ImportError, subprocess.CalledProcessError) as error:
@@ -255,18 +283,21 @@ def main() -> None:
     points = 5 if quick else 30
     found["exhaustive"] = []
     for kind in ("normalised", "joint"):
-        said(f"all {exhaustive_count(points, points, 4):.3g} hyper-edges of {points} × {points}, {kind}")
-        found["exhaustive"].append(exhaustive(kind, points))
+        for precision in precisions("p3p", kind):
+            number = exhaustive_count(points, points, 4)
+            said(f"all {number:.3g} hyper-edges of {points} × {points}, {kind}, {precision}")
+            found["exhaustive"].append(exhaustive(kind, precision, points))
     counts = ((100, 4, 3),) if quick else ((1_000_000, 20, 3), (5_000_000, 30, 4))
     found["contraction"] = [contraction(edges, n, order, repeats) for edges, n, order in counts]
     compared = (
         {"p3p": (4, 1), "up2p": (4, 1), "3p1": (4, 1)} if quick else {"p3p": (10, 6), "up2p": (16, 8), "3p1": (9, 6)}
     )
     found["agreement"] = [
-        agreement(problem, kind, *size)
+        agreement(problem, kind, precision, *size)
         for problem, size in compared.items()
         for kind in ("joint", "normalised", "qr")
         if kind in options.kinds
+        for precision in precisions(problem, kind)
     ]
     (options.output / "cuda.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     (options.output / "cuda.md").write_text(markdown(found), encoding="utf-8")

@@ -15,6 +15,7 @@ some thirty operations depend on the first three correspondences and the fourth 
 from __future__ import annotations
 
 import math
+from math import nan
 
 from rootmatch.kernels.dispatch import kernel, register, scalar
 from rootmatch.kernels.kinds import Joint, Normalised
@@ -66,7 +67,7 @@ def roots(h):  # type: ignore[no-untyped-def]
         h4, h3, h1, h0 = h0, h1, h3, h4
         sign = -1.0
     r0, r1, r2, r3, i01, i23 = roots_quartic(h4, h3, h2, h1, h0)
-    return (r0, math.nan if i01 > 0.0 else r1, r2, math.nan if i23 > 0.0 else r3), (h4, h3, h2, h1, h0), sign
+    return (r0, nan if i01 > 0.0 else r1, r2, nan if i23 > 0.0 else r3), (h4, h3, h2, h1, h0), sign
 
 
 @scalar
