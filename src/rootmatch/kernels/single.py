@@ -16,8 +16,10 @@ from types import CellType, CodeType, FunctionType
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
+
+from rootmatch.kernels.inner import inner
 
 EPSILON = float(np.finfo(np.float32).eps)
 LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
@@ -25,9 +27,6 @@ LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 clamped to it, so that it neither divides by zero nor is infinite."""
 ROUNDING = 16.0
 """By how many EPSILON radians a bearing is taken to be blurred; see `rounded`."""
-
-PRESET = ("nopython", "boundscheck")
-"""Options that `numba.njit` sets itself."""
 
 _twins: dict[Any, Any] = {}
 
@@ -46,13 +45,8 @@ def constant(value: Any) -> Any:
 def twin(kernel: Any) -> Any:
     """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off."""
     if kernel not in _twins:
-        options = getattr(kernel, "targetoptions", None)
         remade: Any = _remade(getattr(kernel, "py_func", kernel))
-        if options is not None:
-            remade = njit(**{name: options[name] for name in options if name not in ("nopython", "boundscheck")})(
-                remade
-            )
-        _twins[kernel] = remade
+        _twins[kernel] = inner(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
     return _twins[kernel]
 
 
