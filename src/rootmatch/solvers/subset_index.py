@@ -45,7 +45,7 @@ class SubsetIndex(NamedTuple):
     start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs
     entries: NDArray[np.uint32]  # (d E,): hash bits above, hyper-edge below; ascending in a long bucket
     paired: bool  # whether there is a table of pairs (see `pair_table`) instead of buckets
-    others: NDArray[np.int32]  # (3 E,) of a table of pairs
+    others: NDArray[np.uint16]  # (3 E,) of a table of pairs
     held: NDArray[np.float64]  # (3 E,) of a table of pairs
     sums: NDArray[np.float64]  # (pairs,) of a table of pairs
     bucket_shift: int
@@ -95,7 +95,7 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
         start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits)
     return SubsetIndex(
         tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source, keys, start, entries, False,
-        np.empty(0, np.int32), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
+        np.empty(0, np.uint16), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
     )  # fmt: skip
 
 
