@@ -75,9 +75,12 @@ class Leaves:
         """Measured symbols to the slot of their point, or `COMMON`."""
         return {symbol: slot for symbol, (_, slot, _) in self._where.items()}
 
-    def measured(self, expression: Expr) -> set[Expr]:
-        """The measured coordinates in an expression."""
-        return {symbol for symbol in expression.free_symbols if symbol in self._where}
+    def measured(self, expression: Expr) -> list[Expr]:
+        """The measured coordinates in an expression, by name: leaves are numbered as these are met.
+
+        SymPy's sets of symbols have another order in each process, in which generated code must not differ.
+        """
+        return sorted((symbol for symbol in expression.free_symbols if symbol in self._where), key=str)
 
     def points_of(self, expression: Expr) -> set[tuple[str, int]]:
         """The points that an expression in coordinates or leaves depends on, as (side, slot)."""
