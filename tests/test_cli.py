@@ -531,6 +531,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         alternatives=[(np.array([0, -1, 1]), np.inf)],
         soft=np.array([[0.0, 0.5], [0.0, 0.0], [0.25, 0.0]]),
         status=Status.AMBIGUOUS,
+        advice=str(Status.AMBIGUOUS),
         seconds=0.5,
         hyperedges=1234567,
         noise=np.array([0.5, 1.0]),

@@ -10,6 +10,7 @@ from rootmatch.hyperedges import exhaustive_count
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SEEDS = range(5000, 5030)
+CAMERA = rm.Camera(1000, 1000, 320, 240)
 
 
 def accuracy(scenes: list[Scene], **options: object) -> float:
@@ -121,12 +122,46 @@ def test_candidates_narrow_the_search() -> None:
     np.testing.assert_array_equal(prior.assignment, scene.truth)
 
 
+@pytest.mark.parametrize(
+    "problem",
+    [
+        rm.P3P(CAMERA),
+        rm.UP2P(CAMERA),
+        rm.UP2PF((320.0, 240.0)),
+        rm.ThreePlusOne(CAMERA),
+        rm.PlanarMotion(CAMERA),
+        rm.Similarity(),
+        rm.Rigid(3),
+    ],
+    ids=lambda problem: problem.name,
+)
+def test_advice_names_what_the_problem_can_use(problem: rm.Problem) -> None:
+    doubtful, distrusted = rm.Status.AMBIGUOUS.advice(problem), rm.Status.UNTRUSTED.advice(problem)
+    assert problem.to_tell in doubtful
+    assert problem.to_check in distrusted
+    assert rm.Status.MATCHED.advice(problem) == str(rm.Status.MATCHED)
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(6, problem.source_dimension))
+    pixels = rng.uniform(0.0, 400.0, (6, problem.target_dimension))
+    if "normals" in doubtful:
+        problem.prepare(points, pixels, 1.0, normals=np.ones((6, 3)))
+    else:
+        with pytest.raises(rm.InputError, match="normals"):
+            problem.prepare(points, pixels, 1.0, normals=np.ones((6, 3)))
+    # a vertical is spoken of where the problem, or the one that is named, has one
+    of = rm.UP2P if "`UP2P`" in doubtful else type(problem)
+    assert "vertical" not in doubtful or "vertical_camera" in of.__dataclass_fields__
+    assert ("vertical" in distrusted) == ("vertical_camera" in type(problem).__dataclass_fields__)
+    assert "camera" not in distrusted or "camera" in type(problem).__dataclass_fields__
+
+
 def test_a_symmetric_object_is_called_ambiguous() -> None:
     camera = rm.Camera(1000, 1000, 320, 240)
     square = np.array([[1.0, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0], [0.4, 0, 0], [-0.4, 0, 0]])
     points = square @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]]).T + [0.1, 0.2, 12]
     match = rm.match(square, camera.project(points), rm.P3P(camera), noise=0.5)
     assert match.status is rm.Status.AMBIGUOUS
+    assert "give normals, or the vertical to `UP2P`" in match.advice
     assert match.margin < 0.1
     answers = [match.assignment, *(other for other, _ in match.alternatives)]
     assert any(np.array_equal(answer, [0, 1, 2, 3, 4, 5]) for answer in answers[:6])

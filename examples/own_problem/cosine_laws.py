@@ -31,7 +31,7 @@ def main() -> int:
     )
     print(f"a polynomial of degree {problem.degree}, {problem.constraints} constraints for {problem.order} points")
     match = rm.match(scene.source, scene.target, problem, noise=scene.noise)
-    print(f"{scene.accuracy(match.assignment):.0%} of the points right; {match.status}")
+    print(f"{scene.accuracy(match.assignment):.0%} of the points right; {match.advice}")
     return 0 if scene.accuracy(match.assignment) == 1.0 else 1
 
 

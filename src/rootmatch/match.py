@@ -52,7 +52,7 @@ class Match:
     motions : (n,) int64
         Label of the rigid motion, −1 where unmatched.
     status : Status
-        Its text says what to do.
+        Whether to believe it; `advice` says what to do.
     hyperedges : int
         How many hyper-edges were evaluated.
     seconds : float
@@ -75,6 +75,11 @@ class Match:
     target: NDArray[np.float64]
     problem: Problem
     noise: Any
+
+    @property
+    def advice(self) -> str:
+        """The status in a sentence, with what can be done about it where this problem is solved."""
+        return self.status.advice(self.problem)
 
     def pose(self) -> list[Pose | None]:
         """Pose of each motion from its matches, ``(R, t)`` with x_cam = R X + t, by PoseLib (the extra ``pose``).

@@ -95,7 +95,7 @@ def print_match(
     _say(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
     if estimated:
         _say(console, f"noise: {match.noise:.3g} px, estimated")
-    _say(console, str(match.status))
+    _say(console, match.advice)
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
             _say(console, f"  other answer {rank}, score {score:.4g}: {_difference(other, match, sources, targets)}")

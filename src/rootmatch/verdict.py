@@ -44,20 +44,26 @@ TRUSTED_FALSE_ALARMS = -2.0
 
 
 class Status(Enum):
-    """What became of a match; the text says what to do."""
+    """What became of a match; `advice` says what to do in the words of a problem."""
 
     MATCHED = "matched: the answer is well supported and leads over every other"
     AMBIGUOUS = (
-        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, give normals "
-        "or a vertical, or add points that break the symmetry"
+        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, tell more of the scene, "
+        "or add points that break the symmetry"
     )
     UNTRUSTED = (
-        "no trustworthy match: too few hyper-edges agree; check units, camera and vertical, raise the noise, "
+        "no trustworthy match: too few hyper-edges agree; check what the problem was given, raise the noise, "
         "or look at more hyper-edges"
     )
 
     def __str__(self) -> str:
         return self.value
+
+    def advice(self, problem: Problem) -> str:
+        """The text with what there is to check, and to tell, where this problem is solved."""
+        return self.value.replace("what the problem was given", problem.to_check).replace(
+            "tell more of the scene", problem.to_tell
+        )
 
 
 @dataclass(frozen=True)

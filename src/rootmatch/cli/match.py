@@ -339,7 +339,7 @@ def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json:
 
     if as_json:
         print(json.dumps(report.match_record(found), allow_nan=False))
-        print(f"rootmatch: {found.status}", file=sys.stderr)
+        print(f"rootmatch: {found.advice}", file=sys.stderr)
         return
     from rich.console import Console
 

@@ -42,6 +42,8 @@ class P3P(Problem):
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
+    to_check: ClassVar[str] = "units and camera"
+    to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     paper_rho: ClassVar[float] = 1e-9
     fits_answers: ClassVar[bool] = True
 

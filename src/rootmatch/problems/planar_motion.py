@@ -55,6 +55,7 @@ class PlanarMotion(Problem):
     constraints: ClassVar[int] = 1
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 2
+    to_check: ClassVar[str] = "cameras and axes"
 
     def __post_init__(self) -> None:
         unit_direction(self.axis, "axis")

@@ -38,6 +38,10 @@ class Problem(ABC):
     """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
     fits_answers: ClassVar[bool] = False
     """Whether `fitted` is there."""
+    to_check: ClassVar[str] = "units and what the problem was given"
+    """What to look at where no answer can be trusted, in the words of the status' advice; …"""
+    to_tell: ClassVar[str] = "say by `candidates` which pairs are possible"
+    """… and what may tell answers apart that are equally good. Name nothing that the problem refuses."""
     small_baseline: float = 0.0
     """ρ of a prior exp(−|R₂ₙ,₂ₙ| / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6

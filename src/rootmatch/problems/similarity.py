@@ -46,6 +46,7 @@ class Similarity(Problem):
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 3
+    to_check: ClassVar[str] = "the units of points and noise"
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:

@@ -59,6 +59,7 @@ class ThreePlusOne(Problem):
     constraints: ClassVar[int] = 1
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 2
+    to_check: ClassVar[str] = "cameras and axes"
     fits_answers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -56,6 +56,8 @@ class UP2P(Problem):
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
+    to_check: ClassVar[str] = "units, camera and both verticals"
+    to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
     fits_groups: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True

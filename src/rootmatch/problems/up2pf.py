@@ -52,6 +52,8 @@ class UP2PF(Problem):
     constraints: ClassVar[int] = 3
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
+    to_check: ClassVar[str] = "units, centre and both verticals"
+    to_tell: ClassVar[str] = "give the focal length to `UP2P` where it is known"
 
     def __post_init__(self) -> None:
         unit_direction(self.vertical_camera, "vertical_camera")
