@@ -8,7 +8,7 @@ import pytest
 from rootmatch.assignment import discretise
 from rootmatch.solvers import MultiStartAscent, ReweightedWalk
 from rootmatch.solvers.discrete_state import change, empty_state
-from rootmatch.solvers.pair_table import pairs_of, rank
+from rootmatch.solvers.pair_table import pairs_of, place_of_pair
 from rootmatch.solvers.selection import different, within
 from rootmatch.solvers.short_walk import _contract_among, short_walk
 from rootmatch.solvers.subset_index import build_index, index_support
@@ -44,9 +44,9 @@ def tabled(tensor, monkeypatch):
 
 
 def test_ranks_are_places_in_any_order():
-    ranks = [rank(np.int64(a), np.int64(b)) for b in range(12) for a in range(b)]
+    ranks = [place_of_pair(np.uint32(a), np.uint32(b)) for b in range(12) for a in range(b)]
     assert ranks == list(range(pairs_of(12)))
-    assert [rank(np.int64(b), np.int64(a)) for b in range(12) for a in range(b)] == ranks
+    assert [place_of_pair(np.uint32(b), np.uint32(a)) for b in range(12) for a in range(b)] == ranks
 
 
 def test_who_gets_a_table():
@@ -64,7 +64,7 @@ def test_table_against_the_definition(make, monkeypatch):
     edges = [set(edge) for edge in tensor.indices.tolist()]
     for b in range(size):
         for a in range(b):
-            place = rank(np.int64(a), np.int64(b))
+            place = place_of_pair(np.uint32(a), np.uint32(b))
             row = slice(int(index.start[place]), int(index.start[place + 1]))
             held = [(edge - {a, b}, h) for edge, h in zip(edges, tensor.weights, strict=True) if {a, b} <= edge]
             assert [({int(c)}, h) for c, h in zip(index.others[row], index.held[row], strict=True)] == held

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.kernels.inner import inner
-from rootmatch.solvers.pair_table import rank
+from rootmatch.solvers.pair_table import place_of_pair
 from rootmatch.solvers.subset_index import SubsetIndex
 
 
@@ -101,21 +101,23 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
     if entering:
         total[0] += gains[a] + index.unary[a]
     else:
-        place = 0
-        while members[place] != a:
-            place += 1
+        own = 0
+        while members[own] != a:
+            own += 1
         size[0] -= 1
-        members[place] = members[size[0]]
+        members[own] = members[size[0]]
         image[row], owner[k], inside[a] = -1, -1, False
 
     # What the subsets of a with d−2 members give; a is not in `members` meanwhile.
     if index.paired:
-        others, held = index.others, index.held
+        others, held, one = index.others, index.held, np.uint32(1)
         for q in range(size[0]):
             b = members[q]
-            bucket = rank(a, b)
-            for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
+            place = place_of_pair(np.uint32(a), np.uint32(b))
+            t, last = start[place], start[place + one]
+            while t < last:
                 c, h = others[t], sign * held[t]
+                t += one
                 gains[c] += h
                 if inside[c]:
                     # The hyper-edge is inside: seen once for each of its other members c, it serves the pairs of c.
@@ -201,7 +203,7 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
             row = source[b]
             usable = usable and row != i and row != j
         if usable:
-            bucket = rank(c, c2) if paired else np.int64(key >> down)
+            bucket = np.int64(place_of_pair(np.uint32(c), np.uint32(c2))) if paired else np.int64(key >> down)
             tag = np.uint32((key >> tag_down) & tag_mask)
             for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
                 if paired:

@@ -34,6 +34,9 @@ PATIENCE, PATIENCE_PART, IN_VAIN = 24, 16, 110_000
 so many entries of the index: after the most of these no more are tried. Where the score tells the truth, it is reached
 from one of the first. Where it does not, as good a search as its time allows."""
 
+WALKED = 14
+"""As many where nothing has come yet that is better than the ascent from the random walk: it mostly stays the best."""
+
 RIVALS = 16
 """Candidates outside of all that was found from which an ascent is made in any case."""
 
@@ -126,8 +129,10 @@ class Search:
         open_ = self.promise >= HOPELESS * self.value
         grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
-        tried, size, idle = 0, FIRST_ROUND, 0
-        while tried < self.starts and idle < self.patience and not self.settled():
+        tried, size, idle, walked = 0, FIRST_ROUND, 0, self.value
+        while tried < self.starts and not self.settled():
+            if idle >= (self.patience if self.value > walked else min(WALKED, self.patience)):
+                break
             chosen = different(self.candidates, open_, min(size, self.starts - tried))
             if chosen.size == 0:
                 break
@@ -256,7 +261,7 @@ def _best_of_each(indices, weights, rank, top, best):  # type: ignore[no-untyped
         own = rank[e] + weights[e]
         rank[e] = own
         for p in range(indices.shape[1]):
-            a = indices[e, p]
+            a = np.uint32(indices[e, p])
             if own > top[a]:
                 top[a], best[a] = own, e
 
@@ -268,7 +273,7 @@ def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDAr
     top = np.full(each.size, -1.0)
     _best_of_each(index.indices, index.weights, rank, top, each)
     count = min(count, rank.size)
-    best = np.argpartition(-rank, count - 1)[:count] if count else np.empty(0, np.int64)
+    best = np.argpartition(rank, rank.size - count)[rank.size - count :] if count else np.empty(0, np.int64)
     chosen = np.union1d(best, each[each >= 0])
     chosen = chosen[index.weights[chosen] > 0]
     chosen = chosen[np.argsort(-rank[chosen], kind="stable")]

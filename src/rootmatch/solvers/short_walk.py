@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.assignment import discretise
-from rootmatch.solvers.pair_table import rank
+from rootmatch.solvers.pair_table import place_of_pair
 from rootmatch.solvers.reweighted_walk import ReweightedWalk, balanced
 from rootmatch.solvers.subset_index import SubsetIndex
 from rootmatch.tensor import AffinityTensor
@@ -59,12 +59,16 @@ def short_walk(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True)
 def _contract_among(index, x, chosen, v):  # type: ignore[no-untyped-def]
-    """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, to v (n n',)."""
+    """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, ascending, to v (n n',)."""
     start, others, held = index.start, index.others, index.held
+    one = np.uint32(1)
     for p in range(chosen.size):
-        a = chosen[p]
+        a = np.uint32(chosen[p])
+        first = place_of_pair(np.uint32(0), a)
         for q in range(p):
-            b = chosen[q]
-            product, place = x[a] * x[b], rank(a, b)
-            for t in range(np.int64(start[place]), np.int64(start[place + 1])):
+            b = np.uint32(chosen[q])
+            product, place = x[a] * x[b], first + b
+            t, last = start[place], start[place + one]
+            while t < last:
                 v[others[t]] += product * held[t]
+                t += one
