@@ -20,7 +20,7 @@ demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
 	NUMBA_CACHE_DIR=$(VENV)/numba-cache $(BIN)/python examples/board/demo.py --output $(OUTPUT)
 
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
