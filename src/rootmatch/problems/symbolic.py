@@ -123,7 +123,8 @@ def derive(
     if not statement.source.noise_dimensions + statement.target.noise_dimensions:
         raise InputError("target: both sets are exact; noise must enter somewhere, say by Points(3, noisy=True)")
     limits = _interval(interval)
-    key = _key(statement, limits, constraints, sample is not None)
+    symbols = _symbols(statement)
+    key = _key(statement, symbols, limits, constraints, sample is not None)
     stem = f"{name}-{key[:24]}"
     found = store.load(stem) if cached else None
     if found is not None and found.plan.get("key") == key:
@@ -132,7 +133,7 @@ def derive(
             return DerivedProblem(name, found, statement.source, statement.target)
         except (RootmatchError, KeyError, TypeError, ValueError, IndexError):
             pass  # a file that does not hold is made anew
-    generated = _derive(statement, key, limits, constraints, sample)
+    generated = _derive(statement, symbols, key, limits, constraints, sample)
     if cached:
         store.save(generated.text, stem)
     return DerivedProblem(name, generated, statement.source, statement.target)
@@ -182,10 +183,10 @@ def _symbols(statement: Any) -> tuple[Any, list[Any], list[Any]]:
     return leaves, built, conditions
 
 
-def _key(statement: Any, limits: Any, constraints: int | None, sampled: bool) -> str:
+def _key(statement: Any, symbols: Any, limits: Any, constraints: int | None, sampled: bool) -> str:
     from rootmatch.problems.derived.generate import FORMAT
 
-    _, built, conditions = _symbols(statement)
+    _, built, conditions = symbols
     return str(
         statement.digest(
             [*built, *conditions], f"{len(conditions)} {__version__} {FORMAT} {limits} {constraints} {sampled}"
@@ -206,7 +207,7 @@ def _check_again(found: store.Generated, statement: Any, sample: Any, limits: An
 
 
 def _derive(
-    statement: Any, key: str, limits: tuple[float, float] | None, constraints: int | None, sample: Any
+    statement: Any, symbols: Any, key: str, limits: tuple[float, float] | None, constraints: int | None, sample: Any
 ) -> store.Generated:
     from rootmatch.problems.derived.check import Judge
     from rootmatch.problems.derived.elimination import Definitions, eliminate, system
@@ -218,7 +219,7 @@ def _derive(
 
     rng = np.random.default_rng(0)
     x = statement.shared
-    leaves, built, conditions = _symbols(statement)
+    leaves, built, conditions = symbols
     unknowns = statement.unknowns
     everything = {*unknowns, x}
     abstracted = [leaves.abstract(e, everything) for e in built]

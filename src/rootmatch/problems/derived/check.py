@@ -18,6 +18,8 @@ TOLERANCE = 1e-6
 """Value at the true root, relative to the sum of the terms' sizes, that counts as zero."""
 INDEPENDENT = 1e-4
 """Least singular value of the constraints' unit gradients above which they are independent."""
+TIE = 1.0 - 1e-6
+"""Share of the greatest one from which another is as good."""
 
 
 class Judge:
@@ -32,6 +34,8 @@ class Judge:
     def __init__(self, evaluator: Evaluator, cases: Sequence[Instance]) -> None:
         self.evaluator = evaluator
         self.cases = cases
+        self.source = np.array([case.source for case in cases])
+        self.target = np.array([case.target for case in cases])
         self.m = int(evaluator.plan["minimal"])
         self.first: Order = tuple(range(self.m))
         self.swept: Order = (*range(self.m - 1), self.m)
@@ -111,30 +115,27 @@ class Judge:
 
     def gradients(self, order: Order, shared: int) -> list[Floats]:
         """Of each case the unit derivative of a constraint in all noise, the root of its own minimal set moving."""
-        out = []
-        for case, x in zip(self.cases, self.truth, strict=True):
-            base = self.first
-            if shared:
-                base = self.base(order)
-                x = self._partner(case, base, order) if base != self.first else x
-            rows = []
-            for places in (base, order):
-                index = list(places)
-                _, slope, partial = self.evaluator.partials(
-                    np.array([x]), case.source[None, index], case.target[None, index]
-                )
-                row = np.zeros((self.m + 1, partial.shape[-1]))
-                row[index] = partial[0]
-                rows.append((float(slope[0]), row))
-            (slope_p, row_p), (slope_q, row_q) = rows
-            moved = slope_q / slope_p * row_p
+        base = self.base(order) if shared else self.first
+        roots = np.array(self.truth)
+        if base != self.first:
+            roots = np.array([self._partner(case, base, order) for case in self.cases])
+        (slope_p, row_p), (slope_q, row_q) = (self._noise_rows(places, roots) for places in (base, order))
+        with np.errstate(all="ignore"):
+            moved = (slope_q / slope_p)[:, None] * row_p
             total = row_q - moved
-            norm = float(np.linalg.norm(total))
+            norm = np.linalg.norm(total, axis=1)
             # what cancels to rounding is the same constraint over again
-            size = float(np.linalg.norm(row_q) + np.linalg.norm(moved))
-            usable = np.isfinite(size) and norm > 1e-7 * size
-            out.append(total.ravel() / norm if usable else np.zeros(total.size))
-        return out
+            size = np.linalg.norm(row_q, axis=1) + np.linalg.norm(moved, axis=1)
+            usable = np.isfinite(size) & (norm > 1e-7 * size)
+            return list(np.where(usable[:, None], total / norm[:, None], 0.0))
+
+    def _noise_rows(self, places: Order, roots: Floats) -> tuple[Floats, Floats]:
+        """Slope at a root of each case and derivatives in the noise of all correspondences, flat."""
+        index = list(places)
+        _, slope, partial = self.evaluator.partials(roots, self.source[:, index], self.target[:, index])
+        rows = np.zeros((len(roots), self.m + 1, partial.shape[-1]))
+        rows[:, index] = partial
+        return slope, rows.reshape(len(roots), -1)
 
     def _partner(self, case: Instance, base: Order, order: Order) -> float:
         roots = np.roots(self.polynomial(case, base))
@@ -156,9 +157,11 @@ class Judge:
             candidates = {order: self.gradients(order, shared) for order in group if order not in chosen}
             while candidates and (most is None or len(chosen) < most):
                 scores = {order: self._independence([*rows, new]) for order, new in candidates.items()}
-                best = max(scores, key=lambda order: scores[order])
-                if scores[best] < INDEPENDENT:
+                greatest = max(scores.values())
+                if greatest < INDEPENDENT:
                     break
+                # orders that say the same differ by rounding alone, which must not choose among them
+                best = next(order for order, score in scores.items() if score >= TIE * greatest)
                 chosen.append(best)
                 rows.append(candidates.pop(best))
         return tuple(sorted(chosen, key=lambda order: self.m in order))

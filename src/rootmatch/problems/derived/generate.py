@@ -14,7 +14,7 @@ from rootmatch.problems.derived.hoisting import Hoisted, hoist, opened, ordered
 from rootmatch.problems.derived.leaves import Expr, Leaves
 from rootmatch.problems.derived.straight_line import Program, function_text
 
-FORMAT = 6
+FORMAT = 7
 """Of generated modules; older ones are generated anew."""
 
 

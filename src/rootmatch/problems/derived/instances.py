@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 Sampler = Callable[[np.random.Generator], Any]
 ATTEMPTS = 60
 """Starts of the numerical solution for one instance."""
+STEP = float(np.sqrt(np.finfo(float).eps))
+"""Of its differences, relative to what is more than 1."""
 
 
 class Instance(NamedTuple):
@@ -117,15 +119,32 @@ class Solver:
             unit = np.abs(start).mean()
             coordinates = statement.source.measure(source).ravel()
 
-            def residual(
-                v: Floats, start: Floats = start, unit: float = unit, coordinates: Floats = coordinates
+            def residuals(
+                trials: Floats, start: Floats = start, unit: float = unit, coordinates: Floats = coordinates
             ) -> Floats:
-                target = start + v[size:].reshape(start.shape) * unit
-                measured = np.concatenate([coordinates, statement.target.measure(target).ravel()])
-                return np.asarray(self.function(v[:size], measured[self.first_places]), dtype=float)
+                """Of trials (T, k) the equations' values (T, e)."""
+                target = start + trials[:, size:].reshape(-1, *start.shape) * unit
+                seen = statement.target.measure(target).reshape(len(trials), -1)
+                measured = np.concatenate([np.broadcast_to(coordinates, (len(trials), coordinates.size)), seen], axis=1)
+                values = self.function(trials[:, :size].T, measured[:, self.first_places].T)
+                return np.array(np.broadcast_arrays(*values, np.empty(len(trials)))[:-1], dtype=float).T
+
+            def slopes(v: Floats, residuals: Callable[[Floats], Floats] = residuals) -> Floats:
+                """Forward differences, the trials of all of them at once."""
+                trials = np.concatenate([v[None], v + np.diag(STEP * np.copysign(np.maximum(1.0, np.abs(v)), v))])
+                values = residuals(trials)
+                return np.asarray((values[1:] - values[0]).T / np.diagonal(trials[1:] - v))
 
             guess = np.concatenate([rng.uniform(0.3, 2.0, size), np.zeros(start.size)])
-            found = least_squares(residual, guess, xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=200)
+            found = least_squares(
+                lambda v, residuals=residuals: residuals(v[None])[0],
+                guess,
+                slopes,
+                xtol=1e-15,
+                ftol=1e-15,
+                gtol=1e-15,
+                max_nfev=200,
+            )
             x = float(found.x[self.shared])
             inside = interval is None or interval[0] < x < interval[1]
             if np.abs(found.fun).max() < 1e-11 and inside and abs(x) < 30.0 and self._isolated(found):
