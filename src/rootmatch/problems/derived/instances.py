@@ -21,6 +21,8 @@ ATTEMPTS = 60
 """Starts of the numerical solution for one instance."""
 STEP = float(np.sqrt(np.finfo(float).eps))
 """Of its differences, relative to what is more than 1."""
+NEAR, FULL_STEPS, EXACT = 1e-4, 4, 1e-11
+"""Gradient at which full steps begin, how many at most, and the greatest value of an equation that holds."""
 
 
 class Instance(NamedTuple):
@@ -129,37 +131,52 @@ class Solver:
                 values = self.function(trials[:, :size].T, measured[:, self.first_places].T)
                 return np.array(np.broadcast_arrays(*values, np.empty(len(trials)))[:-1], dtype=float).T
 
-            def slopes(v: Floats, residuals: Callable[[Floats], Floats] = residuals) -> Floats:
-                """Forward differences, the trials of all of them at once."""
-                trials = np.concatenate([v[None], v + np.diag(STEP * np.copysign(np.maximum(1.0, np.abs(v)), v))])
-                values = residuals(trials)
-                return np.asarray((values[1:] - values[0]).T / np.diagonal(trials[1:] - v))
-
             guess = np.concatenate([rng.uniform(0.3, 2.0, size), np.zeros(start.size)])
-            found = least_squares(
-                lambda v, residuals=residuals: residuals(v[None])[0],
-                guess,
-                slopes,
-                xtol=1e-15,
-                ftol=1e-15,
-                gtol=1e-15,
-                max_nfev=200,
-            )
-            x = float(found.x[self.shared])
+            v, values, jacobian = _solution(residuals, guess)
+            x = float(v[self.shared])
             inside = interval is None or interval[0] < x < interval[1]
-            if np.abs(found.fun).max() < 1e-11 and inside and abs(x) < 30.0 and self._isolated(found):
-                return Instance(source, start + found.x[size:].reshape(start.shape) * unit, x)
+            if np.abs(values).max() < EXACT and inside and abs(x) < 30.0 and self._isolated(v[:size], jacobian):
+                return Instance(source, start + v[size:].reshape(start.shape) * unit, x)
         raise RootmatchError(
             "check: no exact instance was found numerically; give sample=, a function of a random generator that "
             f"returns {count} true correspondences (source, target)"
         )
 
-    def _isolated(self, found: Any) -> bool:
+    def _isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
         """Whether the points determine the unknowns, and none is so near 0 that an equation loses its sense."""
-        size = len(self.unknowns)
-        values = np.abs(found.x[:size])
-        singular = np.linalg.svd(found.jac[:, :size], compute_uv=False)
-        return bool(values.max() < 1e3 and values.min() > 1e-2 and singular[-1] > 1e-3 * singular[0])
+        if not np.all(np.isfinite(jacobian)):
+            return False
+        sizes = np.abs(unknowns)
+        singular = np.linalg.svd(jacobian[:, : len(sizes)], compute_uv=False)
+        return bool(sizes.max() < 1e3 and sizes.min() > 1e-2 and singular[-1] > 1e-3 * singular[0])
+
+
+def _solution(residuals: Callable[[Floats], Floats], guess: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where all ``residuals`` (T, e) of trials (T, k) vanish, if it goes well; their values and slopes there.
+
+    There are more unknowns than equations, where steps within a trust region converge linearly: they lead near, and
+    shortest full steps from there.
+    """
+
+    def at(v: Floats) -> Floats:
+        values: Floats = residuals(v[None])[0]
+        return values
+
+    def slopes(v: Floats) -> Floats:
+        # forward differences, the trials of all of them at once
+        trials = np.concatenate([v[None], v + np.diag(STEP * np.copysign(np.maximum(1.0, np.abs(v)), v))])
+        found = residuals(trials)
+        return np.asarray((found[1:] - found[0]).T / np.diagonal(trials[1:] - v))
+
+    found = least_squares(at, guess, slopes, xtol=1e-15, ftol=1e-15, gtol=NEAR, max_nfev=200)
+    v, values, jacobian = found.x, found.fun, found.jac
+    for _ in range(FULL_STEPS):
+        if not (0.1 * EXACT < np.abs(values).max() < 1e-2 and np.all(np.isfinite(jacobian))):
+            break
+        # dependent equations leave singular values of the size of the differences' errors
+        v = v - np.linalg.lstsq(jacobian, values, rcond=1e-6)[0]
+        values, jacobian = at(v), slopes(v)
+    return v, values, jacobian
 
 
 def instances(
