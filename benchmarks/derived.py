@@ -10,8 +10,9 @@ import time
 
 import sympy as sp
 
-from rootmatch.affinity import affinity, exhaustive_tensor
-from rootmatch.problems.symbolic import Bearings, DerivedProblem, Points, derive
+from rootmatch.derivation.derive import Bearings, DerivedProblem, Points, derive
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 x = sp.Symbol("x")

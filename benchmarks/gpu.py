@@ -26,22 +26,23 @@ import numpy as np
 from numba import cuda as numba_cuda
 
 import rootmatch
-from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tensor
-from rootmatch.backends import cpu, cuda, cuda_single
+from rootmatch.backends import cpu, cuda, cuda_float32
 from rootmatch.backends.cuda_contraction import DeviceTensor
-from rootmatch.backends.selection import Enumeration
+from rootmatch.backends.strongest import Enumeration
 from rootmatch.benchmark.timing import seconds
-from rootmatch.hyperedges import exhaustive_count, wide_first
-from rootmatch.kernels.dispatch import has_single
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
+from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.residual_dispatch import has_single
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
-from rootmatch.tensor import AffinityTensor
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
 KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
 SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
 LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
-PRECISIONS = {"float64": cuda, "float32": cuda_single}
+PRECISIONS = {"float64": cuda, "float32": cuda_float32}
 SINGLES_A_CLOCK = {(6, 0): 64, (7, 0): 64, (7, 2): 64, (7, 5): 64, (8, 0): 64}
 """Fused multiply-adds in float32 that a multiprocessor does in a clock, by compute capability; 128 on the others."""
 REACH = {"normalised": 5e9, "exhaustive": 5.0}
@@ -63,7 +64,7 @@ def card() -> dict[str, Any]:
     capability = tuple(device.compute_capability)
     multiprocessors, clock = int(device.MULTIPROCESSOR_COUNT), 1e3 * device.CLOCK_RATE
     a_clock = {
-        "float64": cuda_single.DOUBLES_A_CLOCK.get(capability, 2), "float32": SINGLES_A_CLOCK.get(capability, 128)
+        "float64": cuda_float32.DOUBLES_A_CLOCK.get(capability, 2), "float32": SINGLES_A_CLOCK.get(capability, 128)
     }  # fmt: skip
     peak = {precision: 2.0 * fused * multiprocessors * clock for precision, fused in a_clock.items()}
     return made | {

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import rootmatch as rm
-from rootmatch.affinity import affinity
 from rootmatch.backends import cpu
-from rootmatch.hyperedges import exhaustive_count, wide_first
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}

@@ -140,7 +140,9 @@ def cases() -> Iterator[tuple[str, Any]]:
         yield run(f"up2p-candidates-{s}", scene, up2p, noise=0.5, candidates=mask)
         yield run(f"p3p-paper-{s}", absolute(800 + s, 8, 0, 0.1), p3p, preset="paper", samples=50_000, seed=s)
     for s in range(10):
-        yield run(f"up2p-motions-{s}", absolute(900 + s, 12, 4, 0.5, upright=True, motions=2), up2p, noise=0.5, motions=2)
+        yield run(
+            f"up2p-motions-{s}", absolute(900 + s, 12, 4, 0.5, upright=True, motions=2), up2p, noise=0.5, motions=2
+        )
         yield run(f"up2p-auto-motions-{s}", absolute(950 + s, 12, 0, 0.5, upright=True, motions=2), up2p, noise=0.5,
                   motions="auto")  # fmt: skip
         yield run(f"p3p-auto-noise-{s}", absolute(1000 + s, 9, 0, 0.7), p3p, noise="auto")
@@ -154,7 +156,9 @@ def cases() -> Iterator[tuple[str, Any]]:
         yield run(f"up2pf-{s}", absolute(1500 + s, 7, 1, 0.3, **upright), rm.UP2PF((320.0, 240.0)), noise=0.3)
         yield run(f"similarity-{s}", flat(1600 + s, 12, 4, 0.01, 2, 2.5), rm.Similarity(2), noise=0.01)
         yield run(f"rigid-{s}", flat(1700 + s, 12, 4, 0.01, 3, 1.0), rm.Rigid(3), noise=0.01)
-        yield run(f"p3p-random-{s}", absolute(1800 + s, 9, 0, 0.5), p3p, noise=0.5, hyperedges="random", samples=200_000)
+        yield run(
+            f"p3p-random-{s}", absolute(1800 + s, 9, 0, 0.5), p3p, noise=0.5, hyperedges="random", samples=200_000
+        )
     for s in range(5):
         yield run(f"p3p-motions-{s}", absolute(1900 + s, 14, 0, 0.3, motions=2), p3p, noise=0.3, motions=2)
         yield run(f"p3p-rrwhm-{s}", absolute(2000 + s, 8, 2, 0.5), p3p, noise=0.5, solver="rrwhm")
@@ -216,7 +220,9 @@ def compare(before: Path, after: Path) -> int:
             for field in ("status", "score", "hyperedges", "noise"):
                 if field in fields:
                     print(f"    {field}: {old[name][field]} before, {new[name].get(field)} after")
-    print(f"{len(set(old) & set(new))} matches compared, {len(missing)} in one recording only; changed: {dict(changed)}")
+    print(
+        f"{len(set(old) & set(new))} matches compared, {len(missing)} in one recording only; changed: {dict(changed)}"
+    )
     return int(bool(missing or changed))
 
 

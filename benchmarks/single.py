@@ -20,12 +20,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.affinity import KINDS, affinity
-from rootmatch.backends.selection import Enumeration
-from rootmatch.camera import Camera
-from rootmatch.hyperedges import wide_first
-from rootmatch.kernels import single
-from rootmatch.kernels.dispatch import (
+from rootmatch.backends.strongest import Enumeration
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.hypergraph.affinity import KINDS, affinity
+from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.jit import float32
+from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
     SCRATCH_COLUMNS,
     SCRATCH_ROWS,
@@ -111,8 +111,8 @@ def compared(  # type: ignore[no-untyped-def]
 def in_single(tables: Any) -> Any:
     """Tables as a screen has them; those of 3P1, for which there is none, likewise."""
     if hasattr(tables, "variance"):
-        return single.rounded(tables)
-    blur = single.ROUNDING * single.EPSILON
+        return float32.rounded(tables)
+    blur = float32.ROUNDING * float32.EPSILON
     fields = {
         name: np.hypot(field, blur) if name.endswith("deviation") else field
         for name, field in zip(tables._fields, tables, strict=True)
@@ -172,9 +172,9 @@ def main() -> None:
     parser.add_argument("--problems", nargs="+", default=["p3p", "up2p", "3p1"])
     parser.add_argument("--kinds", nargs="+", default=["joint", "normalised"])
     parser.add_argument("--widenings", type=float, nargs="+", default=[1.0, 1.02, 1.05])
-    parser.add_argument("--rounding", type=float, default=single.ROUNDING, help="see rootmatch.kernels.single")
+    parser.add_argument("--rounding", type=float, default=float32.ROUNDING, help="see rootmatch.jit.float32")
     options = parser.parse_args()
-    single.ROUNDING = options.rounding
+    float32.ROUNDING = options.rounding
     heads = [f"lost at {widening:g} (true)" for widening in options.widenings]
     print("| residual | scene | σ | below the gate | true | " + " | ".join(heads) + " | for nothing | off by |")
     print("|---" * (7 + len(heads)) + "|")

@@ -16,9 +16,9 @@ import numpy as np
 
 from rootmatch.benchmark.contraction import contraction, planted
 from rootmatch.benchmark.timing import seconds
-from rootmatch.kernels.threads import at_most
+from rootmatch.jit.threads import at_most
 from rootmatch.solvers import SOLVERS, MultiStartAscent
-from rootmatch.solvers.subset_index import build_index
+from rootmatch.solvers.ascent.subset_index import build_index
 
 
 def ascent(n: int, n_target: int, order: int, count: int, repeats: int) -> dict[str, float]:

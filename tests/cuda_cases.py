@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.selection import Enumeration
-from rootmatch.camera import Camera
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.planar_motion import PlanarMotion
-from rootmatch.problems.similarity import Rigid
+from rootmatch.backends.strongest import Enumeration
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.planar_motion.problem import PlanarMotion
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.similarity.problem import Rigid
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
-from rootmatch.tensor import AffinityTensor
 
 SCENES: dict[str, Any] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
 KINDS = (QR, QRBoth, SVD, Normalised, Joint)

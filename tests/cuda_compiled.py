@@ -66,9 +66,9 @@ def kernels() -> list[dict[str, Any]]:
     numba.cuda.dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=CAPABILITY)
     from cuda_cases import CASES, case_tables
     from rootmatch.backends import cuda as backend
-    from rootmatch.backends import cuda_contraction, cuda_single
-    from rootmatch.kernels.dispatch import has_single
-    from rootmatch.kernels.single import rounded
+    from rootmatch.backends import cuda_contraction, cuda_float32
+    from rootmatch.jit.float32 import rounded
+    from rootmatch.problems.residual_dispatch import has_single
 
     def array(dimensions: int, dtype: Any = types.float64) -> Any:
         return types.Array(dtype, dimensions, "C")
@@ -108,7 +108,7 @@ def kernels() -> list[dict[str, Any]]:
         if has_single(tables, kind(1)):
             add_sweep(problem, kind, rounded(tables), types.float32)
             numbered = array(1, i8), array(1)
-            add(problem, kind.__name__, cuda_single.exact_kernel, (*typed, listed, indices, i8, i8, *numbered))
+            add(problem, kind.__name__, cuda_float32.exact_kernel, (*typed, listed, indices, i8, i8, *numbered))
     contracted = indices, array(1), array(1), array(1, i8), array(1, i4), array(1)
     add("", "", cuda_contraction.contract_kernel, contracted)
     return made

@@ -14,11 +14,12 @@ import numpy as np
 
 import rootmatch as rm
 from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
-from rootmatch.affinity import affinity, exhaustive_tensor
-from rootmatch.affinity import random_tensor as sampled_tensor
-from rootmatch.backends import cuda, cuda_single
+from rootmatch.backends import cuda, cuda_float32
 from rootmatch.backends.cuda_contraction import DeviceTensor
-from rootmatch.backends.selection import Enumeration
+from rootmatch.backends.strongest import Enumeration
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.samplers.random import random_tensor as sampled_tensor
 from rootmatch.simulation import up2p_scene
 from rootmatch.solvers import PowerIteration
 
@@ -35,7 +36,7 @@ def results() -> dict[str, Any]:
         made[f"{name} evaluated"] = found.evaluated
     for name, case in SINGLE.items():
         work = Enumeration.of(case_tables(case), case.kind(case.pairs), case.shape, case.order, case.mask())
-        found = cuda_single.strongest(work, *case.ranks(work), case.gate, case.limit)
+        found = cuda_float32.strongest(work, *case.ranks(work), case.gate, case.limit)
         made[f"{name} screened codes"], made[f"{name} screened residuals"] = found.codes, found.residuals
         made[f"{name} screened evaluated"] = found.evaluated
     for name, (case, limit) in LIMITED.items():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import oracles
-from rootmatch.kernels.any_degree import last_entry_of, lesser_last_entry_of, roots_of, singular_value_of
+from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, roots_of, singular_value_of
 
 DEGREES = (1, 3, 6)  # two and four have tests of their own
 

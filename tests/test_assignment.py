@@ -3,9 +3,9 @@ import itertools
 import numpy as np
 import pytest
 
-from rootmatch.assignment import discretise, drop_unsupported, gains, margin
 from rootmatch.errors import InputError
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.assignment import discretise, drop_unsupported, gains, margin
+from rootmatch.hypergraph.tensor import AffinityTensor
 from solver_oracles import planted
 
 

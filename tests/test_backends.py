@@ -12,17 +12,19 @@ import pytest
 
 import instances
 import oracles
-from rootmatch import hyperedges
-from rootmatch.affinity import Affinity, Residual, affinity, exhaustive_tensor, random_tensor
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
-from rootmatch.kernels.dispatch import edge_residual
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.kernels.padding import padded, target_columns
-from rootmatch.kernels.unowned import unowned
-from rootmatch.problems.p3p import P3P
-from rootmatch.problems.three_plus_one import ThreePlusOne
-from rootmatch.problems.up2p import UP2P
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.affinity import Affinity, Residual, affinity
+from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.padding import padded, target_columns
+from rootmatch.problems.residual_dispatch import edge_residual
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.three_plus_one.problem import ThreePlusOne
+from rootmatch.problems.up2p.problem import UP2P
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.samplers.random import random_tensor
 
 ORDER = {"p3p": 4, "up2p": 3, "3p1": 4}
 PAIRS = {"p3p": 6, "up2p": 3, "3p1": 6}
@@ -66,7 +68,7 @@ def as_dict(tensor: Any, weigh: Affinity) -> dict[tuple[int, ...], float]:
 def test_slabs_give_each_hyperedge_the_residual_of_its_own_kernel(problem: str, kind: type) -> None:
     """One row at a time and one hyper-edge at a time are different kernels of the same residual."""
     n, n_target, order = 6, 6, ORDER[problem]
-    bases, arrangements = hyperedges.source_bases(n, order), hyperedges.target_arrangements(n_target, order - 1)
+    bases, arrangements = enumeration.source_bases(n, order), enumeration.target_arrangements(n_target, order - 1)
     everywhere = np.empty((0, 0), dtype=bool)
     ranks = len(bases) * len(arrangements)
     for seed, pairs in ((0, 0b1), (1, 0b10), (2, 0b111)):
@@ -74,7 +76,7 @@ def test_slabs_give_each_hyperedge_the_residual_of_its_own_kernel(problem: str, 
         codes, residuals, counts, evaluated = cpu.sweep(
             tables, kind(pairs), bases, 0, ranks, arrangements, ALL, everywhere, 1 << 14, n_target, n, 1
         )
-        assert counts[0] == evaluated[0] == hyperedges.exhaustive_count(n, n_target, order)
+        assert counts[0] == evaluated[0] == enumeration.exhaustive_count(n, n_target, order)
         indices = cpu.decode(codes[0, : counts[0]], bases, arrangements, n_target, n)
         single = cpu.residuals(tables, kind(pairs), *np.divmod(indices.astype(np.int64), n_target))
         # Compiled apart, their roundings differ. P3P's |R| in closed form has a floor of its own.
@@ -104,7 +106,7 @@ class TestExhaustive:
         kind = residual.kernel_kind(PAIRS[problem])
         everything = enumerated(tables, kind, n, n_target, order)
         values = np.array(list(everything.values()))
-        assert len(everything) == hyperedges.exhaustive_count(n, n_target, order)
+        assert len(everything) == enumeration.exhaustive_count(n, n_target, order)
         # a gate in the widest gap near the middle, so that rounding decides nothing
         ranked = np.sort(values[values < 1e5])
         assert len(ranked) >= 3
@@ -127,7 +129,7 @@ class TestExhaustive:
         tables = scene(problem, n, n_target)
         weigh = affinity("joint", gate=ALL)
         tensor, evaluated = exhaustive_tensor(tables, Joint(), weigh, (n, n_target), order)
-        count = hyperedges.exhaustive_count(n, n_target, order)
+        count = enumeration.exhaustive_count(n, n_target, order)
         assert len(as_dict(tensor, weigh)) == count == evaluated
 
     def test_a_candidate_mask_leaves_exactly_its_hyperedges(self, problem: str, n: int, n_target: int) -> None:
@@ -145,7 +147,7 @@ class TestExhaustive:
             }
             expected = {key for key in expected if flat[list(key)].all()}
             assert set(as_dict(tensor, weigh)) == expected
-            assert len(expected) <= evaluated <= hyperedges.exhaustive_count(n, n_target, order)
+            assert len(expected) <= evaluated <= enumeration.exhaustive_count(n, n_target, order)
 
 
 def test_an_infinite_gate_keeps_hyperedges_only() -> None:
@@ -154,7 +156,7 @@ def test_an_infinite_gate_keeps_hyperedges_only() -> None:
     tensor, _ = exhaustive_tensor(tables, Joint(), affinity("joint", gate=np.inf), (5, 5), 3)
     targets = np.sort(tensor.indices % 5, axis=1)
     assert np.all(targets[:, 1:] > targets[:, :-1])
-    assert tensor.size == hyperedges.exhaustive_count(5, 5, 3)
+    assert tensor.size == enumeration.exhaustive_count(5, 5, 3)
 
 
 class TestStrongest:
@@ -166,7 +168,7 @@ class TestStrongest:
         weigh = affinity("normalised", rho=50.0, gate=ALL)
         everything, _ = exhaustive_tensor(tables, Normalised(), weigh, (6, 6), 4)
         chosen, evaluated = exhaustive_tensor(tables, Normalised(), weigh, (6, 6), 4, max_hyperedges=limit)
-        assert evaluated == hyperedges.exhaustive_count(6, 6, 4)
+        assert evaluated == enumeration.exhaustive_count(6, 6, 4)
         return as_dict(everything, weigh), as_dict(chosen, weigh)
 
     @pytest.mark.parametrize("limit", [1, 10, 137, 5000, 10_000])
@@ -218,7 +220,7 @@ def test_random_sampling_gives_the_weights_of_the_enumeration(problem: str, n: i
     weigh = affinity("joint", rho=1e3, gate=ALL)
     tensor, evaluated = random_tensor(tables, Joint(), weigh, (n, n_target), order, 3000, seed=4)
     assert evaluated == 3000
-    count = hyperedges.exhaustive_count(n, n_target, order)
+    count = enumeration.exhaustive_count(n, n_target, order)
     kept = as_dict(tensor, weigh)
     assert 0.5 * min(count, 3000) < len(kept) <= count
     for row, weight in itertools.islice(kept.items(), 200):
@@ -255,7 +257,7 @@ def test_the_first_samples_are_the_same_for_every_number_of_samples() -> None:
 def test_room_behind_the_targets_changes_nothing(problem: str, kind: Any) -> None:
     """Loops over padded tables fill whole vectors; what is in the padding is never found."""
     n, n_target, order = 6, 9, ORDER[problem]
-    bases, arrangements = hyperedges.source_bases(n, order), hyperedges.target_arrangements(n_target, order - 1)
+    bases, arrangements = enumeration.source_bases(n, order), enumeration.target_arrangements(n_target, order - 1)
     tables = scene(problem, n, n_target)
     wider = padded(tables, n_target)
     assert (target_columns(tables, n_target), target_columns(wider, n_target)) == (9, 16)

@@ -12,10 +12,10 @@ from scipy.stats import chi2, kstest
 
 import instances
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
-from rootmatch.kernels.kinds import Joint, Normalised
-from rootmatch.problems.p3p import P3P
-from rootmatch.problems.up2p import UP2P
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.residual_kinds import Joint, Normalised
+from rootmatch.problems.up2p.problem import UP2P
 
 SCENES = 300
 EDGES = 20  # of each scene
@@ -88,7 +88,7 @@ class TestRelativePose:
     """3P1 has one constraint: "joint" and "normalised" are one."""
 
     def residuals(self, kind: object, sigma: float, baseline: float, seed: int = 5) -> np.ndarray:
-        from rootmatch.problems.three_plus_one import ThreePlusOne
+        from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 
         rng = np.random.default_rng(seed)
         made = []

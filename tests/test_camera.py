@@ -7,7 +7,8 @@ import pytest
 
 import instances
 import oracles
-from rootmatch.camera import Camera, turn_to_y
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.vertical import turn_to_y
 from rootmatch.errors import InputError, RootmatchError
 
 INTRINSICS = (900.0, 1100.0, 310.0, 250.0)

@@ -14,11 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch as rm
-from rootmatch.affinity import affinity, exhaustive_tensor, random_tensor
-from rootmatch.backends import cluster as module
-from rootmatch.backends.cluster import Cluster
+from rootmatch.backends import dask as module
+from rootmatch.backends.dask import Cluster
 from rootmatch.cli import app
-from rootmatch.problems.similarity import Rigid
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.problems.similarity.problem import Rigid
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.samplers.random import random_tensor
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.affinity import affinity, exhaustive_tensor
-from rootmatch.guided import Request
-from rootmatch.guided.completed import Completed
-from rootmatch.hyperedges import target_arrangements
-from rootmatch.kernels.completions import STRIDE, Completions, predict_block
-from rootmatch.kernels.up2p_propose import predictions
-from rootmatch.kernels.vector import tangents
+from rootmatch.algebra.vector import tangents
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.hypergraph.enumeration import target_arrangements
+from rootmatch.problems.up2p.hypotheses import predictions
+from rootmatch.samplers.base import Request
+from rootmatch.samplers.completion import Completed
+from rootmatch.samplers.completion_kernels import STRIDE, Completions, predict_block
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.simulation import up2p_scene
 
 

@@ -16,10 +16,11 @@ import pytest
 
 import rootmatch as rm
 from cuda_cases import CASES, LIMITED, SINGLE, SOLVED, case_tables, given_hyperedges, random_tensor
-from rootmatch.affinity import affinity, exhaustive_tensor
-from rootmatch.affinity import random_tensor as sampled_tensor
-from rootmatch.backends import choice, cpu
-from rootmatch.backends.selection import Enumeration, Strongest
+from rootmatch.backends import cpu, selection
+from rootmatch.backends.strongest import Enumeration, Strongest
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.samplers.random import random_tensor as sampled_tensor
 from rootmatch.simulation import three_plus_one_scene, up2p_scene
 from rootmatch.solvers import PowerIteration
 
@@ -159,21 +160,21 @@ def test_whole_match(backend: str, there: Any) -> None:
 
 class TestChoice:
     def test_without_numba_cuda(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(choice, "find_spec", lambda name: None)
+        monkeypatch.setattr(selection, "find_spec", lambda name: None)
         scene = up2p_scene(**SOLVED)
         with pytest.raises(rm.InputError, match=r"numba-cuda.*not installed.*rootmatch\[gpu\]"):
             rm.match(scene.source, scene.target, scene.problem, backend="cuda")
-        assert choice.chosen("auto", 1e12) is cpu
+        assert selection.chosen("auto", 1e12) is cpu
 
     @needs_numba_cuda
     def test_without_a_card(self) -> None:
         """In a process that sees no card, whatever this machine has."""
         code = (
             "import rootmatch as rm\n"
-            "from rootmatch.backends import choice, cpu\n"
+            "from rootmatch.backends import cpu, selection\n"
             "from rootmatch.simulation import up2p_scene\n"
             f"scene = up2p_scene(**{SOLVED!r})\n"
-            "assert choice.chosen('auto', 1e12) is cpu\n"
+            "assert selection.chosen('auto', 1e12) is cpu\n"
             "try:\n"
             "    rm.match(scene.source, scene.target, scene.problem, backend='cuda')\n"
             "except rm.InputError as error:\n"
@@ -185,7 +186,7 @@ class TestChoice:
 
     @needs_numba_cuda
     def test_a_simulated_card_is_never_preferred(self) -> None:
-        code = "from rootmatch.backends import choice, cpu\nprint(choice.chosen('auto', 1e12) is cpu)"
+        code = "from rootmatch.backends import cpu, selection\nprint(selection.chosen('auto', 1e12) is cpu)"
         assert run("-c", code, NUMBA_ENABLE_CUDASIM="1").strip() == "True"
 
     def test_importing_the_package_does_not_import_cuda(self) -> None:
@@ -203,18 +204,18 @@ class TestChoice:
     @pytest.mark.parametrize("slow", [False, True])
     def test_auto_screens_on_cards_slow_in_double(self, slow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
         double, single = SimpleNamespace(SIMULATED=False), SimpleNamespace()
-        monkeypatch.setattr(choice, "device_backend", lambda: double)
-        monkeypatch.setattr(choice, "_screening", lambda: single)
-        monkeypatch.setattr(choice, "_slow_in_double", lambda: slow)
-        assert choice.chosen("auto", 1e12, True) is (single if slow else double)
-        assert choice.chosen("auto", 1e12, False) is double
-        assert choice.chosen("cuda", 1e12, True) is double
-        assert choice.chosen("cuda-float32", 1e12, True) is single
-        assert choice.chosen("auto", choice.PAYS - 1, True) is cpu
+        monkeypatch.setattr(selection, "device_backend", lambda: double)
+        monkeypatch.setattr(selection, "_screening", lambda: single)
+        monkeypatch.setattr(selection, "_slow_in_double", lambda: slow)
+        assert selection.chosen("auto", 1e12, True) is (single if slow else double)
+        assert selection.chosen("auto", 1e12, False) is double
+        assert selection.chosen("cuda", 1e12, True) is double
+        assert selection.chosen("cuda-float32", 1e12, True) is single
+        assert selection.chosen("auto", selection.PAYS - 1, True) is cpu
 
     def test_few_hyperedges_stay_on_the_processor(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(choice, "device_backend", lambda: pytest.fail("asked for a card"))
-        assert choice.chosen("auto", choice.PAYS - 1) is cpu
+        monkeypatch.setattr(selection, "device_backend", lambda: pytest.fail("asked for a card"))
+        assert selection.chosen("auto", selection.PAYS - 1) is cpu
 
 
 @pytest.mark.parametrize("limit", [1, 7, 100, 5000])

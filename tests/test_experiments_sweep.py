@@ -87,7 +87,7 @@ def test_dask_with_two_workers_gives_the_same_rows(tmp_path, unbroken, monkeypat
 
 def test_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("rootmatch.backends.cluster.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("rootmatch.backends.dask.CONNECT_SECONDS", 0.5)
     with Store(tmp_path / "results.sqlite") as store:
         work = units(PLAN, SEEDS, store)[:1]
         with pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9 does not answer"):

@@ -12,18 +12,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rootmatch import hyperedges
-from rootmatch.affinity import affinity
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.guided import CHANCE_SAMPLES, Guided, Request, Weighed, pays
-from rootmatch.guided.sets import minimal_sets, others_of, widest, width
-from rootmatch.problems.p3p import P3P
-from rootmatch.problems.problem import Problem
+from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.base import Problem
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.samplers.base import Request, Weighed
+from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
+from rootmatch.samplers.guided.sampler import CHANCE_SAMPLES, Guided, pays
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 from rootmatch.solvers import MultiStartAscent
-from rootmatch.tensor import AffinityTensor
 
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 WEIGH = affinity("joint")
@@ -61,7 +62,7 @@ def test_all_but_5_percent_of_the_information_at_a_50th_of_the_evaluations(name:
         scene = SCENES[name](20, 20, noise=1.0, seed=seed)
         tensor, evaluated, share, *_ = of_scene(scene, seed=seed)
         assert tensor.score(scene.truth) >= 0.95 * true_information(scene)
-        assert evaluated <= hyperedges.exhaustive_count(20, 40, scene.problem.order) / 50
+        assert evaluated <= enumeration.exhaustive_count(20, 40, scene.problem.order) / 50
         assert share == 1.0
 
 
@@ -148,7 +149,7 @@ def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     scene = up2p_scene(12, 12, noise=8.0, seed=1)
     chance = of_scene(scene).chance
     tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
-    source, target = next(hyperedges.random_hyperedges(12, 24, 3, 200_000, seed=99, block=200_000))
+    source, target = next(enumeration.random_hyperedges(12, 24, 3, 200_000, seed=99, block=200_000))
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
     assert chance == pytest.approx(np.exp(-0.5 * residuals**2).mean(), rel=0.7)
 
@@ -205,7 +206,7 @@ def test_headset_of_which_most_is_unseen(view: int, load_shared: Callable[[str],
     seen = np.random.default_rng(view).permutation(np.flatnonzero(np.isfinite(data["points2d"][view, :, 0])))
     truth = np.full(32, -1)
     truth[seen] = np.arange(len(seen))
-    order = hyperedges.wide_first(data["points3d"])
+    order = enumeration.wide_first(data["points3d"])
     tensor, *_ = search(
         P3P(Camera.from_matrix(data["K"][view])),
         data["points3d"][order],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rootmatch.errors import InputError
-from rootmatch.hyperedges import (
+from rootmatch.hypergraph.enumeration import (
     exhaustive_count,
     random_hyperedges,
     source_bases,

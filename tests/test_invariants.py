@@ -12,7 +12,7 @@ import pytest
 
 from robot_scenes import moved_points
 from rootmatch.errors import InputError
-from rootmatch.problems.invariants import (
+from rootmatch.hypergraph.invariants import (
     INVARIANTS,
     Invariant,
     angle_sines,
@@ -22,8 +22,8 @@ from rootmatch.problems.invariants import (
     side_lengths,
     signed_sines,
 )
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import get_solver
-from rootmatch.tensor import AffinityTensor
 
 RNG = np.random.default_rng(0)
 TRIANGLES = {2: RNG.normal(size=(50, 3, 2)), 3: RNG.normal(size=(50, 3, 3))}

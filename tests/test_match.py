@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.hyperedges import exhaustive_count
+from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SEEDS = range(5000, 5030)

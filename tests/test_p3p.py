@@ -12,9 +12,9 @@ import instances
 import oracles
 from instances import Instance
 from libraries import P3P_SOLVERS, polished_depths, ray_depths, ray_error
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.problems.p3p import P3P
+from rootmatch.problems.p3p.problem import P3P
 
 INSTANCES = instances.p3p_instances(generic=300)
 

@@ -53,7 +53,7 @@ def test_script_points_to_a_function() -> None:
 
 def test_import_brings_no_heavy_library() -> None:
     heavy = ["matplotlib", "typer", "rich", "dask", "plotly", "sympy", "cv2", "numba.cuda", "rootmatch.cli"]
-    heavy += ["rootmatch.problems.symbolic", "rootmatch.problems.invariants", "rootmatch.problems.derived.shipped"]
+    heavy += ["rootmatch.derivation.derive", "rootmatch.hypergraph.invariants", "rootmatch.problems.derived.shipped"]
     code = f"import sys, rootmatch; print(*[name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     assert done.stdout.split() == []
@@ -137,17 +137,21 @@ def test_make_says_what_is_missing(tmp_path: Path, refuses: str, advice: str) ->
     assert not (tmp_path / ".venv").exists()
 
 
-def test_kernel_cache_follows_every_source(tmp_path: Path) -> None:
-    (tmp_path / "kernels").mkdir()
-    (tmp_path / "driver.py").write_text("a")
-    kernel = tmp_path / "kernels" / "kernel.py"
+def test_kernel_cache_follows_every_source_of_compiled_code(tmp_path: Path) -> None:
+    package = tmp_path / "rootmatch"
+    (package / "algebra").mkdir(parents=True)
+    (package / "driver.py").write_text("from numba import njit\nfrom rootmatch.algebra import kernel\n")
+    (package / "apart.py").write_text("import numpy\n")
+    kernel = package / "algebra" / "kernel.py"
     names = []
-    for text in ("b", "c", "b"):
+    for text in ("b = 1", "b = 2", "b = 1"):
         kernel.write_text(text)
-        names.append(kernel_cache_name(tmp_path))
-    kernel.rename(tmp_path / "kernel.py")
-    names.append(kernel_cache_name(tmp_path))
-    assert names[0] == names[2]
+        names.append(kernel_cache_name(package))
+    (package / "apart.py").write_text("import sys\n")
+    names.append(kernel_cache_name(package))
+    kernel.rename(package / "kernel.py")
+    names.append(kernel_cache_name(package))
+    assert names[0] == names[2] == names[3]
     assert len(set(names)) == 3
 
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, least_squares, milp
 
 import rootmatch as rm
-from rootmatch.kernels.upright_fit import upright_chi2, upright_extended, upright_grown
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.exact_packing import best_packing, relaxation, rounded, worth_at_least
-from rootmatch.solvers.packing import GroupPacking, inside_groups
-from rootmatch.solvers.set_packing import pack
-from rootmatch.tensor import AffinityTensor
+from rootmatch.solvers.packing.exact import best_packing, relaxation, rounded, worth_at_least
+from rootmatch.solvers.packing.solver import GroupPacking, inside_groups
+from rootmatch.solvers.packing.tabu_search import pack
 
 
 def best_by_trying(elements: np.ndarray, values: np.ndarray, most: int) -> float:

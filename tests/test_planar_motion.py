@@ -16,11 +16,12 @@ import robot_scenes
 from instances import axis_rotation
 from robot_scenes import DOWN, INTRINSICS
 from rootmatch import match
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.kernels.derived.compile import compile_residuals
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.planar_motion import PlanarMotion, derivation
+from rootmatch.problems.derived.compile import compile_residuals
+from rootmatch.derivation.shipped import planar_motion
+from rootmatch.problems.planar_motion import PlanarMotion
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
 CAMERA = Camera(*INTRINSICS)
 
@@ -67,7 +68,7 @@ def test_the_truth_is_a_root(tilt: float) -> None:
 
 
 def test_shipped_formulas_are_those_of_the_equation() -> None:
-    fresh = derivation(CAMERA)
+    fresh = planar_motion(CAMERA)
     scene = robot_scenes.robot(8, noise=1.0, seed=1)
     rng = np.random.default_rng(0)
     sets = np.array([rng.permutation(8)[:2] for _ in range(50)])

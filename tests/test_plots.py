@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.plots import UNMATCHED, WRONG, check_picture, match_figure, save_figure
+from rootmatch.report.pictures import UNMATCHED, WRONG, check_picture, match_figure, save_figure
 
 Floats = NDArray[np.float64]
 

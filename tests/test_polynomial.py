@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rootmatch.kernels.polynomial import (
+from rootmatch.algebra.polynomial import (
     curvature_quartic,
     largest_root_cubic,
     polish,

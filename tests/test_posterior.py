@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch import verdict
-from rootmatch.posterior import Evidence, ranked
+from rootmatch.pipeline import assessment
+from rootmatch.pipeline.posterior import Evidence, ranked
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
@@ -112,7 +112,7 @@ def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch
         scene = up2p_scene(10, 5, 1.0, seed, hidden=1)
         given = rm.match(scene.source, scene.target, scene.problem, noise=1.0)
         with monkeypatch.context() as patch:
-            patch.setattr(verdict, "clear", lambda *_: clear.append(False))
+            patch.setattr(assessment, "clear", lambda *_: clear.append(False))
             closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0)
         np.testing.assert_array_equal(given.assignment, closer.assignment)
         assert given.status is closer.status

@@ -10,20 +10,22 @@ import numpy as np
 import poselib
 import pytest
 
-from rootmatch.camera import turn_to_y
-from rootmatch.guided.sets import others_of
-from rootmatch.kernels import p3p_propose, proposals, raster, up2p_propose
-from rootmatch.kernels.p3p import P3PTables
-from rootmatch.kernels.propose import Rules, prepare_sets, propose
-from rootmatch.kernels.up2p import UP2PTables
-from rootmatch.kernels.weigh import weigh
-from rootmatch.problems.p3p import P3P
-from rootmatch.problems.up2p import UP2P
+from rootmatch.cameras.vertical import turn_to_y
+from rootmatch.problems.p3p import hypotheses as p3p_hypotheses
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.p3p.tables import P3PTables
+from rootmatch.problems.up2p import hypotheses as up2p_hypotheses
+from rootmatch.problems.up2p.problem import UP2P
+from rootmatch.problems.up2p.tables import UP2PTables
+from rootmatch.samplers.guided import clustering, detection_grid
+from rootmatch.samplers.guided.hypothesis_test import Rules, prepare_sets, propose
+from rootmatch.samplers.guided.minimal_sets import others_of
+from rootmatch.samplers.guided.verification import weigh
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 EVERYTHING = np.empty((0, 0), np.bool_)
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
-MODULES = {P3PTables: p3p_propose, UP2PTables: up2p_propose}
+MODULES = {P3PTables: p3p_hypotheses, UP2PTables: up2p_hypotheses}
 
 
 def poses(tables, points: list[int], images: list[int], rays: np.ndarray | None = None) -> list:
@@ -158,7 +160,7 @@ def test_raster_finds_the_nearest_detection_within_its_gate() -> None:
     for count, gate in ((3, 0.02), (20, 0.008), (60, 0.02), (12, 1e-9)):
         rays = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)]) @ turn_to_y((0.2, 0.4, 0.9)).T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        built = raster.build_raster(np.ascontiguousarray(rays.T), gate)
+        built = detection_grid.build_raster(np.ascontiguousarray(rays.T), gate)
         assert np.abs(built.basis @ built.basis.T - np.eye(3)).max() < 1e-12
         gate = math.sqrt(built.gate2)
         cell = 1.0 / built.scale
@@ -166,7 +168,7 @@ def test_raster_finds_the_nearest_detection_within_its_gate() -> None:
         spots = np.concatenate([places[rng.integers(0, count, 400)] + rng.normal(0, gate, (400, 2)), places])
         for u, v in spots:
             distance = np.hypot(*(places - (u, v)).T)
-            k, distance2 = raster.look_up(built, 2.0 * u, 2.0 * v, 2.0)
+            k, distance2 = detection_grid.look_up(built, 2.0 * u, 2.0 * v, 2.0)
             if k < 0:
                 # nothing there, or the cell belongs to a neighbour that is out of reach from here
                 nearest = np.sort(distance)[:2]
@@ -175,16 +177,18 @@ def test_raster_finds_the_nearest_detection_within_its_gate() -> None:
                 assert distance[k] <= gate
                 assert distance2 == pytest.approx(distance[k] ** 2, rel=1e-9)
                 assert distance[k] <= distance.min() + 1.5 * cell
-        assert raster.look_up(built, 0.0, 0.0, -1.0)[0] == -1
-        assert raster.look_up(built, math.nan, 0.0, 1.0)[0] == -1
-        assert raster.look_up(built, 1e9, -1e9, 1.0)[0] == -1
+        assert detection_grid.look_up(built, 0.0, 0.0, -1.0)[0] == -1
+        assert detection_grid.look_up(built, math.nan, 0.0, 1.0)[0] == -1
+        assert detection_grid.look_up(built, 1e9, -1e9, 1.0)[0] == -1
 
 
 def test_density_is_that_of_the_field_of_detections() -> None:
     rng = np.random.default_rng(0)
     rays = np.column_stack([rng.uniform(-0.2, 0.2, 4000), rng.uniform(-0.1, 0.1, 4000), np.ones(4000)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    assert raster.build_raster(np.ascontiguousarray(rays.T), 1e-3).density == pytest.approx(4000 / 0.08, rel=0.1)
+    assert detection_grid.build_raster(np.ascontiguousarray(rays.T), 1e-3).density == pytest.approx(
+        4000 / 0.08, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -194,7 +198,7 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     tables = problem.prepare(scene.source, scene.target, 0.5)
     n, n_target, m = 5, 6, problem.minimal
     gate = 0.03
-    built = raster.build_raster(tables.rays, gate)
+    built = detection_grid.build_raster(tables.rays, gate)
     points = np.array(list(combinations(range(n), m)), dtype=np.int64)
     sets = prepare_sets(tables, points, others_of(points, n), np.zeros(len(points), np.int64))
     arrangements = np.array(list(permutations(range(n_target), m - 1)), dtype=np.int32)
@@ -234,7 +238,7 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
 def test_a_floor_saves_looks_and_keeps_the_truth() -> None:
     scene = p3p_scene(10, 10, noise=1.0, seed=1)
     tables = scene.problem.prepare(scene.source, scene.target)
-    built = raster.build_raster(tables.rays, 0.008)
+    built = detection_grid.build_raster(tables.rays, 0.008)
     points = np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 0, 4]], dtype=np.int64)
     sets = prepare_sets(tables, points, others_of(points, 10), np.zeros(4, np.int64))
     arrangements = np.array(list(permutations(range(20), 2)), dtype=np.int32)
@@ -266,13 +270,13 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
     tested = []
     for facing, allowed in product((None, normals), (EVERYTHING, mask)):
         tables = scene.problem.prepare(scene.source, scene.target, 1.0, facing)
-        built = raster.build_raster(tables.rays, 0.01)
+        built = detection_grid.build_raster(tables.rays, 0.01)
         sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(len(points), np.int64))
         rules = Rules(hit=3.0, fall=3.0, miss=miss, floor=-3.5, least=m + 1, normals=facing is not None)
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
         quick = propose(*given)
         with monkeypatch.context() as patched:
-            patched.setattr("rootmatch.kernels.propose._looks", lambda *_: 0)
+            patched.setattr("rootmatch.samplers.guided.hypothesis_test._looks", lambda *_: 0)
             slow = propose(*given)
         assert np.array_equal(quick[2][:, :2], slow[2][:, :2])
         rows = [{tuple(row) for row in one[0].reshape(-1, m + 2).tolist() if row[0] >= 0} for one in (quick, slow)]
@@ -368,19 +372,19 @@ def test_groups_join_like_proposals_and_list_their_candidates() -> None:
     candidates = np.full((5, 4, 4), -1, np.int64)
     candidates[:, :, 0] = best
     candidates[1, 3, :2] = [5, 6]
-    leaders, lists = proposals.group(evidence, best, candidates, 10, 0.5, 0.5)
+    leaders, lists = clustering.group(evidence, best, candidates, 10, 0.5, 0.5)
     assert leaders.tolist() == [0, 2]
     assert lists[0].tolist() == [[0] + [-1] * 5, [1] + [-1] * 5, [2, 3] + [-1] * 4, [3, 5, 6, 2, -1, -1]]
     # the last is alike but far weaker than its group's first
     assert lists[1, :, 1:].max() == -1
-    leaders, _ = proposals.group(evidence, best, candidates, 1, 0.9, 0.5)
+    leaders, _ = clustering.group(evidence, best, candidates, 1, 0.9, 0.5)
     assert leaders.tolist() == [0]
 
 
 def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
     rng = np.random.default_rng(1)
     n, n_target, groups = 6, 7, 70
-    lists = np.full((groups, n, proposals.LIST), -1, np.int64)
+    lists = np.full((groups, n, clustering.LIST), -1, np.int64)
     for g, d in product(range(groups), range(n)):
         chosen = rng.permutation(n_target)[: rng.integers(0, 3)]
         lists[g, d, : len(chosen)] = chosen
@@ -390,18 +394,18 @@ def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
         for images in product(*([k for k in lists[g, d] if k >= 0] for d in subset)):
             if len(set(images)) == 3:
                 expected.add((subset, tuple(int(k) for k in images)))
-    mask = proposals.membership(lists, n_target)
+    mask = clustering.membership(lists, n_target)
     counts = np.zeros(groups, np.int64)
     nothing = np.empty((0, 3), np.int64)
-    proposals.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
+    clustering.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
     source, target = np.empty((counts.sum(), 3), np.int64), np.empty((counts.sum(), 3), np.int64)
-    proposals.candidate_hyperedges(lists, mask, subsets, source, target, counts)
+    clustering.candidate_hyperedges(lists, mask, subsets, source, target, counts)
     got = [(tuple(i), tuple(j)) for i, j in zip(source.tolist(), target.tolist(), strict=True)]
     assert len(got) == len(set(got))
     assert set(got) == expected
     # cut short it writes the first ones
     short = np.empty((5, 3), np.int64)
-    proposals.candidate_hyperedges(lists, mask, subsets, short, short.copy(), counts)
+    clustering.candidate_hyperedges(lists, mask, subsets, short, short.copy(), counts)
     assert np.array_equal(short, source[:5])
 
 

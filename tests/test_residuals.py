@@ -16,11 +16,11 @@ import oracles
 import rootmatch
 from instances import Instance
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.p3p import P3P
-from rootmatch.problems.problem import Problem
-from rootmatch.problems.up2p import UP2P
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.problems.base import Problem
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.up2p.problem import UP2P
 
 SIGMA = 0.5
 SHARED_PAIRS = tuple(itertools.combinations(range(4), 2))  # P3P: bit k of `pairs` shares the k-th pair

@@ -13,8 +13,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from rootmatch.kernels import bezout
-from rootmatch.kernels.sylvester import (
+from rootmatch.algebra import bezout
+from rootmatch.algebra.sylvester import (
     smallest_singular_value_quadratic,
     smallest_singular_value_quartic,
     sylvester_matrix,
@@ -271,7 +271,7 @@ def exact_in_x(shifted: Pair) -> float:
 
 
 class TestWhereTheyPart:
-    """Errors against rational arithmetic, which the docstrings of `rootmatch.kernels.bezout` state."""
+    """Errors against rational arithmetic, which the docstrings of `rootmatch.algebra.bezout` state."""
 
     def test_ordinary_quartics_closed_form_no_worse_than_qr(self) -> None:
         rng = np.random.default_rng(0)

@@ -11,11 +11,12 @@ from scipy.stats import chi2
 import oracles
 from robot_scenes import moved_points
 from rootmatch import match, residuals
-from rootmatch.affinity import affinity, exhaustive_tensor
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.similarity import Rigid, Similarity
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.similarity.problem import Rigid, Similarity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.solvers import get_solver
 
 CASES = [(Similarity, 2), (Similarity, 3), (Rigid, 2), (Rigid, 3)]

@@ -12,9 +12,11 @@ from numba import njit, typeof
 from numpy.typing import NDArray
 
 from cuda_cases import SINGLE, Case, case_scene
-from rootmatch.backends.selection import Enumeration
-from rootmatch.kernels import single
-from rootmatch.kernels.dispatch import (
+from rootmatch.algebra.vector import dot
+from rootmatch.backends.strongest import Enumeration
+from rootmatch.jit import float32
+from rootmatch.jit.decorators import scalar
+from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
     SCRATCH_COLUMNS,
     SCRATCH_ROWS,
@@ -22,11 +24,9 @@ from rootmatch.kernels.dispatch import (
     fill_panel,
     gives_squares,
     has_single,
-    scalar,
     slab_residual,
 )
-from rootmatch.kernels.kinds import QR, Joint
-from rootmatch.kernels.vector import dot
+from rootmatch.problems.residual_kinds import QR, Joint
 
 COMPUTES = r"\b(?:fadd|fsub|fmul|fdiv|fneg|fcmp|fpext|fptrunc|sqrt\S*)\b[^\n]*\bdouble\b"
 """LLVM's instructions on doubles, but for moves, loads and stores."""
@@ -67,7 +67,7 @@ class TestCompiledTwins:
     def test_near_the_kernels(self, name: str) -> None:
         case = SINGLE[name]
         tables, _ = case_scene(case)
-        here, there = slabs(case, tables, np.float64), slabs(case, single.rounded(tables), np.float32)
+        here, there = slabs(case, tables, np.float64), slabs(case, float32.rounded(tables), np.float32)
         assert there.dtype == np.float32
         near = here < 20.0
         assert near.sum() >= 20
@@ -81,7 +81,7 @@ class TestCompiledTwins:
     def test_an_edge_is_as_in_its_slab(self, name: str) -> None:
         case = SINGLE[name]
         tables, truth = case_scene(case)
-        blurred, kind = single.rounded(tables), case.kind(case.pairs)
+        blurred, kind = float32.rounded(tables), case.kind(case.pairs)
         i = np.arange(case.order)
         for number, given in ((np.float64, tables), (np.float32, blurred)):
             out = np.zeros(1, number)
@@ -95,7 +95,7 @@ class TestCompiledTwins:
         case = SINGLE[name]
         tables, _ = case_scene(case)
         found = {}
-        for number, given in ((np.float64, tables), (np.float32, single.rounded(tables))):
+        for number, given in ((np.float64, tables), (np.float32, float32.rounded(tables))):
             slabs(case, given, number)
             types = typeof(given), typeof(case.kind())
             (signature,) = (one for one in rows.signatures if one[:2] == types)
@@ -106,14 +106,14 @@ class TestCompiledTwins:
 
 @pytest.mark.parametrize("value", [0.5, -3.0, 1e-12, 0.0, math.inf, -math.inf, 7, True, None, "text"])
 def test_constants_that_single_precision_holds(value: Any) -> None:
-    made = single.constant(value)
+    made = float32.constant(value)
     assert made == (np.float32(value) if isinstance(value, float) else value)
     assert isinstance(made, np.float32) == isinstance(value, float)
 
 
 def test_constants_out_of_range_keep_their_meaning() -> None:
     """Next to nothing does not become 0, nor a bound infinite."""
-    tiny, huge, less, wrong = single.constant((1e-300, 1e300, -1e-60, math.nan))
+    tiny, huge, less, wrong = float32.constant((1e-300, 1e300, -1e-60, math.nan))
     assert tiny > 0.0
     assert np.isfinite(np.float32(1.0) / tiny)
     assert np.isfinite(huge)
@@ -124,10 +124,10 @@ def test_constants_out_of_range_keep_their_meaning() -> None:
 def test_no_constant_of_a_twin_vanishes_or_overflows() -> None:
     """In all that the twins of all cases are made of."""
     for case in SINGLE.values():
-        slabs(case, single.rounded(case_scene(case)[0]), np.float32)
+        slabs(case, float32.rounded(case_scene(case)[0]), np.float32)
     seen = 0
-    for kernel in single.made():
-        function, twin = (getattr(one, "py_func", one) for one in (kernel, single.twin(kernel)))
+    for kernel in float32.made():
+        function, twin = (getattr(one, "py_func", one) for one in (kernel, float32.twin(kernel)))
         for before, after in zip(function.__code__.co_consts, twin.__code__.co_consts, strict=True):
             if isinstance(before, float) and math.isfinite(before):
                 assert type(after) is np.float32
@@ -141,9 +141,9 @@ def test_no_constant_of_a_twin_vanishes_or_overflows() -> None:
 
 
 def test_a_twin_is_the_same_code() -> None:
-    assert single.twin(dot).py_func.__code__.co_code == dot.py_func.__code__.co_code
-    assert single.twin(dot) is single.twin(dot)
-    assert single.twin(dot).targetoptions == dot.targetoptions
+    assert float32.twin(dot).py_func.__code__.co_code == dot.py_func.__code__.co_code
+    assert float32.twin(dot) is float32.twin(dot)
+    assert float32.twin(dot).targetoptions == dot.targetoptions
 
 
 def test_a_kernel_with_a_function_inside_is_refused() -> None:
@@ -152,19 +152,19 @@ def test_a_kernel_with_a_function_inside_is_refused() -> None:
         return (lambda y: y + 0.5)(x)
 
     with pytest.raises(TypeError, match=r"nested.*function inside"):
-        single.twin(nested)
+        float32.twin(nested)
 
 
 def test_doubles_get_the_kernel_itself() -> None:
     case = next(iter(SINGLE.values()))
     tables, _ = case_scene(case)
-    assert single.serving(tables, dot) is dot
-    assert single.serving(single.rounded(tables), dot) is single.twin(dot)
+    assert float32.serving(tables, dot) is dot
+    assert float32.serving(float32.rounded(tables), dot) is float32.twin(dot)
 
 
 def test_rounding_adds_to_the_noise_of_a_bearing_alone() -> None:
     tables, _ = case_scene(Case("p3p", Joint))
-    blurred = single.rounded(tables)
+    blurred = float32.rounded(tables)
     for field in tables._fields:
         if field in ("rays", "versine", "normals"):
             np.testing.assert_array_equal(getattr(blurred, field), getattr(tables, field).astype(np.float32))
@@ -177,7 +177,7 @@ def test_rounding_adds_to_the_noise_of_a_bearing_alone() -> None:
 def test_the_unit_of_length_is_that_of_the_errors(problem: str) -> None:
     """By a power of two, for all lengths alike, so that no digit changes."""
     tables, _ = case_scene(Case(problem, Joint))
-    blurred = single.rounded(tables)
+    blurred = float32.rounded(tables)
     unit = float(blurred.points[0, 0]) / float(np.float32(tables.points[0, 0]))
     assert math.frexp(unit)[0] == 0.5
     assert 0.5 < unit * math.sqrt(np.median(tables.variance)) < 2.0

@@ -6,6 +6,7 @@ import pytest
 import scipy.optimize
 
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import (
     SOLVERS,
     BlockCoordinateAscent,
@@ -15,10 +16,9 @@ from rootmatch.solvers import (
     ReweightedWalk,
     get_solver,
 )
-from rootmatch.solvers.block_ascent import _Ascent
-from rootmatch.solvers.kl_projection import project
-from rootmatch.solvers.reweighted_walk import balanced
-from rootmatch.tensor import AffinityTensor
+from rootmatch.solvers.bcagm import _Ascent
+from rootmatch.solvers.hgm import project
+from rootmatch.solvers.rrwhm import balanced
 from solver_oracles import best_score, dense_contraction, dense_tensor, naive_score, planted, random_edges
 
 SHAPES = [(2, 6, 6), (3, 6, 7), (3, 7, 6), (4, 6, 6), (4, 6, 8), (5, 7, 7)]

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import PowerIteration, get_solver
-from rootmatch.solvers.solution import neighbours
-from rootmatch.tensor import AffinityTensor
+from rootmatch.solvers.base import neighbours
 from solver_oracles import dense_contraction, dense_tensor, planted, random_edges
 
 

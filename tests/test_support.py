@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rootmatch.assignment import drop_unsupported
-from rootmatch.kernels.support import supported_answers
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.assignment import drop_unsupported
+from rootmatch.hypergraph.support import supported_answers
+from rootmatch.hypergraph.tensor import AffinityTensor
 
 
 def random_tensor(rng: np.random.Generator, order: int, unary: bool) -> AffinityTensor:

@@ -25,15 +25,15 @@ import instances
 import oracles
 from rootmatch import residuals
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.derivation import derive as derive_module
+from rootmatch.derivation.derive import Bearings, DerivedProblem, Points, derive
 from rootmatch.errors import InputError, RootmatchError
-from rootmatch.kernels.derived import compile as compile_module
-from rootmatch.kernels.derived.compile import compile_residuals
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems import symbolic
+from rootmatch.problems.base import Problem
+from rootmatch.problems.derived import compile as compile_module
 from rootmatch.problems.derived import store
-from rootmatch.problems.problem import Problem
-from rootmatch.problems.symbolic import Bearings, DerivedProblem, Points, derive
+from rootmatch.problems.derived.compile import compile_residuals
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 CAMERA = Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -266,7 +266,7 @@ def test_normalised_is_the_polynomial_over_its_deviation_in_pixels(name: str, mo
     problem = derived(name)
     scene = MAKERS[name][1](0, 0.05)
     problem.prepare(scene.source, scene.target)  # registers its kernels as they are
-    monkeypatch.setattr("rootmatch.kernels.derived.compile.BLUR", 0.0)
+    monkeypatch.setattr("rootmatch.problems.derived.compile.BLUR", 0.0)
     edge, _ = interpreted(problem)[Normalised]
     errors = []
     for seed in range(5):
@@ -392,7 +392,7 @@ def test_compiled_and_interpreted_agree() -> None:
 
 def test_another_camera_needs_no_new_derivation(monkeypatch: pytest.MonkeyPatch) -> None:
     first = derived("up2p")
-    monkeypatch.setattr(symbolic, "_derive", None)
+    monkeypatch.setattr(derive_module, "_derive", None)
     other = Camera(700.0, 720.0, 300.0, 200.0)
     seen = first.measured(target=Bearings(other))
     scene = _up2p(1, 0.0)
@@ -587,7 +587,7 @@ def test_generated_code_is_found_again_and_is_private(cache_folder: Path, monkey
     if hasattr(os, "getuid"):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
         assert stat.S_IMODE(cache_folder.stat().st_mode) == 0o700
-    monkeypatch.setattr(symbolic, "_derive", None)  # would be called were it not found
+    monkeypatch.setattr(derive_module, "_derive", None)  # would be called were it not found
     assert up2p_by_rotation().tag == first.tag
 
 
@@ -711,7 +711,8 @@ def test_the_next_process_finds_compiled_kernels(tmp_path: Path) -> None:
         import numpy as np, sympy as sp
         from rootmatch.backends import cpu
         from rootmatch.kernels.kinds import QR
-        from rootmatch.problems.symbolic import Points, derive
+        from rootmatch.derivation.derive import derive
+        from rootmatch.problems.derived.measurements import Points
 
         x = sp.Symbol("x")
         problem = derive("scale", lambda X, u: (u[1] - u[0]).dot(u[1] - u[0]) - x * (X[1] - X[0]).dot(X[1] - X[0]),

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 from solver_oracles import (
     dense_contraction,
     dense_tensor,

@@ -18,11 +18,11 @@ import pytheia
 from scipy.spatial.transform import Rotation
 
 from rootmatch.backends import cpu
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
-from rootmatch.kernels.kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.three_plus_one import ThreePlusOne
+from rootmatch.problems.residual_dispatch import PANEL_ROWS, SCRATCH_ROWS, fill_panel, slab_residual
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 from rootmatch.simulation import Scene, three_plus_one_scene
 
 Y = np.array([0.0, 1.0, 0.0])

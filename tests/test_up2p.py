@@ -18,9 +18,9 @@ import instances
 import oracles
 from instances import Instance
 from libraries import UP2P_SOLVERS, polished_turn, ray_error
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
-from rootmatch.problems.up2p import UP2P
+from rootmatch.problems.up2p.problem import UP2P
 
 INSTANCES = instances.up2p_instances(generic=400)
 

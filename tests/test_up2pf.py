@@ -14,11 +14,13 @@ import oracles
 import robot_scenes
 from instances import axis_rotation
 from robot_scenes import DOWN
-from rootmatch.affinity import affinity, exhaustive_tensor
 from rootmatch.errors import InputError
-from rootmatch.kernels.derived.compile import compile_residuals
-from rootmatch.kernels.kinds import Joint, Normalised
-from rootmatch.problems.up2pf import UP2PF, derivation
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.problems.derived.compile import compile_residuals
+from rootmatch.problems.residual_kinds import Joint, Normalised
+from rootmatch.derivation.shipped import up2pf
+from rootmatch.problems.up2pf import UP2PF
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.solvers import get_solver
 
 CENTRE = (320.0, 240.0)
@@ -101,7 +103,7 @@ def test_the_truth_is_a_root_of_all_triples() -> None:
 
 
 def test_shipped_formulas_are_those_of_the_equations() -> None:
-    fresh = derivation()
+    fresh = up2pf()
     scene = robot_scenes.zoomed(6, noise=1.0, seed=1)
     rng = np.random.default_rng(0)
     sets = np.array([rng.permutation(6)[:3] for _ in range(30)])

@@ -63,7 +63,7 @@ for kernel in (proposals._group, proposals.candidate_hyperedges):
 @pytest.mark.parametrize(("problem", "normals"), [("p3p", True), ("up2p", False)])
 def test_a_search_finds_its_kernels_after_warming(tmp_path: Path, problem: str, normals: bool) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    warm = "from rootmatch.guided.warm import warm; warm()"
+    warm = "from rootmatch.samplers.guided.warm import warm; warm()"
     search = SEARCH.replace("PROBLEM", repr(problem)).replace("NORMALS", repr(normals))
     for program in (warm, search):
         done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)

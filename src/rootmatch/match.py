@@ -9,22 +9,24 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch import arguments
-from rootmatch.affinity import NOISE_KINDS, Progress, Residual, affinity
-from rootmatch.backends import choice, cpu
-from rootmatch.building import WAYS, Way
+from rootmatch.backends import cpu, selection
+from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
-from rootmatch.guided import Choice
-from rootmatch.motions import check_motions, label_motions
-from rootmatch.noise import first_guess, with_estimated_noise
-from rootmatch.poses import Pose, poses_of
-from rootmatch.posterior import Evidence
-from rootmatch.problems.problem import Problem, check_normals, check_points
-from rootmatch.road import Road
-from rootmatch.several import several
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline import validation
+from rootmatch.pipeline.assessment import Status, of_all, of_groups
+from rootmatch.pipeline.motion_labels import check_motions, label_motions
+from rootmatch.pipeline.multi_motion import several
+from rootmatch.pipeline.noise_estimation import first_guess, with_estimated_noise
+from rootmatch.pipeline.poses import Pose, poses_of
+from rootmatch.pipeline.posterior import Evidence
+from rootmatch.pipeline.road import Road
+from rootmatch.pipeline.sampling import WAYS, Way
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_normals, check_points
+from rootmatch.samplers.base import Choice
 from rootmatch.solvers import Solver, get_solver
-from rootmatch.tensor import AffinityTensor
-from rootmatch.verdict import Status, of_all, of_groups
 
 __all__ = ["Match", "Status", "match", "residuals"]
 
@@ -122,8 +124,8 @@ def residuals(
     """
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
-    first = arguments.checked_indices(source_index, n, problem.order, "source_index")
-    second = arguments.checked_indices(target_index, n_target, problem.order, "target_index")
+    first = validation.checked_indices(source_index, n, problem.order, "source_index")
+    second = validation.checked_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
         raise InputError(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
@@ -148,7 +150,7 @@ def match(
     normals: ArrayLike | None = None,
     candidates: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
-    backend: choice.Name = "auto",
+    backend: selection.Name = "auto",
     max_hyperedges: int = 5_000_000,
     limit: int | None = None,
     scheduler: str | None = None,
@@ -173,16 +175,16 @@ def match(
         The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Choice
-        Which are looked at: all, random ones, or those that a search by prediction proposes (`rootmatch.guided.Guided`
-        is such a choice and has its options; `rootmatch.guided.completed.Completed` is another; one of your own takes
-        a `rootmatch.guided.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With several
+        Which are looked at: all, random ones, or those that a search by prediction proposes (`rootmatch.samplers.guided.Guided`
+        is such a choice and has its options; `rootmatch.samplers.completion.Completed` is another; one of your own takes
+        a `rootmatch.samplers.base.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With several
         motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found by
         completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual
     rho : float
-        Spread of the affinity; see `rootmatch.affinity.Affinity`. Default: 1 for residuals in units of the noise, else
+        Spread of the affinity; see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of the noise, else
         `Problem.paper_rho`.
     solver : str or Solver
     normals : (n, 3) array, optional
@@ -219,7 +221,7 @@ def match(
     """
     started = time.perf_counter()
     if isinstance(noise, str):
-        arguments.check_choice("noise", noise, ("auto",))
+        validation.check_choice("noise", noise, ("auto",))
         guess = first_guess(check_points(target, problem.target_dimension, "target", problem.order))
 
         def attempt(sigma: float) -> Match:
@@ -231,9 +233,9 @@ def match(
             )  # fmt: skip
 
         return replace(with_estimated_noise(attempt), seconds=time.perf_counter() - started)
-    paper = arguments.is_paper(preset)
+    paper = validation.is_paper(preset)
     check_motions(motions)
-    arguments.check_choice("backend", backend, choice.NAMES)
+    validation.check_choice("backend", backend, selection.NAMES)
     points = check_points(source, problem.source_dimension, "source", problem.order)
     pixels = check_points(target, problem.target_dimension, "target", problem.order)
     n, n_target = len(points), len(pixels)
@@ -242,10 +244,10 @@ def match(
     weigh = affinity(residual, rho if rho is not None or in_noise else problem.paper_rho)
     weigh.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
     solve = get_solver(solver or ("power-l1" if paper else "ascent"))
-    allowed, unary = arguments.split_candidates(candidates, n, n_target)
+    allowed, unary = validation.split_candidates(candidates, n, n_target)
     way = hyperedges or ("random" if paper or samples is not None else "auto")
     if not callable(way):
-        arguments.check_choice("hyperedges", way, WAYS)
+        validation.check_choice("hyperedges", way, WAYS)
     facing = None if normals is None else check_normals(normals, n)
     road = Road(
         problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress,

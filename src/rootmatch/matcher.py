@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch import hyperedges
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
-from rootmatch.guided import Request, Weighed
-from rootmatch.kernels.padding import padded
-from rootmatch.kernels.threads import at_most
+from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.threads import at_most
 from rootmatch.match import Match, match
-from rootmatch.problems.problem import Problem, check_points
-from rootmatch.tensor import AffinityTensor
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_points
+from rootmatch.problems.padding import padded
+from rootmatch.samplers.base import Request, Weighed
 
 SMALL = 100_000
 """Hyper-edges up to which one thread looks at all of them in a millisecond."""
@@ -26,7 +27,7 @@ FIRST_CAPACITY = 1_024
 class SmallSweep:
     """All hyper-edges of a small problem, on the calling thread, with enumerations that are made once.
 
-    What it finds is what `rootmatch.affinity.exhaustive_tensor` finds, in the same order.
+    What it finds is what `rootmatch.samplers.exhaustive.exhaustive_tensor` finds, in the same order.
     """
 
     def __init__(self) -> None:
@@ -39,9 +40,9 @@ class SmallSweep:
         (n, n_target), order, kind, weigh = request.shape, request.order, request.kind, request.weigh
         tables, allowed = padded(request.tables, n_target), request.allowed
         if (n, order) not in self.bases:
-            self.bases[n, order] = hyperedges.source_bases(n, order)
+            self.bases[n, order] = enumeration.source_bases(n, order)
         if (n_target, order) not in self.arrangements:
-            self.arrangements[n_target, order] = hyperedges.target_arrangements(n_target, order - 1)
+            self.arrangements[n_target, order] = enumeration.target_arrangements(n_target, order - 1)
         bases, arrangements = self.bases[n, order], self.arrangements[n_target, order]
         total = len(bases) * len(arrangements)
         with at_most(1):
@@ -113,4 +114,4 @@ class Matcher:
         return match(self.source, target, self.problem, noise=sigma, candidates=candidates, **options)
 
     def _is_small(self, shape: tuple[int, ...]) -> bool:
-        return len(shape) == 2 and hyperedges.exhaustive_count(len(self.source), shape[0], self.problem.order) <= SMALL
+        return len(shape) == 2 and enumeration.exhaustive_count(len(self.source), shape[0], self.problem.order) <= SMALL

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
-    from rootmatch.camera import Camera
-    from rootmatch.problems.problem import Problem
+    from rootmatch.cameras.pinhole import Camera
+    from rootmatch.problems.base import Problem
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -135,7 +135,7 @@ def p3p_scene(
     InputError
         For counts, noise or seed out of range.
     """
-    from rootmatch.problems.p3p import P3P
+    from rootmatch.problems.p3p.problem import P3P
 
     _check(n, outliers, noise, seed, motions, hidden)
     streams, camera = _Streams(seed), _camera()
@@ -154,7 +154,7 @@ def up2p_scene(
     As `p3p_scene`, but the camera centre is uniform on the equator (the plane y = 0), the camera's y axis is the
     vertical, and the motions turn about the vertical only.
     """
-    from rootmatch.problems.up2p import UP2P
+    from rootmatch.problems.up2p.problem import UP2P
 
     _check(n, outliers, noise, seed, motions, hidden)
     streams, camera = _Streams(seed), _camera()
@@ -179,7 +179,7 @@ def three_plus_one_scene(
     Other parameters and errors as `p3p_scene`; ``baseline`` lies strictly between 0 and the radius less the half
     diagonal of the cube, beyond which points may fall behind the camera.
     """
-    from rootmatch.problems.three_plus_one import ThreePlusOne
+    from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 
     _check(n, outliers, noise, seed, 1, hidden)
     limit = CAMERA_RADIUS - CUBE_SIDE / np.sqrt(2.0)
@@ -255,7 +255,7 @@ def _image(
 
 
 def _camera() -> Camera:
-    from rootmatch.camera import Camera
+    from rootmatch.cameras.pinhole import Camera
 
     return Camera(FOCAL, FOCAL, WIDTH / 2.0, HEIGHT / 2.0)
 

@@ -1,6 +1,6 @@
 """Kernels over many hyper-edges on processor cores: given lists, and slabs of an enumeration.
 
-Every driver serves all problems and kinds of residual (see `rootmatch.kernels.dispatch`), is compiled once for each and
+Every driver serves all problems and kinds of residual (see `rootmatch.jit.dispatch`), is compiled once for each and
 found again in Numba's cache on disk.
 """
 
@@ -13,8 +13,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.backends.selection import Block, Enumeration, Found, Progress, Strongest
-from rootmatch.kernels.dispatch import (
+from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.problems.padding import padded, target_columns
+from rootmatch.problems.residual_dispatch import (
     BLOCK_COLUMNS,
     BLOCK_ROWS,
     PANEL_ROWS,
@@ -26,9 +29,6 @@ from rootmatch.kernels.dispatch import (
     listed_residual,
     slab_residual,
 )
-from rootmatch.kernels.padding import padded, target_columns
-from rootmatch.kernels.threads import in_threads, threads_worth
-from rootmatch.kernels.unowned import unowned
 
 BLOCK = 4_000_000
 """Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""

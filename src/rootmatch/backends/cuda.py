@@ -18,10 +18,11 @@ from numba import cuda, types
 from numpy.typing import NDArray
 
 from rootmatch.backends.cpu import decode as decode
-from rootmatch.backends.selection import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
 from rootmatch.errors import InputError
-from rootmatch.kernels.dispatch import (
-    OVERLOADS,
+from rootmatch.jit.dispatch import OVERLOADS
+from rootmatch.jit.float32 import is_single
+from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
     SCRATCH_COLUMNS,
     SCRATCH_ROWS,
@@ -31,7 +32,6 @@ from rootmatch.kernels.dispatch import (
     has_panel,
     slab_residual,
 )
-from rootmatch.kernels.single import is_single
 
 SIMULATED: bool = bool(cuda.config.ENABLE_CUDASIM) if hasattr(cuda, "config") else False
 """Whether Numba's simulator stands in for a card (``NUMBA_ENABLE_CUDASIM=1``)."""
@@ -61,7 +61,7 @@ _known: set[Any] = set()
 
 
 def make_known() -> None:
-    """Tell numba-cuda which kernel serves which types, as `rootmatch.kernels.dispatch` tells it the processor."""
+    """Tell numba-cuda which kernel serves which types, as `rootmatch.jit.dispatch` tells it the processor."""
     for function, choice in OVERLOADS:
         if function not in _known and not SIMULATED:
             overload(function)(choice)

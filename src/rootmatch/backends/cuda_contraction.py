@@ -10,7 +10,7 @@ from numba import cuda
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends.cuda import SIMULATED
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 
 THREADS = 2 if SIMULATED else 128
 """Threads a block, a power of two."""

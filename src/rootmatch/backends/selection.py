@@ -1,174 +1,103 @@
-"""The strongest hyper-edges out of a stream, and an enumeration of all hyper-edges to draw them from."""
+"""Which backend evaluates: processor cores or an NVIDIA card."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from importlib.util import find_spec
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from rootmatch.backends import cpu
+from rootmatch.backends.strongest import Backend
+from rootmatch.errors import InputError
+from rootmatch.hypergraph.tensor import AffinityTensor
 
-from rootmatch import hyperedges
-
-Progress = Callable[[int, int], None]
-Block = tuple[NDArray[np.int32], NDArray[np.int32]]
-"""Source and target indices (B, d) of hyper-edges."""
-
-
-class Found(NamedTuple):
-    """Hyper-edges below a gate."""
-
-    codes: NDArray[np.int64]
-    """(E,) their numbers in the enumeration, ascending."""
-    residuals: NDArray[np.float64]
-    """(E,)"""
-    evaluated: int
-    """How many were looked at."""
+Name = Literal["auto", "cpu", "cuda", "cuda-float32"]
+NAMES: tuple[Name, ...] = ("auto", "cpu", "cuda", "cuda-float32")
+ON_CARD: tuple[Name, ...] = ("cuda", "cuda-float32")
+PAYS = 200_000_000
+"""Hyper-edges from which ``"auto"`` prefers a card: below, starting it takes longer than the processor's whole work."""
 
 
-@dataclass(frozen=True, eq=False)
-class Enumeration:
-    """All hyper-edges of two point sets in a fixed order.
+def device_backend() -> Backend:
+    """The CUDA backend.
 
-    A slab, a minimal set of source points with an arrangement of as many targets, has a rank; the last point and its
-    target follow within it. The number of a hyper-edge is ((rank · n) + last source) · n' + last target.
-
-    Parameters
-    ----------
-    tables
-        Of `Problem.prepare`.
-    kind : Kind
-    bases : (B, d − 1) int64 array
-        Minimal sets of source points, increasing; the last point runs from the last of them + 1 on.
-    arrangements : (P, d − 1) int32 array
-        All arrangements of d − 1 targets.
-    allowed : (n, n') bool array, or (0, 0) for all
-        Candidate correspondences.
-    shape : (n, n')
+    Raises
+    ------
+    InputError
+        If numba-cuda is not installed or finds no card; it says which.
     """
-
-    tables: Any
-    kind: Any
-    bases: NDArray[np.int64]
-    arrangements: NDArray[np.int32]
-    allowed: NDArray[np.bool_]
-    shape: tuple[int, int]
-
-    @classmethod
-    def of(
-        cls, tables: Any, kind: Any, shape: tuple[int, int], order: int, candidates: NDArray[np.bool_] | None
-    ) -> Enumeration:
-        """The hyper-edges of order d of n and n' points, those among the candidates."""
-        everywhere = np.empty((0, 0), dtype=np.bool_)
-        return cls(
-            tables,
-            kind,
-            hyperedges.source_bases(shape[0], order),
-            hyperedges.target_arrangements(shape[1], order - 1),
-            everywhere if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_),
-            shape,
+    if find_spec("numba_cuda") is None:
+        raise InputError(
+            'backend: "cuda" needs numba-cuda, which is not installed; pip install "rootmatch[gpu]", or use "cpu"'
         )
+    from numba import cuda
 
-    @property
-    def order(self) -> int:
-        """Correspondences a hyper-edge, d."""
-        return int(self.bases.shape[1]) + 1
+    if not cuda.is_available():
+        reason = cuda.cuda_error()
+        found = "no NVIDIA card or driver" if reason is None else str(reason).splitlines()[0]
+        raise InputError(f'backend: "cuda" given, but numba-cuda finds no card it can use ({found}); use "cpu"')
+    from rootmatch.backends import cuda as backend
 
-    @property
-    def ranks(self) -> int:
-        """How many slabs there are."""
-        return len(self.bases) * len(self.arrangements)
-
-    @property
-    def per_slab(self) -> int:
-        """Hyper-edges a slab, on average, at least 1."""
-        return max(1, hyperedges.exhaustive_count(*self.shape, self.order) // max(self.ranks, 1))
+    return backend
 
 
-PIECE = 1 << 18
-"""Hyper-edges that are moved together to their new places."""
+def is_device(backend: Any) -> bool:
+    """Whether a backend is the card."""
+    return getattr(backend, "__name__", "") in ("rootmatch.backends.cuda", "rootmatch.backends.cuda_float32")
 
 
-class Strongest:
-    """Keeps the ``limit`` hyper-edges of least residual out of a stream, and the gate below which more can enter.
+def chosen(name: Name, count: float, single: bool = False) -> Backend:
+    """The backend of that name; ``"auto"`` is the card where there is one and ``count`` hyper-edges make it pay.
 
-    Of equal residuals those of lesser number are kept, so that what is kept depends neither on the order of the stream
-    nor on the blocks it comes in. In place, with room for an eighth more than are kept: at most 27 bytes each while the
-    least are chosen.
+    ``single`` says that there are kernels of single precision: then ``"auto"`` screens by them on cards that are slow
+    in double.
+
+    Raises
+    ------
+    InputError
+        If there is no card, or single precision is asked for and there are no such kernels.
     """
-
-    def __init__(self, limit: int, gate: float) -> None:
-        self.limit = limit
-        self.gate = gate
-        self.codes, self.residuals = np.empty(0, np.int64), np.empty(0)
-        self.held = 0
-
-    def add(self, codes: NDArray[np.int64], residuals: NDArray[np.float64]) -> None:
-        """Take in a part of the stream."""
-        most = self.limit + max(self.limit // 8, 1)
-        while len(codes):
-            taken = min(len(codes), most - self.held)
-            if self.held + taken > len(self.codes):
-                # by half again and again, so that what is held is seldom moved
-                self._resize(min(most, max(self.held + taken, len(self.codes) + len(self.codes) // 2)))
-            self.codes[self.held : self.held + taken] = codes[:taken]
-            self.residuals[self.held : self.held + taken] = residuals[:taken]
-            self.held += taken
-            codes, residuals = codes[taken:], residuals[taken:]
-            if self.held == most:
-                self._choose()
-                below = residuals <= self.gate
-                codes, residuals = codes[below], residuals[below]
-
-    def _resize(self, room: int) -> None:
-        self.codes.resize(room, refcheck=False)
-        self.residuals.resize(room, refcheck=False)
-
-    def _choose(self) -> None:
-        """Drop all but the least."""
-        if self.held <= self.limit:
-            return
-        residuals = self.residuals[: self.held]
-        worst = np.partition(residuals, self.limit - 1)[self.limit - 1]
-        keep = residuals < worst
-        ties = np.flatnonzero(residuals == worst)
-        keep[ties[np.argsort(self.codes[ties])[: self.limit - np.count_nonzero(keep)]]] = True
-        place = 0
-        for first in range(0, self.held, PIECE):
-            some = first + np.flatnonzero(keep[first : first + PIECE])
-            self.codes[place : place + len(some)] = self.codes[some]
-            self.residuals[place : place + len(some)] = self.residuals[some]
-            place += len(some)
-        self.held = place
-        self.gate = min(self.gate, float(worst))
-
-    def settle(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """What is kept, by ascending number."""
-        self._choose()
-        self._resize(self.held)
-        if np.any(self.codes[1:] < self.codes[:-1]):
-            order = np.argsort(self.codes)
-            self.codes, self.residuals = self.codes[order], self.residuals[order]
-        return self.codes, self.residuals
+    if name == "cuda-float32":
+        if not single:
+            raise InputError(
+                'backend: "cuda-float32" given, but the ranking of hyper-edges by this residual does not survive '
+                'single precision; that of "joint" and "normalised" of P3P and up2p does; use "cuda"'
+            )
+        device_backend()
+        return _screening()
+    if name == "cuda":
+        return device_backend()
+    if name == "auto" and count >= PAYS:
+        try:
+            backend: Any = device_backend()
+        except (InputError, ImportError):
+            return cpu
+        # a simulated card is slower than anything
+        if backend.SIMULATED:
+            return cpu
+        if single and _slow_in_double():
+            return _screening()
+        return device_backend()
+    return cpu
 
 
-class Backend(Protocol):
-    """What evaluates hyper-edges: the modules of this package, or several machines together."""
+def _screening() -> Backend:
+    """The backend that screens in single precision, where there is a card."""
+    from rootmatch.backends import cuda_float32
 
-    def strongest(
-        self,
-        work: Enumeration,
-        first: int,
-        last: int,
-        gate: float,
-        limit: int,
-        progress: Progress | None = None,
-    ) -> Found:
-        """The ``limit`` strongest hyper-edges below the gate among the slabs of ranks ``first … last − 1``.
+    return cuda_float32
 
-        ``progress`` is called with (slabs done, slabs in all).
-        """
 
-    def evaluated(self, tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
-        """The blocks in their order, with the residuals (B,) of each."""
+def _slow_in_double() -> bool:
+    """Whether the card is one on which that pays."""
+    from rootmatch.backends import cuda_float32
+
+    return cuda_float32.pays()
+
+
+def placed(tensor: AffinityTensor, backend: Any) -> AffinityTensor:
+    """The tensor where the backend can contract it."""
+    if not is_device(backend):
+        return tensor
+    from rootmatch.backends.cuda_contraction import DeviceTensor
+
+    return DeviceTensor.of(tensor)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import seconds
-from rootmatch.kernels.threads import at_most
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.threads import at_most
 
 BLOCK = 500_000
 

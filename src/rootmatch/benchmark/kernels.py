@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.affinity import NOISE_KINDS, Residual, affinity, exhaustive_tensor
 from rootmatch.benchmark.scenes import prepared
 from rootmatch.benchmark.timing import least_seconds
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 NARROW = 0.3
 """Gate in units of the noise: kernels and screening are timed, not the selection of what passes."""

@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rootmatch.affinity import affinity, exhaustive_tensor
 from rootmatch.benchmark.scenes import prepared
+from rootmatch.hypergraph.affinity import affinity
+from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 
 def peak_megabytes() -> float | None:

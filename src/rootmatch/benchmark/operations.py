@@ -20,10 +20,10 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch import hyperedges
-from rootmatch.affinity import KINDS
 from rootmatch.benchmark.scenes import prepared
-from rootmatch.kernels.dispatch import PANEL_ROWS, SCRATCH_COLUMNS, SCRATCH_ROWS, fill_panel, slab_residual
+from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.affinity import KINDS
+from rootmatch.problems.residual_dispatch import PANEL_ROWS, SCRATCH_COLUMNS, SCRATCH_ROWS, fill_panel, slab_residual
 
 SAMPLES = 3
 """Panels drawn at random for each count; each has about n' slabs."""
@@ -93,7 +93,7 @@ def count(problem: str, kind: str, points: int, outliers: int, samples: int = SA
     tables = type(tables)(*map(_countable, tables))
     residual = KINDS[kind](pairs=1)
     rng = np.random.default_rng(0)
-    bases = hyperedges.source_bases(n, order)
+    bases = enumeration.source_bases(n, order)
     _done = 0
     with patch.object(math, "sqrt", _square_root), patch.object(np, "sqrt", _square_root):
         looked = sum(_panel(tables, residual, order, bases, rng, n, n_target) for _ in range(samples))

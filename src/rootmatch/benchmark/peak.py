@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import least_seconds
-from rootmatch.kernels.threads import in_threads
+from rootmatch.jit.threads import in_threads
 
 CHAIN = 16
 """Fused products one after the other on each number, between its load and its store."""

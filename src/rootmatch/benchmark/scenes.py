@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rootmatch.hyperedges import wide_first
+from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rootmatch.problems.problem import Problem
+    from rootmatch.hypergraph.tensor import AffinityTensor
+    from rootmatch.problems.base import Problem
     from rootmatch.solvers import Solution, Solver
-    from rootmatch.tensor import AffinityTensor
 
 WARM = """
 import gc, sys

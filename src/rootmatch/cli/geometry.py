@@ -10,7 +10,7 @@ from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.io import Calibration
-    from rootmatch.problems.problem import Problem
+    from rootmatch.problems.base import Problem
 
 
 class ProblemName(StrEnum):
@@ -45,14 +45,14 @@ def posed_problem(name: ProblemName, camera: str, given: dict[str, str | float |
         if value is not None:
             settings[option] = tuple(value.tolist()) if hasattr(value, "tolist") else value  # problems stay hashable
     if name is ProblemName.P3P:
-        from rootmatch.problems.p3p import P3P
+        from rootmatch.problems.p3p.problem import P3P
 
         return P3P(calibration.camera)
     if name is ProblemName.UP2P:
-        from rootmatch.problems.up2p import UP2P
+        from rootmatch.problems.up2p.problem import UP2P
 
         return UP2P(calibration.camera, **settings)
-    from rootmatch.problems.three_plus_one import ThreePlusOne
+    from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 
     return ThreePlusOne(calibration.camera, **settings)
 

@@ -282,7 +282,7 @@ def _check_outputs(output: Path | None, plot: Path | None, inputs: list[Path]) -
     if output is not None:
         check_output(output, "--output", inputs)
     if plot is not None:
-        from rootmatch.plots import check_picture
+        from rootmatch.report.pictures import check_picture
 
         check_picture(plot)
         check_output(plot, "--plot", [*inputs, *([output] if output else [])])
@@ -310,17 +310,18 @@ def _noise(text: str) -> Any:
 
 def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
     """Write the files asked for: all of them, or none."""
-    from rootmatch import io, report
+    from rootmatch import io
+    from rootmatch.report import text
 
     with ExitStack() as moves:
         places = {path: moves.enter_context(io.written_whole(path)) for path in (output, plot) if path is not None}
         if output is not None:
-            weights = report.match_weights(found)
+            weights = text.match_weights(found)
             io.write_matches(places[output], found.assignment, weights, found.motions, source, target)
         if plot is not None:
-            from rootmatch import plots
+            from rootmatch.report import pictures
 
-            figure = plots.match_figure(
+            figure = pictures.match_figure(
                 source.points,
                 target.points,
                 found.assignment,
@@ -328,20 +329,20 @@ def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: 
                 truth=true,
                 source_names=source.names,
                 target_names=target.names,
-                title=f"{report.summary(found)} ({found.status.name.lower()})",
+                title=f"{text.summary(found)} ({found.status.name.lower()})",
             )
-            plots.save_figure(figure, places[plot])
+            pictures.save_figure(figure, places[plot])
 
 
 def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
     """The answer on standard output: a table, or one JSON object with the verdict's sentence on standard error."""
-    from rootmatch import report
+    from rootmatch.report import text
 
     if as_json:
-        print(json.dumps(report.match_record(found), allow_nan=False))
+        print(json.dumps(text.match_record(found), allow_nan=False))
         print(f"rootmatch: {found.advice}", file=sys.stderr)
         return
     from rich.console import Console
 
     names = {"source_names": source.names, "target_names": target.names}
-    report.print_match(found, Console(), **names, truth=true, estimated=estimated)
+    text.print_match(found, Console(), **names, truth=true, estimated=estimated)

@@ -13,7 +13,7 @@ from typing import Any
 
 import joblib
 
-from rootmatch.backends.cluster import connected
+from rootmatch.backends.dask import connected
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.experiments.progress import Progress
 from rootmatch.experiments.settings import Method, Setting

@@ -13,18 +13,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.affinity import NOISE_KINDS, Affinity, Residual, affinity, exhaustive_residuals
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row
-from rootmatch.hyperedges import exhaustive_count, random_hyperedges, wide_first
-from rootmatch.kernels import kinds
-from rootmatch.kernels.rows import sorted_rows
-from rootmatch.kernels.threads import at_most
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.hypergraph.enumeration import exhaustive_count, random_hyperedges, wide_first
+from rootmatch.hypergraph.rows import sorted_rows
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.threads import at_most
+from rootmatch.problems import residual_kinds
+from rootmatch.samplers.exhaustive import exhaustive_residuals
 from rootmatch.simulation import Scene
 from rootmatch.solvers import MultiStartAscent, PowerIteration, Solver
-from rootmatch.tensor import AffinityTensor
 
 BLOCK = 1 << 14
 """Draws evaluated at once. The compiler may round the last few of a block otherwise than the rest, so blocks always
@@ -194,7 +195,7 @@ def _evaluate(unit: Unit) -> Iterator[Row]:
         yield from _rows(unit.seed, task, scene, streams[key], shape)
 
 
-def _as_drawn(stream: Stream, tables: Any, kernel: kinds.Kind, draws: int) -> NDArray[np.float64]:
+def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> NDArray[np.float64]:
     """Residuals of the first draws, the points of each in the order that was drawn, as the paper has it."""
     starts = range(0, draws, BLOCK)
     blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
@@ -202,7 +203,7 @@ def _as_drawn(stream: Stream, tables: Any, kernel: kinds.Kind, draws: int) -> ND
 
 
 def _in_one_order(
-    stream: Stream, tables: Any, kernel: kinds.Kind, gate: float, shape: tuple[int, int]
+    stream: Stream, tables: Any, kernel: residual_kinds.Kind, gate: float, shape: tuple[int, int]
 ) -> NDArray[np.float64]:
     """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
     count, order = stream.indices.shape

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.camera import Camera, unit_direction
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.io.outputs import written_whole
 from rootmatch.io.tables import read_text

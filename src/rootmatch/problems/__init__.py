@@ -1,1 +1,1 @@
-"""The geometric problems, one a file."""
+"""The geometric problems, a folder each."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from rootmatch.errors import InputError
-from rootmatch.solvers.ascent import MultiStartAscent
-from rootmatch.solvers.block_ascent import BlockCoordinateAscent
-from rootmatch.solvers.kl_projection import KLProjection
+from rootmatch.solvers.ascent.solver import MultiStartAscent
+from rootmatch.solvers.base import Solution, Solver
+from rootmatch.solvers.bcagm import BlockCoordinateAscent
+from rootmatch.solvers.hgm import KLProjection
 from rootmatch.solvers.power import PowerIteration
-from rootmatch.solvers.reweighted_walk import ReweightedWalk
-from rootmatch.solvers.solution import Solution, Solver
+from rootmatch.solvers.rrwhm import ReweightedWalk
 
 __all__ = [
     "SOLVERS",

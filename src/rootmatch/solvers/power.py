@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.assignment import discretise
 from rootmatch.errors import InputError
-from rootmatch.solvers.solution import Solution, is_empty, neighbours, nothing
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.assignment import discretise
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.base import Solution, is_empty, neighbours, nothing
 
 
 @dataclass(frozen=True)

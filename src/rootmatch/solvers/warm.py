@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.kernels.support import supported_answers
-from rootmatch.solvers import local_search, packing_search
-from rootmatch.solvers.ascent import MultiStartAscent
-from rootmatch.solvers.set_packing import pack
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.support import supported_answers
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.ascent import local_search
+from rootmatch.solvers.ascent.solver import MultiStartAscent
+from rootmatch.solvers.packing import branch_and_bound
+from rootmatch.solvers.packing.tabu_search import pack
 
 
 def is_cold(several: bool = False) -> bool:
@@ -19,7 +20,7 @@ def is_cold(several: bool = False) -> bool:
 
     That is neither in Numba's cache on disk nor by now in this process.
     """
-    kernel: Any = packing_search.search if several else local_search._ascend
+    kernel: Any = branch_and_bound.search if several else local_search._ascend
     if kernel.signatures:
         return False
     folder, file = Path(kernel.stats.cache_path or ""), Path(kernel.py_func.__code__.co_filename)
@@ -44,4 +45,4 @@ def warm_packing() -> None:
     """Compile the choice among groups of several motions, by two groups."""
     elements, values, price = np.arange(4).reshape(2, 2), np.ones(2), np.ones(4)
     pack(elements, values, len(price), 2, np.zeros(2, np.bool_), 1)
-    packing_search.search(elements, values, price, 1.0, 2, 1.0, 1)
+    branch_and_bound.search(elements, values, price, 1.0, 2, 1.0, 1)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.experiments.hypergraph.triangles import ORDERS, all_triangles, most_alike
 from rootmatch.experiments.settings import Setting
-from rootmatch.tensor import AffinityTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 
 DEFORMATION, OUTLIERS = "deformation", "outliers"
 POINTS = {DEFORMATION: 20, OUTLIERS: 10}

@@ -16,7 +16,7 @@ from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row, Store
 from rootmatch.experiments.sweep import Plan, check_jobs, run, units
 from rootmatch.experiments.unit import Unit
-from rootmatch.kernels.threads import at_most
+from rootmatch.jit.threads import at_most
 from rootmatch.solvers import (
     BlockCoordinateAscent,
     KLProjection,

@@ -1,1 +1,1 @@
-"""Problems made of equations: elimination, checks, and generated formulas."""
+"""Problems made of generated formulas: their tables, their store on disk, the composition of their kernels."""

@@ -72,7 +72,7 @@ class Evaluator:
         return out
 
     def noise_table(self, kind: str, coordinates: Floats, spread: Floats) -> Floats:
-        """Their derivatives in unit noise; see `rootmatch.kernels.derived.tables.DerivedTables` for the layout."""
+        """Their derivatives in unit noise; see `rootmatch.problems.derived.tables.DerivedTables` for the layout."""
         count, axes = self.plan["leaves"][kind], spread.shape[-1]
         n = len(coordinates)
         pair = len(kind) == 2

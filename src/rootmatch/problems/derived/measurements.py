@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.camera import Camera
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -116,7 +116,7 @@ class Bearings(Measurement):
     camera : Camera
     turn : (3, 3) nested tuple, optional
         Rotation applied to the rays, say one that brings a measured vertical onto the y axis
-        (`rootmatch.camera.turn_to_y`, as ``tuple(map(tuple, R))``).
+        (`rootmatch.cameras.vertical.turn_to_y`, as ``tuple(map(tuple, R))``).
     """
 
     camera: Camera

@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
-from rootmatch.kernels.derived.compile import register_residuals, tag_name
-from rootmatch.kernels.derived.residuals import Residuals, pair_orders
-from rootmatch.kernels.derived.tables import DerivedTables, tag_of
-from rootmatch.kernels.derived.text import Shape
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.derived.compile import register_residuals, tag_name
 from rootmatch.problems.derived.evaluator import Evaluator
 from rootmatch.problems.derived.measurements import Measurement
+from rootmatch.problems.derived.residuals_text import Residuals, pair_orders
 from rootmatch.problems.derived.store import Generated
-from rootmatch.problems.problem import Problem, check_noise, check_points
+from rootmatch.problems.derived.tables import DerivedTables, tag_of
+from rootmatch.problems.derived.text import Shape
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Polynomials, resultants and vectors: scalar kernels that several problems share."""

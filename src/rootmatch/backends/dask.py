@@ -1,0 +1,173 @@
+"""Several machines as one backend: blocks of hyper-edges go to the workers of a Dask scheduler.
+
+What is kept depends neither on the blocks nor on the order in which they come back (`Strongest`), and a hyper-edge's
+residual not on its block, so the tensor is the same to the last bit as that of one process, as long as the workers run
+the same compiled code. On one machine they do: they find it on disk. Two machines that compile each for itself may
+round differently, in the fourteenth digit: give them one folder in ``NUMBA_CACHE_DIR`` if that matters.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from importlib import import_module
+from itertools import islice
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import cpu
+from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.errors import InputError, RootmatchError
+
+CONNECT_SECONDS = 10.0
+"""How long a scheduler may take to answer."""
+IN_FLIGHT = 2
+"""Pieces sent ahead to each thread of a cluster, so that none waits for the next."""
+PIECE = 64_000_000
+"""Most hyper-edges of an exhaustive build in a piece: about a second on a core."""
+PIECES = 4
+"""Least pieces a thread, where there is enough for that."""
+
+_one_at_a_time = Lock()
+"""Each piece uses all threads that Numba has, whose simplest scheduler cannot be entered twice."""
+
+
+def connected(scheduler: str) -> Any:
+    """Client of a Dask scheduler that has workers; a context manager.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, the scheduler does not answer or it has no workers.
+    """
+    try:
+        # Untyped, and not installed everywhere.
+        distributed: Any = import_module("distributed")
+    except ImportError:
+        raise InputError("a scheduler needs Dask: pip install 'rootmatch[cluster]', or go without one") from None
+    try:
+        client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"scheduler: {scheduler} does not answer ({error}); start one with `dask scheduler`") from None
+    if not client.nthreads():
+        client.close()
+        raise InputError(f"scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`")
+    return client
+
+
+def _strongest(work: bytes, first: int, last: int, gate: float, limit: int) -> Found:
+    """Piece of an exhaustive build, on a worker."""
+    with _one_at_a_time:
+        (enumeration,) = _read(work)
+        return cpu.strongest(enumeration, first, last, gate, limit)
+
+
+def _residuals(work: bytes, block: Block) -> NDArray[np.float64]:
+    """Residuals of given hyper-edges, on a worker."""
+    with _one_at_a_time:
+        tables, kind = _read(work)
+        return cpu.residuals(tables, kind, *block)
+
+
+_latest: tuple[bytes, tuple[Any, ...]] = (b"", ())
+
+
+def _read(work: bytes) -> tuple[Any, ...]:
+    """What was sent, read once by each worker; a problem whose kernels are made when it is used makes them first."""
+    global _latest
+    if _latest[0] != work:
+        prepare, content = pickle.loads(work)
+        prepare()
+        _latest = work, pickle.loads(content)
+    return _latest[1]
+
+
+class Cluster:
+    """The workers of a Dask scheduler as a backend.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address, ``tcp://host:port``; its workers need this package in this version.
+    prepare : callable
+        Makes the tables, as `Problem.prepare`: each worker calls it once, and then knows the problem's kernels.
+    """
+
+    def __init__(self, scheduler: str, prepare: Callable[[], Any]) -> None:
+        self.scheduler = scheduler
+        self.prepare = prepare
+
+    def _sent(self, client: Any, *content: Any) -> Any:
+        """The same for all pieces, sent once to each worker."""
+        return client.scatter(pickle.dumps((self.prepare, pickle.dumps(content))), broadcast=True, hash=False)
+
+    def strongest(
+        self, work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
+    ) -> Found:
+        """See `Backend.strongest`."""
+        kept = Strongest(limit, gate)
+        evaluated = done = 0
+        # compiled here first: workers on this machine then find the very same code on disk
+        cpu.strongest(work, first, min(first + 1, last), gate, 1)
+        with connected(self.scheduler) as client:
+            threads = sum(client.nthreads().values())
+            size = max(1, min(PIECE // work.per_slab, -(-(last - first) // (PIECES * threads))))
+            sent = self._sent(client, work)
+
+            # the gate sinks as the strongest come in, and later pieces send back less
+            def pieces() -> Iterator[tuple[int, tuple[Any, ...]]]:
+                for start in range(first, last, size):
+                    end = min(start + size, last)
+                    yield end - start, (_strongest, sent, start, end, kept.gate, limit)
+
+            for slabs, found in _in_order(client, pieces(), IN_FLIGHT * threads):
+                kept.add(found.codes, found.residuals)
+                evaluated += found.evaluated
+                done += slabs
+                if progress is not None:
+                    progress(done, last - first)
+        return Found(*kept.settle(), evaluated)
+
+    def evaluated(self, tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
+        """See `Backend.evaluated`."""
+        with connected(self.scheduler) as client:
+            threads = sum(client.nthreads().values())
+            sent = self._sent(client, tables, kind)
+            pieces = ((block, (_residuals, sent, block)) for block in self._compiled(tables, kind, blocks))
+            yield from _in_order(client, pieces, IN_FLIGHT * threads)
+
+    @staticmethod
+    def _compiled(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[Block]:
+        """The blocks, once what evaluates them is compiled here, for workers on this machine to find it on disk."""
+        for number, (source, target) in enumerate(blocks):
+            if number == 0:
+                cpu.residuals(tables, kind, source[:1], target[:1])
+            yield source, target
+
+
+def _in_order(
+    client: Any, pieces: Iterator[tuple[Any, tuple[Callable[..., Any], *tuple[Any, ...]]]], ahead: int
+) -> Iterator[tuple[Any, Any]]:
+    """Labels and results of the pieces, in order, with so many of them sent ahead."""
+    waiting: deque[tuple[Any, Any]] = deque()
+
+    def send(count: int) -> None:
+        for label, task in islice(pieces, count):
+            # Not pure: Dask would otherwise look the result up by a hash of its input.
+            waiting.append((label, client.submit(*task, pure=False)))
+
+    send(ahead)
+    while waiting:
+        label, future = waiting.popleft()
+        try:
+            result = future.result()
+        except RootmatchError:
+            raise
+        except Exception as error:
+            raise RootmatchError(f"scheduler: a piece failed on a worker: {error!r}") from error
+        yield label, result
+        send(1)

@@ -1,0 +1,174 @@
+"""The strongest hyper-edges out of a stream, and an enumeration of all hyper-edges to draw them from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph import enumeration
+
+Progress = Callable[[int, int], None]
+Block = tuple[NDArray[np.int32], NDArray[np.int32]]
+"""Source and target indices (B, d) of hyper-edges."""
+
+
+class Found(NamedTuple):
+    """Hyper-edges below a gate."""
+
+    codes: NDArray[np.int64]
+    """(E,) their numbers in the enumeration, ascending."""
+    residuals: NDArray[np.float64]
+    """(E,)"""
+    evaluated: int
+    """How many were looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Enumeration:
+    """All hyper-edges of two point sets in a fixed order.
+
+    A slab, a minimal set of source points with an arrangement of as many targets, has a rank; the last point and its
+    target follow within it. The number of a hyper-edge is ((rank · n) + last source) · n' + last target.
+
+    Parameters
+    ----------
+    tables
+        Of `Problem.prepare`.
+    kind : Kind
+    bases : (B, d − 1) int64 array
+        Minimal sets of source points, increasing; the last point runs from the last of them + 1 on.
+    arrangements : (P, d − 1) int32 array
+        All arrangements of d − 1 targets.
+    allowed : (n, n') bool array, or (0, 0) for all
+        Candidate correspondences.
+    shape : (n, n')
+    """
+
+    tables: Any
+    kind: Any
+    bases: NDArray[np.int64]
+    arrangements: NDArray[np.int32]
+    allowed: NDArray[np.bool_]
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls, tables: Any, kind: Any, shape: tuple[int, int], order: int, candidates: NDArray[np.bool_] | None
+    ) -> Enumeration:
+        """The hyper-edges of order d of n and n' points, those among the candidates."""
+        everywhere = np.empty((0, 0), dtype=np.bool_)
+        return cls(
+            tables,
+            kind,
+            enumeration.source_bases(shape[0], order),
+            enumeration.target_arrangements(shape[1], order - 1),
+            everywhere if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_),
+            shape,
+        )
+
+    @property
+    def order(self) -> int:
+        """Correspondences a hyper-edge, d."""
+        return int(self.bases.shape[1]) + 1
+
+    @property
+    def ranks(self) -> int:
+        """How many slabs there are."""
+        return len(self.bases) * len(self.arrangements)
+
+    @property
+    def per_slab(self) -> int:
+        """Hyper-edges a slab, on average, at least 1."""
+        return max(1, enumeration.exhaustive_count(*self.shape, self.order) // max(self.ranks, 1))
+
+
+PIECE = 1 << 18
+"""Hyper-edges that are moved together to their new places."""
+
+
+class Strongest:
+    """Keeps the ``limit`` hyper-edges of least residual out of a stream, and the gate below which more can enter.
+
+    Of equal residuals those of lesser number are kept, so that what is kept depends neither on the order of the stream
+    nor on the blocks it comes in. In place, with room for an eighth more than are kept: at most 27 bytes each while the
+    least are chosen.
+    """
+
+    def __init__(self, limit: int, gate: float) -> None:
+        self.limit = limit
+        self.gate = gate
+        self.codes, self.residuals = np.empty(0, np.int64), np.empty(0)
+        self.held = 0
+
+    def add(self, codes: NDArray[np.int64], residuals: NDArray[np.float64]) -> None:
+        """Take in a part of the stream."""
+        most = self.limit + max(self.limit // 8, 1)
+        while len(codes):
+            taken = min(len(codes), most - self.held)
+            if self.held + taken > len(self.codes):
+                # by half again and again, so that what is held is seldom moved
+                self._resize(min(most, max(self.held + taken, len(self.codes) + len(self.codes) // 2)))
+            self.codes[self.held : self.held + taken] = codes[:taken]
+            self.residuals[self.held : self.held + taken] = residuals[:taken]
+            self.held += taken
+            codes, residuals = codes[taken:], residuals[taken:]
+            if self.held == most:
+                self._choose()
+                below = residuals <= self.gate
+                codes, residuals = codes[below], residuals[below]
+
+    def _resize(self, room: int) -> None:
+        self.codes.resize(room, refcheck=False)
+        self.residuals.resize(room, refcheck=False)
+
+    def _choose(self) -> None:
+        """Drop all but the least."""
+        if self.held <= self.limit:
+            return
+        residuals = self.residuals[: self.held]
+        worst = np.partition(residuals, self.limit - 1)[self.limit - 1]
+        keep = residuals < worst
+        ties = np.flatnonzero(residuals == worst)
+        keep[ties[np.argsort(self.codes[ties])[: self.limit - np.count_nonzero(keep)]]] = True
+        place = 0
+        for first in range(0, self.held, PIECE):
+            some = first + np.flatnonzero(keep[first : first + PIECE])
+            self.codes[place : place + len(some)] = self.codes[some]
+            self.residuals[place : place + len(some)] = self.residuals[some]
+            place += len(some)
+        self.held = place
+        self.gate = min(self.gate, float(worst))
+
+    def settle(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """What is kept, by ascending number."""
+        self._choose()
+        self._resize(self.held)
+        if np.any(self.codes[1:] < self.codes[:-1]):
+            order = np.argsort(self.codes)
+            self.codes, self.residuals = self.codes[order], self.residuals[order]
+        return self.codes, self.residuals
+
+
+class Backend(Protocol):
+    """What evaluates hyper-edges: the modules of this package, or several machines together."""
+
+    def strongest(
+        self,
+        work: Enumeration,
+        first: int,
+        last: int,
+        gate: float,
+        limit: int,
+        progress: Progress | None = None,
+    ) -> Found:
+        """The ``limit`` strongest hyper-edges below the gate among the slabs of ranks ``first … last − 1``.
+
+        ``progress`` is called with (slabs done, slabs in all).
+        """
+
+    def evaluated(self, tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:
+        """The blocks in their order, with the residuals (B,) of each."""

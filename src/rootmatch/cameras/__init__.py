@@ -1,0 +1,1 @@
+"""Cameras: from pixels to bearings and back."""

@@ -1,0 +1,1 @@
+"""From SymPy equations to a problem (the extra ``symbolic``)."""

@@ -1,0 +1,193 @@
+"""Random exact hyper-edges of a stated problem: from the user's sampler, or solved for numerically."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rootmatch.derivation.leaves import COMMON, Expr
+from rootmatch.derivation.statement import Statement, places_of
+from rootmatch.errors import InputError, RootmatchError
+
+Floats = NDArray[np.float64]
+Sampler = Callable[[np.random.Generator], Any]
+ATTEMPTS = 60
+"""Starts of the numerical solution for one instance."""
+STEP = float(np.sqrt(np.finfo(float).eps))
+"""Of its differences, relative to what is more than 1."""
+NEAR, FULL_STEPS, EXACT = 1e-4, 4, 1e-11
+"""Gradient at which full steps begin, how many at most, and the greatest value of an equation that holds."""
+
+
+class Instance(NamedTuple):
+    """One exact hyper-edge: points (m + 1, dimension) as a caller gives them, and the shared variable if known."""
+
+    source: Floats
+    target: Floats
+    shared: float | None
+
+
+def sampled(sample: Sampler, statement: Statement, rng: np.random.Generator) -> Instance:
+    """An instance from the user's sampler.
+
+    Raises
+    ------
+    InputError
+        If it gives anything but matching points of the right shape.
+    """
+    given = tuple(sample(rng))
+    if len(given) not in (2, 3):
+        raise InputError("sample: it must return source, target and perhaps the shared variable's value")
+    count = statement.minimal + 1
+    points = []
+    for name, array, what in (("source", given[0], statement.source), ("target", given[1], statement.target)):
+        array = np.asarray(array, dtype=float)
+        if array.ndim != 2 or len(array) < count or array.shape[1] != what.dimension or not np.all(np.isfinite(array)):
+            raise InputError(
+                f"sample: {name} of shape {array.shape} returned; ({count}, {what.dimension}) finite numbers expected, "
+                "row i of the one matching row i of the other"
+            )
+        points.append(array[:count])
+    return Instance(points[0], points[1], float(given[2]) if len(given) == 3 else None)
+
+
+class Solver:
+    """Solves for exact hyper-edges: random source points, then target points and unknowns that satisfy all equations.
+
+    All minimal sets of the hyper-edge must hold at once. Unknowns that belong to some of the correspondences (a depth)
+    are one for each choice of those, the others (a pose) are the same in all.
+    """
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        m = statement.minimal
+        points: dict[str, list[Any]] = {}
+        slot_of: dict[Expr, int] = {}
+        for side, what in (("s", statement.source), ("t", statement.target)):
+            points[side] = [sp.Matrix([sp.Symbol(n, real=True) for n in what.names(side, k)]) for k in range(m + 1)]
+            own = what.coordinates - what.common
+            for slot, column in enumerate(points[side]):
+                slot_of |= {symbol: slot if k < own else COMMON for k, symbol in enumerate(column)}
+        base = statement.build(points["s"][:m], points["t"][:m])
+        self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, self._local())
+        equations: dict[Expr, None] = {}
+        for chosen in combinations(range(m + 1), m):
+            built = statement.build([points["s"][k] for k in chosen], [points["t"][k] for k in chosen])
+            swap = {symbol: self.copy(symbol, chosen) for symbol in (*statement.unknowns, statement.shared)}
+            equations |= dict.fromkeys(e.xreplace(swap) for e in built)
+        every = [symbol for group in points.values() for column in group for symbol in column]
+        measured = list(dict.fromkeys(every))
+        self.first_places = [every.index(symbol) for symbol in measured]
+        self.unknowns = sorted({s for e in equations for s in e.free_symbols if s not in slot_of}, key=str)
+        self.shared = self.unknowns.index(self.copy(statement.shared, tuple(range(m))))
+        expressions = list(equations)
+        zero = {s: 0 for s in self.unknowns if not str(s).startswith(f"{statement.shared.name}__")}
+        self.homogeneous = all(e.xreplace(zero) == 0 for e in expressions) and bool(zero)
+        if self.homogeneous:
+            expressions.append(sum(s**2 for s in zero) - 1)
+        self.function = sp.lambdify([self.unknowns, measured], expressions, "numpy", cse=True)
+
+    def _local(self) -> dict[Expr, int]:
+        statement = self.statement
+        return {copy: place for place in range(statement.minimal) for copy in statement.copies(place).values()}
+
+    def copy(self, symbol: Expr, chosen: tuple[int, ...]) -> Expr:
+        """The copy of an unknown in the minimal set of the chosen correspondences."""
+        places = self.places[symbol]
+        base = symbol.name.split("__")[0] if symbol in self._local() else symbol.name
+        belongs = places if len(places) < self.statement.minimal else ()
+        return sp.Symbol("__".join([base, *(str(chosen[k]) for k in belongs)]) + "__")
+
+    def solve(self, rng: np.random.Generator, interval: tuple[float, float] | None) -> Instance:
+        """One exact instance.
+
+        Raises
+        ------
+        RootmatchError
+            If no start leads to one.
+        """
+        statement = self.statement
+        count = statement.minimal + 1
+        size = len(self.unknowns)
+        for _ in range(ATTEMPTS):
+            source = statement.source.sample(rng, count)
+            start = statement.target.sample(rng, count)
+            unit = np.abs(start).mean()
+            coordinates = statement.source.measure(source).ravel()
+
+            def residuals(
+                trials: Floats, start: Floats = start, unit: float = unit, coordinates: Floats = coordinates
+            ) -> Floats:
+                """Of trials (T, k) the equations' values (T, e)."""
+                target = start + trials[:, size:].reshape(-1, *start.shape) * unit
+                seen = statement.target.measure(target).reshape(len(trials), -1)
+                measured = np.concatenate([np.broadcast_to(coordinates, (len(trials), coordinates.size)), seen], axis=1)
+                values = self.function(trials[:, :size].T, measured[:, self.first_places].T)
+                return np.array(np.broadcast_arrays(*values, np.empty(len(trials)))[:-1], dtype=float).T
+
+            guess = np.concatenate([rng.uniform(0.3, 2.0, size), np.zeros(start.size)])
+            v, values, jacobian = _solution(residuals, guess)
+            x = float(v[self.shared])
+            inside = interval is None or interval[0] < x < interval[1]
+            if np.abs(values).max() < EXACT and inside and abs(x) < 30.0 and self._isolated(v[:size], jacobian):
+                return Instance(source, start + v[size:].reshape(start.shape) * unit, x)
+        raise RootmatchError(
+            "check: no exact instance was found numerically; give sample=, a function of a random generator that "
+            f"returns {count} true correspondences (source, target)"
+        )
+
+    def _isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
+        """Whether the points determine the unknowns, and none is so near 0 that an equation loses its sense."""
+        if not np.all(np.isfinite(jacobian)):
+            return False
+        sizes = np.abs(unknowns)
+        singular = np.linalg.svd(jacobian[:, : len(sizes)], compute_uv=False)
+        return bool(sizes.max() < 1e3 and sizes.min() > 1e-2 and singular[-1] > 1e-3 * singular[0])
+
+
+def _solution(residuals: Callable[[Floats], Floats], guess: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where all ``residuals`` (T, e) of trials (T, k) vanish, if it goes well; their values and slopes there.
+
+    There are more unknowns than equations, where steps within a trust region converge linearly: they lead near, and
+    shortest full steps from there.
+    """
+
+    def at(v: Floats) -> Floats:
+        values: Floats = residuals(v[None])[0]
+        return values
+
+    def slopes(v: Floats) -> Floats:
+        # forward differences, the trials of all of them at once
+        trials = np.concatenate([v[None], v + np.diag(STEP * np.copysign(np.maximum(1.0, np.abs(v)), v))])
+        found = residuals(trials)
+        return np.asarray((found[1:] - found[0]).T / np.diagonal(trials[1:] - v))
+
+    found = least_squares(at, guess, slopes, xtol=1e-15, ftol=1e-15, gtol=NEAR, max_nfev=200)
+    v, values, jacobian = found.x, found.fun, found.jac
+    for _ in range(FULL_STEPS):
+        if not (0.1 * EXACT < np.abs(values).max() < 1e-2 and np.all(np.isfinite(jacobian))):
+            break
+        # dependent equations leave singular values of the size of the differences' errors
+        v = v - np.linalg.lstsq(jacobian, values, rcond=1e-6)[0]
+        values, jacobian = at(v), slopes(v)
+    return v, values, jacobian
+
+
+def instances(
+    statement: Statement,
+    sample: Sampler | None,
+    interval: tuple[float, float] | None,
+    rng: np.random.Generator,
+    count: int,
+) -> list[Instance]:
+    """So many exact hyper-edges."""
+    if sample is not None:
+        return [sampled(sample, statement, rng) for _ in range(count)]
+    solver = Solver(statement)
+    return [solver.solve(rng, interval) for _ in range(count)]

@@ -1,0 +1,138 @@
+"""What the user states: the equations of a minimal set, which unknowns go and which variable stays."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from rootmatch.derivation.leaves import COMMON, Expr
+from rootmatch.errors import InputError
+from rootmatch.problems.derived.measurements import Measurement
+
+Equations = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A minimal problem in the user's words.
+
+    Parameters
+    ----------
+    equations : callable
+        ``(X, u) -> expressions that vanish``, of all correspondences of a minimal set (lists of column vectors), or of
+        one correspondence (two column vectors) if ``each``.
+    each : bool
+    minimal : int
+    shared : symbol
+    eliminate : tuple of symbols
+    local : tuple of symbols
+        With ``each``: unknowns of which every correspondence has its own.
+    source, target : Measurement
+    positive : callable, optional
+        ``(X, u) -> expressions`` of a minimal set in the shared variable and what is measured, positive at the truth.
+    """
+
+    equations: Equations
+    each: bool
+    minimal: int
+    shared: Expr
+    eliminate: tuple[Expr, ...]
+    local: tuple[Expr, ...]
+    source: Measurement
+    target: Measurement
+    positive: Equations | None = None
+
+    def conditions(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
+        """What must be positive at a true root."""
+        return [] if self.positive is None else self._expressions(self.positive(list(X), list(u)))
+
+    def build(self, X: Sequence[Any], u: Sequence[Any], places: Sequence[int] | None = None) -> list[Expr]:
+        """Expressions for correspondences given by symbols; ``places`` name the copies of local unknowns."""
+        if not self.each:
+            made = self._expressions(self.equations(list(X), list(u)))
+        else:
+            made = []
+            for number, (point, image) in enumerate(zip(X, u, strict=True)):
+                swap = self.copies(number if places is None else places[number])
+                made += [e.xreplace(swap) for e in self._expressions(self.equations(point, image))]
+        return [e for e in made if e != 0]
+
+    def copies(self, place: int) -> dict[Expr, Expr]:
+        """Local unknowns to their copies at a place."""
+        return {symbol: sp.Symbol(f"{symbol.name}__{place}") for symbol in self.local}
+
+    @property
+    def unknowns(self) -> list[Expr]:
+        """All that is to be eliminated from a minimal set."""
+        return [*self.eliminate, *(copy for place in range(self.minimal) for copy in self.copies(place).values())]
+
+    def _expressions(self, made: Any) -> list[Expr]:
+        flat = []
+        for item in made if isinstance(made, list | tuple | sp.MatrixBase) else [made]:
+            if isinstance(item, sp.Equality):
+                item = item.lhs - item.rhs
+            flat += self._expressions(item) if isinstance(item, list | tuple | sp.MatrixBase) else [sp.sympify(item)]
+        return flat
+
+    def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
+        """Refuse what cannot be meant.
+
+        Raises
+        ------
+        InputError
+            If a symbol is neither measured nor named as unknown, or the shared variable does not occur.
+        """
+        known = measured | set(self.unknowns) | {self.shared}
+        strange = sorted({str(s) for e in built for s in e.free_symbols if s not in known})
+        if strange:
+            raise InputError(
+                f"equations: the symbols {', '.join(strange)} are neither measured nor unknown; name them in "
+                "eliminate= (or local=), or put numbers for them"
+            )
+        strange = sorted({str(s) for e in conditions for s in e.free_symbols if s not in measured | {self.shared}})
+        if strange:
+            raise InputError(
+                f"positive: {', '.join(strange)} are neither measured nor the shared variable; put what they are in "
+                "terms of these"
+            )
+        if not any(self.shared in e.free_symbols for e in built):
+            raise InputError(f"shared: {self.shared} does not occur in the equations")
+        if not any(measured & e.free_symbols for e in built):
+            raise InputError("equations: nothing measured occurs in them")
+
+    def digest(self, built: Sequence[Expr], extra: str) -> str:
+        """Digest of everything that the generated code depends on."""
+        parts = [
+            *(sp.srepr(e) for e in built),
+            str(self.minimal),
+            str(self.shared),
+            str(self.unknowns),
+            self.source.key,
+            self.target.key,
+            extra,
+        ]
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def places_of(
+    built: Sequence[Expr], unknowns: Sequence[Expr], slot_of: dict[Expr, int], local: dict[Expr, int]
+) -> dict[Expr, tuple[int, ...]]:
+    """Correspondences that each unknown belongs to: those of all equations that hold it; () for all of them.
+
+    An equation without measurements (b = x a) belongs where its other unknowns do.
+    """
+    found: dict[Expr, set[int]] = {symbol: {place} for symbol, place in local.items()}
+    where = [{slot_of[s] for s in e.free_symbols if slot_of.get(s, COMMON) != COMMON} for e in built]
+    for symbol in unknowns:
+        holding = [slots for e, slots in zip(built, where, strict=True) if symbol in e.free_symbols and slots]
+        if symbol not in found and holding:
+            found[symbol] = set.intersection(*holding)
+    for symbol in unknowns:
+        if symbol not in found:
+            others = [found[s] for e in built if symbol in e.free_symbols for s in e.free_symbols if found.get(s)]
+            found[symbol] = set().union(*others)
+    return {symbol: tuple(sorted(places)) for symbol, places in found.items()}

@@ -1,0 +1,249 @@
+"""Hyper-edges by invariants: what a tuple of points keeps under a transformation, compared between two sets.
+
+Where each set has quantities of its own that the transformation leaves alone, a hyper-edge is weighed by how far these
+differ, and only the most alike tuples are kept: a tree over the target's tuples finds them (Duchenne et al. 2011). The
+other problems of this package are those that have no such invariants.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from rootmatch.errors import InputError
+from rootmatch.problems.checks import check_points
+
+Floats = NDArray[np.float64]
+TARGET_TUPLES = 2_000_000
+"""Target tuples beyond which a random part of them is used."""
+
+
+@dataclass(frozen=True)
+class Invariant:
+    """What is compared of a tuple of points.
+
+    Parameters
+    ----------
+    order : int
+        Points of a tuple.
+    dimensions : tuple of int
+        Of the points for which it is defined.
+    features : callable
+        Points (T, order, k) to features (T, f).
+    """
+
+    order: int
+    dimensions: tuple[int, ...]
+    features: Callable[[Floats], Floats]
+
+
+def angle_sines(points: Floats) -> Floats:
+    """Sines (T, 3) of the angles of triangles (T, 3, k) at their points: kept by similarity (Duchenne et al. 2011)."""
+    sides = np.stack([points[:, (k + 2) % 3] - points[:, (k + 1) % 3] for k in range(3)], axis=1)
+    lengths = np.linalg.norm(sides, axis=2)
+    first, second = sides[:, 0], sides[:, 1]
+    dots = (first * second).sum(axis=1)
+    area2 = np.sqrt(np.maximum((first**2).sum(axis=1) * (second**2).sum(axis=1) - dots**2, 0.0))
+    # twice the area is the product of two sides and the sine between them
+    products = np.stack([lengths[:, (k + 1) % 3] * lengths[:, (k + 2) % 3] for k in range(3)], axis=1)
+    sines: Floats = area2[:, None] / np.maximum(products, 1e-300)
+    return sines
+
+
+def signed_sines(points: Floats) -> Floats:
+    """`angle_sines` of triangles of a plane (T, 3, 2), negative where they turn clockwise: a mirror changes them.
+
+    What the code of Duchenne et al. computes, and with it all later ones that match points of a plane.
+    """
+    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    area2 = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    signed: Floats = np.sign(area2)[:, None] * angle_sines(points)
+    return signed
+
+
+def side_lengths(points: Floats) -> Floats:
+    """Lengths (T, 3) of the sides of triangles (T, 3, k) opposite their points: kept by rigid motion."""
+    lengths: Floats = np.stack(
+        [np.linalg.norm(points[:, (k + 2) % 3] - points[:, (k + 1) % 3], axis=1) for k in range(3)], axis=1
+    )
+    return lengths
+
+
+def cross_ratios(points: Floats) -> Floats:
+    """Two cross-ratios of five points of a plane (T, 5, 2), kept by any homography, as four numbers (T, 4).
+
+    A cross-ratio N / D lives on the projective line and may be infinite: it is given as the cosine and sine of
+    2 atan2(N, D), in which near values are near. With |ijk| the determinant of three homogeneous points they are
+    |431||521| / |421||531| and |421||532| / |432||521| (Mundy & Zisserman 1992, appendix).
+    """
+    homogeneous = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2)
+
+    def bracket(i: int, j: int, k: int) -> Floats:
+        area: Floats = np.linalg.det(homogeneous[:, [i - 1, j - 1, k - 1]])
+        return area
+
+    one = bracket(4, 3, 1) * bracket(5, 2, 1), bracket(4, 2, 1) * bracket(5, 3, 1)
+    two = bracket(4, 2, 1) * bracket(5, 3, 2), bracket(4, 3, 2) * bracket(5, 2, 1)
+    angles = [2.0 * np.arctan2(numerator, denominator) for numerator, denominator in (one, two)]
+    return np.stack([f(angle) for angle in angles for f in (np.cos, np.sin)], axis=1)
+
+
+INVARIANTS = {
+    "angles": Invariant(3, (2, 3), angle_sines),
+    "signed-angles": Invariant(3, (2,), signed_sines),
+    "distances": Invariant(3, (2, 3), side_lengths),
+    "cross-ratios": Invariant(5, (2,), cross_ratios),
+}
+
+
+def nearest_hyperedges(
+    source: ArrayLike,
+    target: ArrayLike,
+    invariant: str | Invariant = "angles",
+    *,
+    tuples: int | None = None,
+    neighbours: int | None = None,
+    seed: int = 0,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
+    """Hyper-edges whose tuples have the most alike invariants.
+
+    Random tuples of source points are drawn; for each, the nearest tuples of the target are found among all of them, in
+    all orders.
+
+    Parameters
+    ----------
+    source, target : (n, k) and (n', k) arrays
+        Points of a plane or of space.
+    invariant : {"angles", "signed-angles", "distances", "cross-ratios"} or Invariant
+        What is alike up to a similarity, one without mirroring (of a plane), a rigid motion, a homography.
+    tuples : int, optional
+        Source tuples, n · n' if not given; all where there are fewer.
+    neighbours : int, optional
+        Target tuples for each, n · n' if not given.
+    seed : int
+
+    Returns
+    -------
+    source_index, target_index : (E, d) int32 arrays
+    distance : (E,) array
+        Between the invariants of both tuples.
+
+    Raises
+    ------
+    InputError
+        If the points or numbers cannot be used.
+
+    Notes
+    -----
+    Degenerate: points on a line have sines of 0 and are all alike, whatever their distances; so are cross-ratios of
+    five points of which four are on a line. Symmetric sets have several right matches. Noise is not looked at: small
+    tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` weigh it.
+    """
+    chosen = _chosen(invariant)
+    dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
+    if dimension not in chosen.dimensions:
+        raise InputError(
+            f"source: shape {np.shape(source)} given; this invariant takes points of "
+            f"{' or '.join(map(str, chosen.dimensions))} coordinates, (n, {chosen.dimensions[0]})"
+        )
+    first = check_points(source, dimension, "source", chosen.order)
+    second = check_points(target, dimension, "target", chosen.order)
+    n, n_target = len(first), len(second)
+    wanted = _count(tuples, n * n_target, "tuples")
+    near = _count(neighbours, n * n_target, "neighbours")
+    rng = np.random.default_rng(seed)
+    of_source = _tuples(n, chosen.order, wanted, rng)
+    of_target = _tuples(n_target, chosen.order, TARGET_TUPLES, rng)
+    tree = cKDTree(chosen.features(second[of_target]))
+    near_in_order = min(near, len(of_target))
+    sources, targets, gaps = [], [], []
+    # target tuples are in one order each, so the source tuples are asked in all of theirs
+    for order in permutations(range(chosen.order)):
+        asked = of_source[:, order]
+        gap, place = tree.query(chosen.features(first[asked]), k=near_in_order)
+        gap, place = gap.reshape(len(asked), -1), place.reshape(len(asked), -1)
+        sources.append(np.repeat(asked[:, None], gap.shape[1], axis=1))
+        targets.append(of_target[place])
+        gaps.append(gap)
+    gap = np.concatenate(gaps, axis=1)
+    near = min(near, gap.shape[1])
+    keep = np.argpartition(gap, near - 1, axis=1)[:, :near]
+    rows = np.arange(len(gap))[:, None]
+    return (
+        np.concatenate(sources, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
+        np.concatenate(targets, axis=1)[rows, keep].reshape(-1, chosen.order).astype(np.int32),
+        gap[rows, keep].ravel(),
+    )
+
+
+def invariant_affinities(
+    source: ArrayLike,
+    target: ArrayLike,
+    invariant: str | Invariant = "angles",
+    *,
+    tuples: int | None = None,
+    neighbours: int | None = None,
+    seed: int = 0,
+) -> tuple[NDArray[np.int32], Floats, tuple[int, int]]:
+    """What `rootmatch.AffinityTensor` takes: ``AffinityTensor(*invariant_affinities(source, target))``.
+
+    Parameters as of `nearest_hyperedges`.
+
+    Returns
+    -------
+    indices : (E, d) int32 array
+        Flat correspondences i · n' + i'.
+    weights : (E,) array
+        exp(−distance / mean distance), as in the classical protocols.
+    shape : (n, n')
+    """
+    source_index, target_index, distance = nearest_hyperedges(
+        source, target, invariant, tuples=tuples, neighbours=neighbours, seed=seed
+    )
+    n_target = len(np.asarray(target))
+    mean = float(distance.mean())
+    weights = np.exp(-distance / mean) if mean > 0.0 else np.ones(len(distance))
+    indices = (source_index * n_target + target_index).astype(np.int32)
+    # one tuple can be near another in two orders; the more alike one counts
+    ordered = np.sort(indices, axis=1)
+    by_weight = np.argsort(-weights, kind="stable")
+    _, unique = np.unique(ordered[by_weight], axis=0, return_index=True)
+    kept = np.sort(by_weight[unique])
+    return indices[kept], weights[kept], (len(np.asarray(source)), n_target)
+
+
+def _chosen(invariant: str | Invariant) -> Invariant:
+    if isinstance(invariant, Invariant):
+        return invariant
+    if invariant not in INVARIANTS:
+        raise InputError(f"invariant: {invariant!r} given; one of {', '.join(INVARIANTS)} expected")
+    return INVARIANTS[invariant]
+
+
+def _count(given: int | None, default: int, name: str) -> int:
+    if given is None:
+        return default
+    if int(given) != given or given < 1:
+        raise InputError(f"{name}: {given!r} given; give a positive whole number")
+    return int(given)
+
+
+def _tuples(points: int, order: int, most: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """All increasing tuples (T, order) of indices, or so many different random ones where there are more."""
+    count = math.comb(points, order)
+    if count <= most:
+        return np.array(list(combinations(range(points), order)), dtype=np.int64)
+    found = np.empty((0, order), dtype=np.int64)
+    while len(found) < most:
+        drawn = np.sort(rng.integers(0, points, (2 * most, order)), axis=1)
+        distinct = drawn[(np.diff(drawn, axis=1) > 0).all(axis=1)]
+        merged = np.concatenate([found, distinct])
+        _, first = np.unique(merged, axis=0, return_index=True)
+        found = merged[np.sort(first)]
+    return found[:most]

@@ -1,0 +1,1 @@
+"""All that depends on what Numba does not document, and how kernels are compiled."""

@@ -1,0 +1,24 @@
+"""Decorators of kernels: how they are compiled, and where they are inlined."""
+
+from __future__ import annotations
+
+from rootmatch.jit.inlining import inner
+
+FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
+"""Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
+
+
+scalar = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+"""Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
+
+
+kernel = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+"""Decorator of what loops: row kernels and large scalars.
+
+Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just
+compiled the driver would call the other copy than one that found it on disk, which differs in the last digits.
+"""
+
+
+part = inner(fastmath=FASTMATH, error_model="numpy")
+"""Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""

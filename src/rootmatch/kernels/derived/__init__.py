@@ -1,1 +1,0 @@
-"""Kernels of derived problems: their tables, and the loops composed around generated formulas."""

@@ -1,0 +1,1 @@
+"""From what the caller gave to a match: the task, sampling, several motions, assessment."""

@@ -1,0 +1,104 @@
+"""What every geometric problem offers to the road: its sizes, its polynomial and its tables."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.problems.pose_fit.base import Fit
+
+
+class Problem(ABC):
+    """A minimal problem whose univariate polynomials bind correspondences together.
+
+    A minimal set of ``minimal`` correspondences gives one polynomial of degree ``degree``; a hyper-edge of
+    ``order = minimal + 1`` correspondences joins two minimal sets whose polynomials share a root when all are right.
+    """
+
+    name: ClassVar[str]
+    """Short name, also on the command line."""
+    order: ClassVar[int]
+    """Correspondences of a hyper-edge."""
+    minimal: ClassVar[int]
+    """Correspondences of a minimal set."""
+    degree: ClassVar[int]
+    """Degree of the univariate polynomial."""
+    constraints: ClassVar[int]
+    """Independent constraints of a hyper-edge: the degrees of freedom of the ``joint`` residual."""
+    pair_count: ClassVar[int]
+    """Pairs of minimal sets of one hyper-edge that can be compared."""
+    source_dimension: ClassVar[int]
+    """3 where the source is points in space, 2 where it is an image."""
+    target_dimension: ClassVar[int] = 2
+    fits_groups: ClassVar[bool] = False
+    """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
+    fits_answers: ClassVar[bool] = False
+    """Whether `fitted` is there."""
+    to_check: ClassVar[str] = "units and what the problem was given"
+    """What to look at where no answer can be trusted, in the words of the status' advice; …"""
+    to_tell: ClassVar[str] = "say by `candidates` which pairs are possible"
+    """… and what may tell answers apart that are equally good. Name nothing that the problem refuses."""
+    small_baseline: float = 0.0
+    """ρ of a prior exp(−|R₂ₙ,₂ₙ| / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
+    paper_rho: ClassVar[float] = 1e-6
+    """ρ of the paper's preset. The scale of |R₂ₙ,₂ₙ| differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
+    medians of false hyper-edges in the paper's scenes."""
+
+    @abstractmethod
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> Any:
+        """Tables for the kernels: a NamedTuple of arrays.
+
+        Parameters
+        ----------
+        source : (n, 3) or (n, 2) array
+            Points in space (any unit, any frame) or pixels of the first image.
+        target : (n', 2) array
+            Pixels.
+        noise : float or (n',) array
+            Standard deviation of a pixel coordinate of the target.
+        normals : (n, 3) array, optional
+            Outward normals of source points in space, which are then seen only from their front; zero where unknown.
+
+        Raises
+        ------
+        InputError
+            If the points cannot be used; the text says why.
+        """
+
+    @abstractmethod
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Each answer (K, n) fitted by the pose that suits it best, where `fits_answers` says so.
+
+        Every answer needs ``minimal + 1`` matches; source, target and noise are as for `prepare`.
+        """
+        raise NotImplementedError(f"{self.name} cannot fit answers")
+
+    def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.
+
+        ``groups`` (G, n) holds the image of each point, −1 outside of the group. The best motion is eliminated: of m
+        points ``2 (m − minimal)`` degrees of freedom are left.
+        """
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+
+    def group_grown(
+        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups (G, n) with what their common motion predicts, where `fits_groups` says so."""
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+
+    def group_extended(
+        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups (E, n), each with one of the correspondences more that it may predict, where `fits_groups` says so."""
+        raise NotImplementedError(f"{self.name} cannot fit whole groups")

@@ -1,0 +1,85 @@
+"""Validation of points, normals and noise: one clear error for each mistake."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+
+
+def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:
+    """Points as a contiguous float array, or the one clear error that says what is wrong with them.
+
+    Parameters
+    ----------
+    points : (m, dimension) array
+    dimension : int
+        2 or 3.
+    name : str
+        ``"source"`` or ``"target"``, for the message.
+    least : int
+        How many points the problem needs.
+    """
+    try:
+        array = np.ascontiguousarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: it is not an array of numbers; give shape (m, {dimension})") from None
+    if array.ndim != 2 or array.shape[1] != dimension:
+        raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
+    if len(array) < least:
+        raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
+    order = np.lexsort(array.T[::-1])
+    same = np.flatnonzero((array[order[1:]] == array[order[:-1]]).all(axis=1))
+    if len(same):
+        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        raise InputError(f"{name}: points {first} and {second} are the same; remove repeated points")
+    return array
+
+
+def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
+    """Normals (count, 3), zeros where none are given."""
+    if normals is None:
+        return np.zeros((count, 3))
+    try:
+        array = np.asarray(normals, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"normals: not an array of numbers; give shape ({count}, 3)") from None
+    if array.shape != (count, 3):
+        raise InputError(f"normals: shape {array.shape} given, ({count}, 3) expected, one for each source point")
+    if not np.all(np.isfinite(array)):
+        raise InputError("normals: NaN or infinity; give 0,0,0 for a point without a known normal")
+    return array
+
+
+def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
+    """Refuse points that all lie on one line: every turn about it looks the same."""
+    centred = points - points.mean(axis=0)
+    values = np.linalg.svd(centred, compute_uv=False)
+    if values[1] <= 1e-9 * values[0]:
+        raise InputError(
+            f"{name}: all {len(points)} points are collinear, which determines no pose; add points off the line"
+        )
+
+
+def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np.float64]:
+    """Standard deviations (count,) in pixels of a scalar or an array.
+
+    Zero is taken as 1e-6 px: exact data then still yields finite normalised residuals.
+    """
+    try:
+        sigma = np.asarray(noise, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {noise!r} given; give a number of pixels, or one for each target point") from None
+    if sigma.shape not in ((), (count,)):
+        raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
+    if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
+        raise InputError(f"{name}: {np.min(sigma):g} px given; a standard deviation is finite and not negative")
+    if np.any(sigma > 1e4):
+        raise InputError(
+            f"{name}: {np.max(sigma):g} px given, wider than an image; give the noise of a pixel coordinate"
+        )
+    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, 1e-6), (count,)))

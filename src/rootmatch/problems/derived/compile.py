@@ -1,0 +1,82 @@
+"""Kernels of a derived problem, compiled from their composed text and registered under its tag."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rootmatch.algebra import any_degree
+from rootmatch.jit.decorators import kernel, scalar
+from rootmatch.problems.derived.residuals_text import Residuals, pair_orders
+from rootmatch.problems.derived.tables import known, register_derived
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+
+LARGE = 1e6
+"""The residual of a hyper-edge that says nothing: no information is not agreement."""
+GATE = 4.0
+"""A complex pair counts, by its real part, while the polynomial there is below so many of its deviations."""
+BLUR = 0.3
+"""Near a double root the deviation of the root grows without bound, yet the two roots enclose what may be: the square
+of the slope is raised by BLUR · |curvature| · deviation of the value."""
+VAGUE = 1e4
+"""Ratio of a prediction's variance to the last target point's own beyond which it says nothing."""
+NAMED_KINDS = {"qr": QR, "both": QRBoth, "svd": SVD, "normalised": Normalised, "joint": Joint}
+
+
+def compile_residuals(
+    residuals: Residuals, formulas: dict[str, Callable[..., Any]], interpreted: bool = False
+) -> dict[type, tuple[Any, Any]]:
+    """Edge and slab kernels of each kind, from the formulas of a generated module.
+
+    Parameters
+    ----------
+    residuals : Residuals
+    formulas : dict
+        Plain Python functions.
+    interpreted : bool
+        As plain Python too: slow, for tests of the composition itself.
+    """
+    text = residuals.text
+    degree = residuals.shape.degree
+
+    def plain(function: Any) -> Any:
+        return function
+
+    decorators = {"kernel": plain, "scalar": plain} if interpreted else {"kernel": kernel, "scalar": scalar}
+    wrap = plain if interpreted else scalar
+    namespace: dict[str, Any] = {
+        **decorators,
+        **{name: wrap(function) for name, function in formulas.items() if not name.startswith("leaf_")},
+        "find_roots": any_degree.roots_of(degree),
+        "compare_qr": any_degree.last_entry_of(degree),
+        "compare_both": any_degree.lesser_last_entry_of(degree),
+        "compare_svd": any_degree.singular_value_of(degree),
+        "ORDERS": pair_orders(residuals.m),
+        "BIG": LARGE * LARGE,
+        "ONE": Normalised(1),
+        "BLUR": BLUR,
+        "GATE2": GATE * GATE,
+        "VAGUE": VAGUE,
+        "math": math,
+        # compiled code on disk names its module, which the next process must be able to import
+        "__name__": __name__,
+    }
+    exec(compile(text, "<composed residuals>", "exec"), namespace)
+    return {kind: (namespace[f"edge_{name}"], namespace[f"slab_{name}"]) for name, kind in NAMED_KINDS.items()}
+
+
+def tag_name(residuals: Residuals, generated: str, version: str) -> str:
+    """A name for the kernels: a digest of all text that they are made of."""
+    constants = f"{version} {LARGE} {GATE} {BLUR} {VAGUE}"
+    digest = hashlib.sha256("\0".join([constants, generated, residuals.text]).encode())
+    return f"k{digest.hexdigest()[:24]}"
+
+
+def register_residuals(residuals: Residuals, formulas: dict[str, Callable[..., Any]], name: str) -> None:
+    """Register the kernels under a tag, once in a process."""
+    if known(name):
+        return
+    for kind, (edge, slab) in compile_residuals(residuals, formulas).items():
+        register_derived(name, kind, edge, slab)

@@ -1,0 +1,139 @@
+"""The record of kernels by which a problem takes part in matching: what it leaves None it cannot do.
+
+A driver calls functions such as `rootmatch.problems.residual_dispatch.slab_residual`; while it is compiled, the type of
+the problem's tables says which kernels those are. So every type of tables has a method ``kernels()`` which hands over
+one `ProblemKernels`. Nothing is registered anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+Kernel = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class ResidualKernels:
+    """Kernels of one kind of residual.
+
+    Parameters
+    ----------
+    edge : ``(tables, kind, i, j)`` → float
+        The residual of one hyper-edge.
+    slab : ``(tables, kind, i, j, first, scratch, out)``
+        Residuals of a minimal set with every last correspondence; with a panel ``(tables, kind, i, j, first, panel,
+        scratch, out)``. See `rootmatch.problems.residual_dispatch.slab_residual`.
+    panel : ``(tables, kind, i, j, panel)``, optional
+        What slabs share whose minimal sets differ in the last image alone.
+    fill : ``(tables, kind, source, target, first, last, block)``, optional
+        What is computed for many hyper-edges of a list at once, in a loop that vectorises.
+    listed : ``(tables, kind, i, j, block, column)`` → float, optional
+        The residual of one of a list, after ``fill``.
+    squares : bool
+        Whether the slab gives squares of residuals, whose roots only what passes the gate is worth.
+    single : bool
+        Whether the ranking of hyper-edges by residual survives in single precision.
+    """
+
+    edge: Kernel
+    slab: Kernel
+    panel: Kernel | None = None
+    fill: Kernel | None = None
+    listed: Kernel | None = None
+    squares: bool = False
+    single: bool = False
+
+
+@dataclass(frozen=True)
+class HypothesisKernels:
+    """What the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',).
+
+    Parameters
+    ----------
+    coordinates : ``(tables, sets, others)`` → (S, n − m, 6), (S, m, 3)
+        Of sets (S, m) and the other points (S, n − m) of each, in the frame of the set: the others' coordinates, which
+        end with their normals, and the normals of the set's own points. Not jitted.
+    solve : ``(tables, i, j, scratch)``
+        Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
+    known : ``(tables, grid, i, j)`` → tuple of numbers
+        What ``frame`` takes from the set before its last image is known.
+    frame : ``(tables, grid, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
+        The frame of the set in the grid's basis at one root; a point with coordinates α, β, γ lies at
+        origin + α e + β f + γ g. Without a branch, so that a loop over the last image vectorises; the rays of the
+        grid have the padding of the tables.
+    predict : ``(tables, i, j, root, out)`` → bool
+        Fill ``out`` (13, n) with the predicted bearing of every source point, two axes across it, the covariance along
+        them (s11, s12, s22), and whether it can be visible (1 or 0).
+    """
+
+    coordinates: Kernel
+    solve: Kernel
+    known: Kernel
+    frame: Kernel
+    predict: Kernel
+
+
+@dataclass(frozen=True)
+class CompletionKernels:
+    """What the completion of minimal sets needs, of tables with ``rays`` (3, n') and ``variance`` (n',).
+
+    Parameters
+    ----------
+    solutions : int
+        Most solutions of a minimal set.
+    fields : tuple of str
+        The fields (3, n) of the source points that a prediction needs.
+    predict : ``(tables, flat, count, j, root, out)`` → bool
+        Fill the flat ``out``, rows of STRIDE, with what the minimal set of the first m of ``count`` points in ``flat``
+        (rows of STRIDE: the fields, one after another) with images ``j`` predicts at one root: bearings x, y, z, the
+        covariance s11, s12, s22 along `tangents` of each, and whether it can be visible (1 or 0).
+    """
+
+    solutions: int
+    fields: tuple[str, ...]
+    predict: Kernel
+
+
+STRIDE = 64
+"""Points that are predicted together, those of the minimal set among them. Written out in the code, it tells the
+compiler that the rows of a flat array do not overlap, without which the loop over the points fills no vectors."""
+
+
+@dataclass(frozen=True)
+class ProblemKernels:
+    """All kernels of a problem.
+
+    Parameters
+    ----------
+    residuals : mapping
+        From the kind of residual, a type of `rootmatch.problems.residual_kinds`, to its kernels.
+    hypotheses : HypothesisKernels, optional
+        For the guided search.
+    completion : CompletionKernels, optional
+        For the completion of minimal sets.
+    target_fields : tuple of str
+        Fields of the tables with a target axis, which may be padded: the first (k, n'), others (n',), (k, n') or
+        (n', n'). Empty: the tables are never padded.
+    """
+
+    residuals: Mapping[type, ResidualKernels] = field(default_factory=dict)
+    hypotheses: HypothesisKernels | None = None
+    completion: CompletionKernels | None = None
+    target_fields: tuple[str, ...] = ()
+
+
+class Tables(Protocol):
+    """Tables of a problem: a NamedTuple of arrays that knows the problem's kernels."""
+
+    @staticmethod
+    def kernels() -> ProblemKernels:
+        """The record of the problem."""
+        ...
+
+
+def kernels_of(tables: Any) -> ProblemKernels:
+    """The record of some tables, of their class, or of their Numba type."""
+    record: ProblemKernels = getattr(tables, "instance_class", tables).kernels()
+    return record

@@ -1,0 +1,92 @@
+"""The perspective three-point problem: points in space and their image in one calibrated camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_noise, check_normals, check_not_collinear, check_points
+from rootmatch.problems.p3p.resultant import quartic_in_ratio
+from rootmatch.problems.p3p.tables import P3PTables
+from rootmatch.problems.pose_fit.absolute import absolute_fit
+from rootmatch.problems.pose_fit.base import Fit
+
+
+@dataclass(frozen=True)
+class P3P(Problem):
+    """Pose of a calibrated camera from three points (Fischler & Bolles 1981; paper, section "P3P").
+
+    The unknown shared by the two triples abc and abd of a hyper-edge is x = b/a, the ratio of the distances of points
+    b and a from the camera centre.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Notes
+    -----
+    Degenerate: all points on one line (refused by `prepare`); a triple on one line, or a camera on the cylinder
+    through a triple (a double root: the residual's variance grows and its weight fades by itself); D(x) = 0, where two
+    solutions share x. A mirrored ("inside-out") twin is a solution of the same polynomials: see `Match.alternatives`.
+    """
+
+    camera: Camera
+    name: ClassVar[str] = "p3p"
+    order: ClassVar[int] = 4
+    minimal: ClassVar[int] = 3
+    degree: ClassVar[int] = 4
+    constraints: ClassVar[int] = 2
+    pair_count: ClassVar[int] = 6
+    source_dimension: ClassVar[int] = 3
+    to_check: ClassVar[str] = "units and camera"
+    to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
+    paper_rho: ClassVar[float] = 1e-9
+    fits_answers: ClassVar[bool] = True
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> P3PTables:
+        """Tables for the kernels; see `Problem.prepare`."""
+        points = check_points(source, 3, "source", self.order)
+        pixels = check_points(target, 2, "target", self.order)
+        check_not_collinear(points, "source")
+        sigma = check_noise(noise, len(pixels))
+        # a common unit keeps polynomials of kilometres and of millimetres alike
+        points = points - points.mean(axis=0)
+        points /= np.sqrt((points**2).mean())
+        rays = self.camera.bearings(pixels)
+        return P3PTables(
+            distance2=squared_distances(points),
+            points=np.ascontiguousarray(points.T),
+            versine=np.ascontiguousarray(0.5 * squared_distances(rays)),
+            rays=np.ascontiguousarray(rays.T),
+            variance=self.camera.angular_noise(pixels, sigma) ** 2,
+            normals=np.ascontiguousarray(check_normals(normals, len(points)).T),
+        )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, None)
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials of minimal sets; see `Problem.coefficients`."""
+        points = np.asarray(source, dtype=float)
+        rays = self.camera.bearings(target)
+        side = [((points[:, (k + 1) % 3] - points[:, k]) ** 2).sum(axis=1) for k in range(3)]  # ab, bc, ca
+        versine = [0.5 * ((rays[:, (k + 1) % 3] - rays[:, k]) ** 2).sum(axis=1) for k in range(3)]
+        # the scalar kernel is plain arithmetic, so its Python form takes whole arrays
+        return np.array([quartic_in_ratio(*values) for values in zip(*side, *versine, strict=True)])
+
+
+def squared_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, n) squared distances of points (n, k), each from its own difference, so that close points lose nothing."""
+    difference = points[:, None, :] - points[None, :, :]
+    squared: NDArray[np.float64] = (difference**2).sum(axis=2)
+    return squared

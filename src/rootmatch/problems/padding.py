@@ -1,0 +1,66 @@
+"""Room behind the target points, so that loops over them fill whole vectors.
+
+A loop over 20 targets is two vectors of eight and four scalars, and the four cost more than the two. Tables whose
+target axis is a multiple of eight have no such rest. What is added repeats the last target and is never looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from rootmatch.problems.kernels import kernels_of
+
+LANES = 8
+"""Targets that are looked at together: the doubles of the widest vector."""
+
+
+def padded(tables: Any, targets: int) -> Any:
+    """Tables of n' = ``targets`` points with room behind them; as they are where their record names no fields."""
+    room = -targets % LANES
+    fields = kernels_of(tables).target_fields
+    if room == 0 or not fields:
+        return tables
+    wider = {}
+    for name in fields:
+        field = getattr(tables, name)
+        axes = [(0, room if size == targets else 0) for size in field.shape[:-1]] + [(0, room)]
+        wider[name] = np.pad(field, axes, mode="edge")
+    return tables._replace(**wider)
+
+
+def with_room(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+    """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
+    if rows.shape[1] == columns:
+        return rows
+    wider = np.empty((len(rows), columns))
+    wider[:, : rows.shape[1]] = rows
+    wider[:, rows.shape[1] :] = rows[:, -1:]
+    return wider
+
+
+def target_columns(tables: Any, targets: int) -> int:
+    """Targets of the tables, the room behind them included."""
+    names = kernels_of(tables).target_fields
+    return int(getattr(tables, names[0]).shape[1]) if names else targets
+
+
+@overload(target_columns)
+def _columns_overload(tables: Any, targets: Any) -> Callable[..., Any]:
+    names = kernels_of(tables).target_fields
+    if not names:
+
+        def as_given(tables: Any, targets: Any) -> Any:  # with the annotations of the overload, which Numba compares
+            return targets
+
+        return as_given
+    position = tables.instance_class._fields.index(names[0])
+
+    def implementation(tables: Any, targets: Any) -> Any:
+        return tables[position].shape[1]
+
+    return implementation

@@ -1,0 +1,1 @@
+"""Whole assignments fitted by one pose each: the evidence behind probabilities."""

@@ -1,0 +1,107 @@
+"""Congruence and similarity: point sets of one space that a rigid motion, or a scaled one, takes to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.similarity.tables import SimilarityTables
+
+
+@dataclass(frozen=True)
+class Similarity(Problem):
+    """Points of a plane or of space, matched up to rotation, translation and an unknown scale.
+
+    The unknown is the scale x; a pair of points gives e = x d of its distances d and e, so all pairs share it. A
+    hyper-edge of three has two constraints, the shape of a triangle.
+
+    Parameters
+    ----------
+    dimension : int
+        2 or 3, of both sets.
+    mirror : bool
+        In a plane: whether a mirrored set matches too. In space three points have no handedness, so a mirrored set
+        matches always.
+
+    Notes
+    -----
+    Noise is that of a coordinate, in the units of its own set. One number holds for both; n' numbers are those of the
+    target, and their root mean square that of the source; a pair gives source and target apart (a model is exact:
+    ``noise=(0.0, 0.1)``).
+
+    Degenerate: three points on a line (their three equations depend; a large residual: nothing is said), two points
+    nearer than the noise; symmetric sets, which match in several ways.
+    """
+
+    dimension: int = 2
+    mirror: bool = False
+    name: ClassVar[str] = "similarity"
+    order: ClassVar[int] = 3
+    minimal: ClassVar[int] = 2
+    degree: ClassVar[int] = 1
+    constraints: ClassVar[int] = 2
+    pair_count: ClassVar[int] = 3
+    to_check: ClassVar[str] = "the units of points and noise"
+    scale: ClassVar[float] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.dimension not in (2, 3):
+            raise InputError(f"dimension: {self.dimension!r} given; 2 or 3 expected")
+        self.__dict__.update(source_dimension=self.dimension, target_dimension=self.dimension)
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> SimilarityTables:
+        """Tables for the kernels; see `Problem.prepare`. Both sets have rows of ``dimension`` coordinates."""
+        if normals is not None:
+            raise InputError(f"normals: {self.name} has no camera that points could face; leave them out")
+        first = check_points(source, self.dimension, "source", self.order)
+        second = check_points(target, self.dimension, "target", self.order)
+        if isinstance(noise, tuple | list) and len(noise) == 2:
+            sigma = check_noise(noise[0], len(first), "noise of the source")
+            sigma2 = check_noise(noise[1], len(second), "noise of the target")
+        else:
+            sigma2 = check_noise(noise, len(second))
+            sigma = np.full(len(first), np.sqrt(np.mean(sigma2**2)))
+        oriented = self.dimension == 2 and not self.mirror
+        return SimilarityTables(
+            source=distances(first),
+            target=distances(second),
+            source_variance=sigma**2,
+            target_variance=sigma2**2,
+            source_points=np.ascontiguousarray(first[:, :2].T) if oriented else np.zeros((2, len(first))),
+            target_points=np.ascontiguousarray(second[:, :2].T) if oriented else np.zeros((2, len(second))),
+            scale=np.array([self.scale]),
+        )
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials d x − e (E, 2) of pairs of points (E, 2, dimension)."""
+        sides = [
+            np.linalg.norm(points[:, 1] - points[:, 0], axis=-1)
+            for points in (np.asarray(source, dtype=float), np.asarray(target, dtype=float))
+        ]
+        return np.stack([sides[0], -sides[1]], axis=-1)
+
+
+@dataclass(frozen=True)
+class Rigid(Similarity):
+    """Points of a plane or of space, matched up to rotation and translation: `Similarity` with the scale known to be 1.
+
+    A hyper-edge of three has three constraints, the sides of a triangle. Both sets are in the same unit.
+    """
+
+    name: ClassVar[str] = "rigid"
+    constraints: ClassVar[int] = 3
+    scale: ClassVar[float] = 1.0
+
+
+def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, n) distances of points (n, k)."""
+    lengths: NDArray[np.float64] = np.linalg.norm(points[:, None, :] - points[None, :, :], axis=2)
+    return lengths

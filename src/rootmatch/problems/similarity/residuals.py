@@ -1,0 +1,139 @@
+"""Kernels of congruent and similar triangles: three points against three by the distances between them.
+
+With the scale s between the sets, a triple has three equations F_ij = e_ij − s d_ij = 0 of target distances e and
+source distances d. Their covariance needs nothing but the noise of the points and the angles of both triangles, which
+are functions of the distances again: ∂F_ij moves along the sides, and two sides meet at an angle. With a known scale
+all three are constraints; an unknown one is projected out and leaves two, the shape of the triangle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rootmatch.jit.decorators import kernel, scalar
+from rootmatch.problems.kernels import ResidualKernels
+
+LARGE = 1e6
+"""The residual of a hyper-edge that says nothing: no information is not agreement."""
+FLAT = 1e-9
+"""Determinant of the equations' correlation below which three points are on a line, whose equations depend."""
+SHARED_FIRST = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+"""Orders of a triple, one for each pair of its three sides: (0, 1) and (0, 2) in the new order."""
+
+
+@scalar
+def cosine(a, b, c):  # type: ignore[no-untyped-def]
+    """Cosine of the angle between sides a and b of a triangle, opposite c."""
+    return (a * a + b * b - c * c) / (2.0 * a * b)
+
+
+@scalar
+def covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
+    """Covariance (11, 12, 13, 22, 23, 33) of F01, F02, F12 for variances u of the source and v of the target."""
+    q = s * s
+    w0, w1, w2 = v0 + q * u0, v1 + q * u1, v2 + q * u2
+    c0 = v0 * cosine(e01, e02, e12) + q * u0 * cosine(d01, d02, d12)
+    c1 = v1 * cosine(e01, e12, e02) + q * u1 * cosine(d01, d12, d02)
+    c2 = v2 * cosine(e02, e12, e01) + q * u2 * cosine(d02, d12, d01)
+    return w0 + w1, c0, c1, w0 + w2, c2, w1 + w2
+
+
+@scalar
+def joint_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
+    """χ² of all constraints."""
+    s = scale if scale > 0.0 else (d01 * e01 + d02 * e02 + d12 * e12) / (d01 * d01 + d02 * d02 + d12 * d12)
+    a, b, c, d, e, f = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
+    f1, f2, f3 = e01 - s * d01, e02 - s * d02, e12 - s * d12
+    # adjugate of [[a b c] [b d e] [c e f]]
+    m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
+    m22, m23, m33 = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * m11 + b * m12 + c * m13
+    h1 = m11 * d01 + m12 * d02 + m13 * d12
+    h2 = m12 * d01 + m22 * d02 + m23 * d12
+    h3 = m13 * d01 + m23 * d02 + m33 * d12
+    total = (
+        f1 * (m11 * f1 + m12 * f2 + m13 * f3)
+        + f2 * (m12 * f1 + m22 * f2 + m23 * f3)
+        + f3 * (m13 * f1 + m23 * f2 + m33 * f3)
+    )
+    along = f1 * h1 + f2 * h2 + f3 * h3
+    free = along * along / (d01 * h1 + d02 * h2 + d12 * h3)
+    chi2 = (total - (0.0 if scale > 0.0 else free)) / determinant
+    known = determinant > FLAT * a * d * f
+    return max(chi2, 0.0) if known and chi2 < LARGE * LARGE else LARGE * LARGE
+
+
+@scalar
+def normalised_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
+    """Square of d02 e01 − d01 e02, the resultant of the first two equations in s, over its variance."""
+    s = (d01 * e01 + d02 * e02) / (d01 * d01 + d02 * d02)
+    a, b, _, d, _, _ = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
+    value = d02 * e01 - d01 * e02
+    ratio = value * value / (d02 * d02 * a - 2.0 * d01 * d02 * b + d01 * d01 * d)
+    return ratio if ratio >= 0.0 and ratio < LARGE * LARGE else LARGE * LARGE
+
+
+@scalar
+def turned(points, a, b, c):  # type: ignore[no-untyped-def]
+    """Twice the signed area of three points of a plane."""
+    x, y = points[0], points[1]
+    return (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+
+
+def triangle_kernels(value: Any) -> ResidualKernels:
+    """Edge and slab kernels of a residual that looks at the whole triangle."""
+
+    @scalar
+    def at(t, a, b, c, k, l, m):  # type: ignore[no-untyped-def]  # noqa: E741
+        d, e = t.source, t.target
+        u, v = t.source_variance, t.target_variance
+        result = value(
+            t.scale[0], d[a, b], d[a, c], d[b, c], e[k, l], e[k, m], e[l, m], u[a], u[b], u[c], v[k], v[l], v[m]
+        )
+        mirrored = turned(t.source_points, a, b, c) * turned(t.target_points, k, l, m) < 0.0
+        return LARGE * LARGE if mirrored else result
+
+    @kernel
+    def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
+        worst = 0.0
+        for pair in range(3):
+            if kind.pairs >> pair & 1:
+                a, b, c = SHARED_FIRST[pair]
+                worst = max(worst, at(t, i[a], i[b], i[c], j[a], j[b], j[c]))
+        return math.sqrt(worst)
+
+    @kernel
+    def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+        for r in range(out.shape[0]):
+            line = out[r]
+            if kind.pairs == 1:
+                for m in range(out.shape[1]):
+                    line[m] = math.sqrt(at(t, i[0], i[1], first + r, j[0], j[1], m))
+            else:
+                for m in range(out.shape[1]):
+                    line[m] = edge(t, kind, (i[0], i[1], first + r), (j[0], j[1], m))
+
+    return ResidualKernels(edge, slab)
+
+
+def resultant_kernels(value: Any) -> ResidualKernels:
+    """Edge and slab kernels of a residual that compares the linear polynomials d x − e of two sides alone."""
+
+    @kernel
+    def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
+        worst = 0.0
+        for pair in range(3):
+            if kind.pairs >> pair & 1:
+                a, b, c = SHARED_FIRST[pair]
+                d01, d02 = t.source[i[a], i[b]], t.source[i[a], i[c]]
+                worst = max(worst, value(d01, -t.target[j[a], j[b]], d02, -t.target[j[a], j[c]]))
+        return worst
+
+    @kernel
+    def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+        for r in range(out.shape[0]):
+            for m in range(out.shape[1]):
+                out[r, m] = edge(t, kind, (i[0], i[1], first + r), (j[0], j[1], m))
+
+    return ResidualKernels(edge, slab)

@@ -1,0 +1,47 @@
+"""What the kernels of similarity and congruence read of the two point sets, and the record of those kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
+from rootmatch.problems.kernels import ProblemKernels
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.similarity.residuals import joint_of, normalised_of, resultant_kernels, triangle_kernels
+
+KERNELS = ProblemKernels(
+    residuals={
+        QR: resultant_kernels(last_entry_of(1)),
+        QRBoth: resultant_kernels(lesser_last_entry_of(1)),
+        SVD: resultant_kernels(singular_value_of(1)),
+        Normalised: triangle_kernels(normalised_of),
+        Joint: triangle_kernels(joint_of),
+    },
+)
+
+
+class SimilarityTables(NamedTuple):
+    """What the kernels read of the two point sets."""
+
+    source: NDArray[np.float64]
+    """(n, n) distances."""
+    target: NDArray[np.float64]
+    """(n', n') distances."""
+    source_variance: NDArray[np.float64]
+    """(n,) variance of a coordinate."""
+    target_variance: NDArray[np.float64]
+    """(n',) likewise."""
+    source_points: NDArray[np.float64]
+    """(2, n) points of a plane whose orientation counts; zeros otherwise."""
+    target_points: NDArray[np.float64]
+    """(2, n') likewise."""
+    scale: NDArray[np.float64]
+    """(1,) target units of one source unit; 0 where it is unknown."""
+
+    @staticmethod
+    def kernels() -> ProblemKernels:
+        """The record of the problem's kernels."""
+        return KERNELS

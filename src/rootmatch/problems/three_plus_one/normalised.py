@@ -1,0 +1,319 @@
+"""The residual of a 3P1 hyper-edge in units of the noise, by the roots of its first three correspondences.
+
+At every root θ of D(θ) = det[n₁ n₂ n₃] (see `three_plus_one`) the baseline t follows, and they predict where the fourth
+correspondence must lie:
+
+    z² = e² / (σ₄² + J P Jᵀ),   e = n₄ · t,   J = ∂e/∂(θ, t),   P = J₃⁻¹ diag(σ₁², σ₂², σ₃²) J₃⁻ᵀ,
+
+with σᵢ the noise of eᵢ itself (Sampson's) and J₃ the Jacobian of e₁, e₂, e₃, whose determinant is dD/dθ. To first order
+this *is* the resultant over its deviation, whichever triples are compared. But roots by closed form stay where they are
+when they crowd, which they do for a short baseline and where a Bézout matrix loses them; the points must lie in front
+of both cameras, which a resultant cannot see and which most false hyper-edges that pass otherwise fail; and all but
+some thirty operations depend on the first three correspondences and the fourth source point alone.
+"""
+
+from __future__ import annotations
+
+import math
+from math import nan
+
+from rootmatch.algebra.polynomial import curvature_quartic, roots_quartic, value_quartic
+from rootmatch.jit.decorators import kernel, scalar
+from rootmatch.problems.three_plus_one.resultant import (
+    LARGE,
+    SHARED_FIRST,
+    bearing,
+    combined,
+    inner,
+    quartic,
+    slope,
+    turned,
+    wedge,
+)
+
+GATE = 6.0
+"""A complex pair counts, by its real part, while D there is below so many of its standard deviations."""
+FAR = 4.0
+"""A point may lie behind a camera by so many variances of what tells the side (2σ): it may be at infinity."""
+BLUR = 0.03
+"""Near a double root σ_θ = σ_D / |D'| grows without bound, yet the two roots enclose what may be: D'² is raised by
+BLUR · |D''| σ_D. Full strength would be ½; measured, 0.03 keeps the calibration and stops false agreement."""
+FULL_BLUR = 0.5
+"""The same where the roots' spread only widens a tolerance."""
+SAME = 1e-4
+"""Normals whose vector product is below the root of this times their noise, squared, span no plane: t is unknown."""
+VAGUE = 0.01
+"""Square of the deviation (radians) of the predicted epipolar distance beyond which the prediction says nothing."""
+
+
+@kernel
+def roots(h):  # type: ignore[no-untyped-def]
+    """Real parts of the roots of h, or of h reversed (1/x) where that is better scaled.
+
+    Returns
+    -------
+    y : tuple of 4 floats
+        NaN for the second of a complex pair, which would repeat the first.
+    h : tuple of 5 floats
+        The coefficients that they belong to.
+    sign : float
+        −1 for 1/x = cot(θ/2), whose cosine is the opposite; else 1.
+    """
+    h4, h3, h2, h1, h0 = h
+    sign = 1.0
+    if abs(h0) > abs(h4):
+        h4, h3, h1, h0 = h0, h1, h3, h4
+        sign = -1.0
+    r0, r1, r2, r3, i01, i23 = roots_quartic(h4, h3, h2, h1, h0)
+    return (r0, nan if i01 > 0.0 else r1, r2, nan if i23 > 0.0 else r3), (h4, h3, h2, h1, h0), sign
+
+
+@scalar
+def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
+    """Unit vector across three vectors near one plane, the longest of their products, and its square before scaling."""
+    p = wedge(a, b)
+    q = wedge(b, c)
+    r = wedge(c, a)
+    best, pp, qq, rr = p, inner(p, p), inner(q, q), inner(r, r)
+    if qq > pp:
+        best, pp = q, qq
+    if rr > pp:
+        best, pp = r, rr
+    scale = 1.0 / math.sqrt(pp)
+    return (scale * best[0], scale * best[1], scale * best[2]), pp
+
+
+@scalar
+def own_variance(t, u, p, du, dp):  # type: ignore[no-untyped-def]
+    """Variance of e = p · (t × u) from the deviations of p and of u, where e is near 0."""
+    k = inner(t, u)
+    a = inner(t, p)
+    return dp * dp * (1.0 - k * k) + du * du * (1.0 - a * a)
+
+
+@scalar
+def tilt(t, u, p):  # type: ignore[no-untyped-def]
+    """∂e/∂ω, x and z components, for a small turn ω of the second view: p × (t × u)."""
+    a = inner(t, p)
+    m = inner(u, p)
+    return t[0] * m - u[0] * a, t[2] * m - u[2] * a
+
+
+@scalar
+def sides(t, u, p):  # type: ignore[no-untyped-def]
+    """Two numbers, linear in p, that tell where two bearings that lie in one plane with t meet.
+
+    λ u + t = λ' p has λ' > 0 where p · (t − (t·u) u) > 0, and then λ > 0 where p · (u − (t·u) t) > 0. For −t the first
+    changes sign. The first is the parallax, 0 for a point at infinity; the second is 0 where p looks along t.
+    """
+    k = inner(t, u)
+    return inner(p, t) - k * inner(p, u), inner(p, u) - k * inner(p, t)
+
+
+@scalar
+def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore[no-untyped-def]
+    """Whether a point may lie in front of both cameras for t, and for −t, by its deviations and those of θ and t."""
+    parallax, ahead = sides(t, u, p)
+    k = inner(t, u)
+    own = du * du + dp * dp
+    rest = 1.0 - k * k
+    by_turn = inner(t, slope(u))
+    unsure = parallax * parallax < FAR * (rest * own + by_turn * by_turn * turn_variance)
+    possible = (ahead > 0.0) | (ahead * ahead < FAR * rest * (own + baseline_variance))
+    return possible & ((parallax > 0.0) | unsure), possible & ((parallax < 0.0) | unsure)
+
+
+@scalar
+def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """What a fourth correspondence meets at one root of the first three, a ↔ k, b ↔ l, c ↔ m with their deviations.
+
+    Returns whether the root counts with the three points in front for t, and for −t (it counts if it is real within
+    noise), t, and what `prediction` needs: cosine and sine, det J₃, its square raised by BLUR, variances of θ and t,
+    and of each correspondence the row (s, w) of the adjugate of J₃ (in θ, and across t), variance and tilt.
+    """
+    scale = 1.0 + y * y
+    cosine = sign * (1.0 - y * y) / scale
+    sine = 2.0 * y / scale
+    u1, u2, u3 = turned(cosine, sine, a), turned(cosine, sine, b), turned(cosine, sine, c)
+    n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
+    t, plane = longest_wedge(n1, n2, n3)
+    j1 = inner(wedge(slope(u1), k), t)
+    j2 = inner(wedge(slope(u2), l), t)
+    j3 = inner(wedge(slope(u3), m), t)
+    s1, s2, s3 = inner(wedge(n2, n3), t), inner(wedge(n3, n1), t), inner(wedge(n1, n2), t)
+    w1, w2, w3 = combined(j3, n2, -j2, n3), combined(j1, n3, -j3, n1), combined(j2, n1, -j1, n2)
+    det = s1 * j1 + s2 * j2 + s3 * j3
+    v1 = own_variance(t, u1, k, da, dk)
+    v2 = own_variance(t, u2, l, db, dl)
+    v3 = own_variance(t, u3, m, dc, dm)
+    variance = s1 * s1 * v1 + s2 * s2 * v2 + s3 * s3 * v3
+    # d²D/dθ² is h''/4 up to terms in h and h', which are small where it matters
+    blur = 0.25 * abs(curvature_quartic(h[0], h[1], h[2], y)) * math.sqrt(variance)
+    square = det * det + BLUR * blur
+    wide = 1.0 / (det * det + FULL_BLUR * blur)
+    turn_variance = variance * wide
+    baseline_variance = (inner(w1, w1) * v1 + inner(w2, w2) * v2 + inner(w3, w3) * v3) * wide
+    # D = h / (1 + x²)²
+    value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
+    noise = da * da + dk * dk
+    counts = (
+        (value * value < GATE * GATE * variance * scale * scale * scale * scale)
+        & (square > 0.0)
+        & (plane > SAME * noise * noise)
+    )
+    front1, back1 = in_front(t, u1, k, da, dk, turn_variance, baseline_variance)
+    front2, back2 = in_front(t, u2, l, db, dl, turn_variance, baseline_variance)
+    front3, back3 = in_front(t, u3, m, dc, dm, turn_variance, baseline_variance)
+    one = (s1, w1, v1, tilt(t, u1, k))
+    two = (s2, w2, v2, tilt(t, u2, l))
+    three = (s3, w3, v3, tilt(t, u3, m))
+    state = (cosine, sine, det, square, turn_variance, baseline_variance, one, two, three)
+    return counts & front1 & front2 & front3, counts & back1 & back2 & back3, t, state
+
+
+@kernel
+def judge(y, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: ignore[no-untyped-def]  # noqa: E741
+    """Whether each of the roots counts at all: `at_root` in a loop that vectorises, being a function of its own."""
+    for index in range(y.shape[0]):
+        front, back, _, _ = at_root(y[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        passes[index] = 1.0 if front | back else 0.0
+
+
+@scalar
+def response(row, t, u, turn, k):  # type: ignore[no-untyped-def]
+    """F with p · F = J · (row of the adjugate of J₃): how e₄ answers to one of e₁, e₂, e₃, times det J₃."""
+    s, w, _, _ = row
+    return combined(1.0, combined(s, turn, inner(w, u), t), -k, w)
+
+
+@scalar
+def added(form, f, v):  # type: ignore[no-untyped-def]
+    """Symmetric 3×3 form (xx, yy, zz, xy, xz, yz) plus f v vᵀ."""
+    x, y, z = f * v[0], f * v[1], f * v[2]
+    xx, yy, zz, xy, xz, yz = form
+    return xx + x * v[0], yy + y * v[1], zz + z * v[2], xy + x * v[1], xz + x * v[2], yz + y * v[2]
+
+
+@scalar
+def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untyped-def]
+    """Where a fourth source bearing q must be seen, and how surely.
+
+    Returns the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
+    the vectors and variances of `sides`, and that rest, which is theirs too.
+    """
+    cosine, sine, det, square, turn_variance, baseline_variance, one, two, three = state
+    u = turned(cosine, sine, q)
+    turn = wedge(t, slope(u))
+    k = inner(t, u)
+    f1 = response(one, t, u, turn, k)
+    f2 = response(two, t, u, turn, k)
+    f3 = response(three, t, u, turn, k)
+    inverse = 1.0 / square
+    v = deviation * deviation
+    form = added((v, v, v, 0.0, 0.0, 0.0), -v, t)
+    form = added(form, inverse * one[2], f1)
+    form = added(form, inverse * two[2], f2)
+    form = added(form, inverse * three[2], f3)
+    # a tilt of the axis moves all four together: det · ∂e₄/∂ω less what the first three pass on
+    tilt1, tilt2, tilt3 = one[3], two[3], three[3]
+    for axis in range(2):
+        own = combined(det * t[2 * axis], u, -det * u[2 * axis], t)
+        passed = combined(1.0, combined(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
+        form = added(form, inverse * tilt_variance, combined(1.0, own, -1.0, passed))
+    rest = 1.0 - k * k
+    by_turn = inner(t, slope(u))
+    parallax_variance = rest * v + by_turn * by_turn * turn_variance
+    ahead_variance = rest * (v + baseline_variance)
+    across, ahead = combined(1.0, t, -k, u), combined(1.0, u, -k, t)
+    return wedge(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
+
+
+@scalar
+def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
+    """z² of a fourth target bearing p; LARGE² where the point is behind a camera or the prediction is vague."""
+    normal, form, across, parallax_variance, forward, ahead_variance, rest = line
+    xx, yy, zz, xy, xz, yz = form
+    x, y, z = p
+    own = rest * dp * dp
+    e = inner(normal, p)
+    variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + own
+    parallax = inner(across, p)
+    ahead = inner(forward, p)
+    unsure = parallax * parallax < FAR * (parallax_variance + own)
+    right = (front and parallax > 0.0) or (back and parallax < 0.0) or unsure
+    seen = right and (ahead > 0.0 or ahead * ahead < FAR * (ahead_variance + own))
+    z2 = e * e / variance
+    return z2 if seen and variance < VAGUE and z2 < LARGE * LARGE else LARGE * LARGE
+
+
+@kernel
+def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
+    """Square of the residual of one hyper-edge whose correspondences are taken in the given order."""
+    q, p = tables.source, tables.target
+    dq, dp = tables.source_deviation, tables.target_deviation
+    i0, i1, i2, i3 = i[order[0]], i[order[1]], i[order[2]], i[order[3]]
+    j0, j1, j2, j3 = j[order[0]], j[order[1]], j[order[2]], j[order[3]]
+    a, b, c = bearing(q, i0), bearing(q, i1), bearing(q, i2)
+    k, l, m = bearing(p, j0), bearing(p, j1), bearing(p, j2)  # noqa: E741
+    angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    da, db, dc = dq[i0], dq[i1], dq[i2]
+    dk, dl, dm = dp[j0], dp[j1], dp[j2]
+    least = LARGE * LARGE
+    for index in range(4):
+        front, back, t, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        if front or back:
+            line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
+            least = min(least, squared_residual(front, back, line, bearing(p, j3), dp[j3]))
+    return least
+
+
+@kernel
+def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
+    """Edge kernel: of every pair of triples asked for, the fourth against the roots of the first triple."""
+    worst = 0.0
+    for pair in range(6):
+        if kind.pairs >> pair & 1:
+            worst = max(worst, residual(tables, i, j, SHARED_FIRST[pair]))
+    return math.sqrt(worst)
+
+
+@kernel
+def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+    """Slab kernel: the roots once, the epipolar line once a source point, thirty operations a target."""
+    rows, targets = out.shape
+    if kind.pairs != 1:
+        for r in range(rows):
+            i[3] = first + r
+            for n in range(targets):
+                out[r, n] = edge(tables, kind, i, (j[0], j[1], j[2], n))
+        return
+    q, p = tables.source, tables.target
+    dq, dp = tables.source_deviation, tables.target_deviation
+    a, b, c = bearing(q, i[0]), bearing(q, i[1]), bearing(q, i[2])
+    k, l, m = bearing(p, j[0]), bearing(p, j[1]), bearing(p, j[2])  # noqa: E741
+    angles, h, sign = roots(quartic(a, k, b, l, c, m))
+    da, db, dc = dq[i[0]], dq[i[1]], dq[i[2]]
+    dk, dl, dm = dp[j[0]], dp[j[1]], dp[j[2]]
+    x, y, z = p[0], p[1], p[2]
+    # Most roots fail: all are judged in one vectorised loop, and only what passes is looked at again. Twice over,
+    # because such loops start at eight.
+    angle, passes = scratch[0, :8], scratch[1, :8]
+    angle[0], angle[1], angle[2], angle[3] = angles
+    angle[4], angle[5], angle[6], angle[7] = angles
+    judge(angle, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+    found = False
+    for index in range(4):
+        if passes[index] == 0.0:
+            continue
+        front, back, t, state = at_root(angle[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
+        for r in range(rows):
+            to = out[r]
+            line = prediction(t, state, bearing(q, first + r), dq[first + r], tables.tilt_variance[0])
+            for n in range(targets):
+                z2 = squared_residual(front, back, line, (x[n], y[n], z[n]), dp[n])
+                to[n] = min(to[n], z2) if found else z2
+        found = True
+    for r in range(rows):
+        to = out[r]
+        for n in range(targets):
+            to[n] = math.sqrt(to[n]) if found else LARGE

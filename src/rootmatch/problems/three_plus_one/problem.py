@@ -1,0 +1,149 @@
+"""The three-plus-one problem: two calibrated images that share one known direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.errors import InputError
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.relative import Views, relative_fit
+from rootmatch.problems.three_plus_one.resultant import quartic
+from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
+
+
+@dataclass(frozen=True)
+class ThreePlusOne(Problem):
+    """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
+
+    The unknown is x = tan(θ/2) of the turn θ about the common direction that takes the first view to the second; it
+    belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second the target.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the first image.
+    camera2 : Camera, optional
+        Of the second image; the first one by default.
+    axis, axis2 : three floats
+        The common direction (gravity, a vanishing point) in the frame of the first and of the second camera. Any length
+        but 0.
+    axis_noise : float
+        Standard deviation in radians of either direction on each of two axes; it enters the residuals' variance.
+    small_baseline : float
+        ρ of a prior exp(−|R₈,₈| / ρ) on each hyper-edge, 0 for none. The raw resultant vanishes for two views from one
+        place, so where the baseline is known to be below a tenth of the distance 3e-8 helps; elsewhere it harms.
+
+    Notes
+    -----
+    Degenerate: a pure rotation, of which every triple has a triple root (near it roots crowd, so they are found by
+    closed form, and a nearly real pair counts by its real part); three correspondences whose determinant vanishes at
+    every angle (a large residual: nothing is said); θ = π puts x at infinity, which harms only ``"qr"``.
+    """
+
+    camera: Camera
+    camera2: Camera | None = None
+    axis: Vector = (0.0, 1.0, 0.0)
+    axis2: Vector = (0.0, 1.0, 0.0)
+    axis_noise: float = 0.0
+    small_baseline: float = 0.0
+    name: ClassVar[str] = "3p1"
+    order: ClassVar[int] = 4
+    minimal: ClassVar[int] = 3
+    degree: ClassVar[int] = 4
+    constraints: ClassVar[int] = 1
+    pair_count: ClassVar[int] = 6
+    source_dimension: ClassVar[int] = 2
+    to_check: ClassVar[str] = "cameras and axes"
+    fits_answers: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        unit_direction(self.axis, "axis")
+        unit_direction(self.axis2, "axis2")
+        if not (0.0 <= self.axis_noise < 1.0):
+            raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
+        if not (0.0 <= self.small_baseline < float("inf")):
+            raise InputError(f"small_baseline: {self.small_baseline} given; give a positive ρ, or 0 for none")
+
+    @property
+    def cameras(self) -> tuple[Camera, Camera]:
+        """Cameras of the first and of the second image."""
+        return self.camera, self.camera if self.camera2 is None else self.camera2
+
+    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
+        return turn_to_y(self.axis, "axis"), turn_to_y(self.axis2, "axis2")
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> ThreePlusOneTables:
+        """Tables for the kernels.
+
+        Parameters
+        ----------
+        source : (n, 2) array
+            Pixels of the first image.
+        target : (n', 2) array
+            Pixels of the second image.
+        noise : float, (n',) array, or a pair of such
+            Standard deviation of a pixel coordinate. One number holds for both images; n' numbers are those of the
+            target, and their root mean square that of the source; a tuple or list of two gives source and target apart,
+            each a number or one for each point.
+        normals : None
+            Points of an image have none.
+
+        Raises
+        ------
+        InputError
+            If the points cannot be used; the text says why.
+        """
+        if normals is not None:
+            raise InputError("normals: 3p1 takes two images, whose points have no normals; leave them out")
+        first = check_points(source, 2, "source", self.order)
+        second = check_points(target, 2, "target", self.order)
+        sigma, sigma2 = _noises(noise, len(first), len(second))
+        camera, camera2 = self.cameras
+        turn, turn2 = self.turns()
+        return ThreePlusOneTables(
+            source=np.ascontiguousarray((camera.bearings(first) @ turn.T).T),
+            target=np.ascontiguousarray((camera2.bearings(second) @ turn2.T).T),
+            source_deviation=camera.angular_noise(first, sigma),
+            target_deviation=camera2.angular_noise(second, sigma2),
+            # a tilt of one axis acts as the opposite tilt of the other: the two variances add
+            tilt_variance=np.array([2.0 * float(self.axis_noise) ** 2]),
+        )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        sigmas = _noises(noise, len(source), len(target))
+        tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
+        return relative_fit(Views.of(source, target, self.cameras, self.turns(), sigmas, tilt), answers)
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
+        camera, camera2 = self.cameras
+        turn, turn2 = self.turns()
+        first = (camera.bearings(source) @ turn.T).tolist()
+        second = (camera2.bearings(target) @ turn2.T).tolist()
+        rows = [
+            quartic(tuple(q[0]), tuple(p[0]), tuple(q[1]), tuple(p[1]), tuple(q[2]), tuple(p[2]))
+            for q, p in zip(first, second, strict=True)
+        ]
+        return np.array(rows, dtype=float).reshape(-1, 5)
+
+
+def _noises(noise: ArrayLike, count: int, count2: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """σ of the pixels of source and target from one number, one for each target point, or a pair of such."""
+    if isinstance(noise, tuple | list) and len(noise) == 2:
+        return check_noise(noise[0], count, "noise of the source"), check_noise(noise[1], count2, "noise of the target")
+    sigma2 = check_noise(noise, count2)
+    return np.full(count, np.sqrt(np.mean(sigma2**2))), sigma2

@@ -1,0 +1,45 @@
+"""What the kernels of 3P1 read of the two images, and the record of those kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.bezout import lesser_unit_last_entry_quartic, unit_last_entry_quartic
+from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.three_plus_one import normalised, resultant
+
+KERNELS = ProblemKernels(
+    residuals={
+        QR: resultant.resultant_kernels(unit_last_entry_quartic),
+        QRBoth: resultant.resultant_kernels(lesser_unit_last_entry_quartic),
+        SVD: resultant.resultant_kernels(resultant.singular_value),
+        # one constraint: both are the same
+        Normalised: ResidualKernels(normalised.edge, normalised.slab),
+        Joint: ResidualKernels(normalised.edge, normalised.slab),
+    },
+    target_fields=("target", "target_deviation"),
+)
+
+
+class ThreePlusOneTables(NamedTuple):
+    """What the kernels read of the two images, each turned so that the axis is y."""
+
+    source: NDArray[np.float64]
+    """(3, n) unit bearings of the first image."""
+    target: NDArray[np.float64]
+    """(3, n') unit bearings of the second image."""
+    source_deviation: NDArray[np.float64]
+    """(n,) standard deviation of a bearing, radians on each axis across it."""
+    target_deviation: NDArray[np.float64]
+    """(n',) likewise."""
+    tilt_variance: NDArray[np.float64]
+    """(1,) variance of the axis of one view against that of the other, radians² on each of two directions."""
+
+    @staticmethod
+    def kernels() -> ProblemKernels:
+        """The record of the problem's kernels."""
+        return KERNELS

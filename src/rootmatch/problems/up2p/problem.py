@@ -1,0 +1,143 @@
+"""The upright two-point problem: points in space and their image in a camera whose vertical is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.errors import InputError
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import check_noise, check_normals, check_points
+from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
+from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
+from rootmatch.problems.up2p.resultant import quadratic
+from rootmatch.problems.up2p.tables import UP2PTables
+
+FIRST_GATE, GATE = 6.0, 3.5
+"""Deviations within which a detection joins a group of three points, and of more."""
+POSSIBLE = 8.0
+"""Deviations from the prediction of a few points within which a detection may belong to them."""
+
+
+@dataclass(frozen=True)
+class UP2P(Problem):
+    """Pose of a calibrated upright camera from two points (Kukelova et al. 2011; paper, section "up2p").
+
+    The unknown is x = tan(θ/2) of the turn θ about the vertical; it belongs to the camera, so all pairs share it.
+
+    Parameters
+    ----------
+    camera : Camera
+    vertical_camera, vertical_world : three floats
+        The same direction (say down) in the camera frame and in the frame of the points; measured by an inertial sensor
+        or known by construction. Any length but 0.
+    vertical_noise : float
+        Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
+
+    Notes
+    -----
+    Degenerate: both points on one vertical line (all coefficients vanish: such a pair says nothing and gets a large
+    residual); both at the same height seen at the same height (θ and θ + π fit alike); θ = π puts x at infinity, which
+    harms only ``"qr"``.
+    """
+
+    camera: Camera
+    vertical_camera: Vector = (0.0, 1.0, 0.0)
+    vertical_world: Vector = (0.0, 1.0, 0.0)
+    vertical_noise: float = 0.0
+    name: ClassVar[str] = "up2p"
+    order: ClassVar[int] = 3
+    minimal: ClassVar[int] = 2
+    degree: ClassVar[int] = 2
+    constraints: ClassVar[int] = 2
+    pair_count: ClassVar[int] = 3
+    source_dimension: ClassVar[int] = 3
+    to_check: ClassVar[str] = "units, camera and both verticals"
+    to_tell: ClassVar[str] = "give normals"
+    paper_rho: ClassVar[float] = 1e-2
+    fits_groups: ClassVar[bool] = True
+    fits_answers: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        unit_direction(self.vertical_camera, "vertical_camera")
+        unit_direction(self.vertical_world, "vertical_world")
+        if not (0.0 <= self.vertical_noise < 1.0):
+            raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
+
+    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rotations of world and of camera that bring their verticals onto the y axis."""
+        return turn_to_y(self.vertical_world, "vertical_world"), turn_to_y(self.vertical_camera, "vertical_camera")
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> UP2PTables:
+        """Tables for the kernels; see `Problem.prepare`."""
+        points = check_points(source, 3, "source", self.order)
+        pixels = check_points(target, 2, "target", self.order)
+        sigma = check_noise(noise, len(pixels))
+        world, camera = self.turns()
+        rays = self.camera.bearings(pixels) @ camera.T
+        centred = (points - points.mean(axis=0)) @ world.T
+        if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
+            raise InputError(
+                "source: all points lie on one vertical line, which leaves the turn open; add points off it"
+            )
+        return UP2PTables(
+            points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
+            rays=np.ascontiguousarray(rays.T),
+            variance=self.camera.angular_noise(pixels, sigma) ** 2,
+            tilt_variance=np.array([float(self.vertical_noise) ** 2]),
+            normals=np.ascontiguousarray((check_normals(normals, len(points)) @ world.T).T),
+        )
+
+    def fitted(
+        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
+    ) -> Fit:
+        """Answers fitted by a pose each; see `Problem.fitted`."""
+        upright = Upright(*self.turns(), float(self.vertical_noise))
+        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, upright)
+
+    def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² of groups; see `Problem.group_chi2`."""
+        variance = tables.variance + tables.tilt_variance
+        chi2: NDArray[np.float64] = upright_chi2(tables.points, tables.rays, variance, groups)
+        return chi2
+
+    def group_grown(
+        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups with what they predict; see `Problem.group_grown`."""
+        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
+        variance = tables.variance + tables.tilt_variance
+        grown: NDArray[np.int64] = upright_grown(
+            tables.points, tables.rays, variance, groups, FIRST_GATE**2, GATE**2, mask
+        )
+        return grown
+
+    def group_extended(
+        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
+    ) -> NDArray[np.int64]:
+        """Groups with one more; see `Problem.group_extended`."""
+        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
+        variance = tables.variance + tables.tilt_variance
+        room = 4 * len(groups)
+        while True:
+            out = np.empty((room, groups.shape[1]), np.int64)
+            count = upright_extended(tables.points, tables.rays, variance, groups, POSSIBLE**2, mask, out)
+            if count <= room:
+                return out[:count]
+            room = count
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """Polynomials of minimal sets; see `Problem.coefficients`."""
+        world, camera = self.turns()
+        rays = self.camera.bearings(target) @ camera.T
+        points = np.asarray(source, dtype=float)
+        difference = (points[:, 1] - points[:, 0]) @ world.T
+        return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])

@@ -1,0 +1,53 @@
+"""What the kernels of up2p read of the two point sets, and the record of those kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.bezout import lesser_unit_last_entry_quadratic, unit_last_entry_quadratic
+from rootmatch.problems.kernels import CompletionKernels, HypothesisKernels, ProblemKernels, ResidualKernels
+from rootmatch.problems.residual_dispatch import slab_of_rows
+from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.up2p import completion, hypotheses, normalised, resultant
+
+KERNELS = ProblemKernels(
+    residuals={
+        QR: resultant.resultant_kernels(unit_last_entry_quadratic),
+        QRBoth: resultant.resultant_kernels(lesser_unit_last_entry_quadratic),
+        SVD: resultant.resultant_kernels(resultant.singular_value),
+        Normalised: ResidualKernels(normalised.edge, normalised.slab, squares=True, single=True),
+        Joint: ResidualKernels(resultant.edge_joint, slab_of_rows(resultant.row_joint), squares=True, single=True),
+    },
+    hypotheses=HypothesisKernels(
+        coordinates=hypotheses.coordinates,
+        solve=hypotheses.solve,
+        known=hypotheses.known,
+        frame=hypotheses.hypothesis,
+        predict=hypotheses.predictions,
+    ),
+    completion=CompletionKernels(solutions=2, fields=("points", "normals"), predict=completion.predict),
+    target_fields=("rays", "variance"),
+)
+
+
+class UP2PTables(NamedTuple):
+    """What the kernels read of the two point sets, both turned so that down is +y."""
+
+    points: NDArray[np.float64]
+    """(3, n) source points in units of their spread."""
+    rays: NDArray[np.float64]
+    """(3, n') unit bearings."""
+    variance: NDArray[np.float64]
+    """(n',) variance of a bearing, radians² on each axis across it."""
+    tilt_variance: NDArray[np.float64]
+    """(1,) variance of the vertical, radians² on each of its two axes."""
+    normals: NDArray[np.float64]
+    """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
+
+    @staticmethod
+    def kernels() -> ProblemKernels:
+        """The record of the problem's kernels."""
+        return KERNELS

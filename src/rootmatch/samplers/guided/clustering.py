@@ -1,0 +1,159 @@
+"""From proposals to hyper-edges: groups of like proposals, and the hyper-edges among each group's correspondences."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.jit.inlining import inner
+
+Integers = NDArray[np.int64]
+
+LIST = 6
+"""Detections that a group keeps for one source point."""
+WORD = 64
+"""Groups a word of the membership mask."""
+
+
+def group(
+    evidence: NDArray[np.float64], best: Integers, candidates: Integers, groups: int, alike: float, weak: float
+) -> tuple[Integers, Integers]:
+    """Join proposals that mean the same.
+
+    Parameters
+    ----------
+    evidence : (K,) array
+        Descending.
+    best : (K, n) int64 array
+    candidates : (K, n, c) int64 array
+    groups : int
+        Most groups.
+    alike : float
+        A proposal joins a group when it shares this part of the fewer correspondences with the group's first.
+    weak : float
+        One whose evidence is below this part of the first's adds nothing to the group: it predicts too vaguely.
+
+    Returns
+    -------
+    leaders : (G,) int64 array
+        The strongest proposal of each group.
+    lists : (G, n, LIST) int64 array
+        Candidates of each group: those of its leader, then of the others; −1 for none.
+    """
+    groups = min(groups, len(best))
+    leaders = np.empty(groups, np.int64)
+    lists = np.full((groups, best.shape[1], LIST), -1)
+    made = _group(evidence, best, candidates, alike, weak, (best >= 0).sum(axis=1), leaders, lists)
+    return leaders[:made], lists[:made]
+
+
+@njit(cache=True, nogil=True)
+def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
+    """Fill in leaders and lists; how many there are. ``size`` (K,) is how many correspondences each has."""
+    n = best.shape[1]
+    made = 0
+    for q in range(best.shape[0]):
+        home = -1
+        for g in range(made):
+            leader = leaders[g]
+            shared = 0
+            for d in range(n):
+                shared += best[q, d] >= 0 and best[q, d] == best[leader, d]
+            fewer = size[q] if size[q] < size[leader] else size[leader]
+            if shared >= alike * fewer:
+                home = g
+                break
+        if home < 0:
+            if made == leaders.size:
+                continue
+            home = made
+            leaders[home] = q
+            made += 1
+        elif evidence[q] < weak * evidence[leaders[home]]:
+            continue
+        for d in range(n):
+            for c in range(candidates.shape[2]):
+                k = candidates[q, d, c]
+                if k < 0:
+                    break
+                for place in range(LIST):
+                    if lists[home, d, place] == k:
+                        break
+                    if lists[home, d, place] < 0:
+                        lists[home, d, place] = k
+                        break
+    return made
+
+
+def membership(lists: Integers, n_target: int) -> NDArray[np.uint64]:
+    """Which groups hold each correspondence: bits (n, n', words)."""
+    mask = np.zeros((lists.shape[1], n_target, (len(lists) + WORD - 1) // WORD), np.uint64)
+    g, d, place = np.nonzero(lists >= 0)
+    bits = np.left_shift(np.uint64(1), (g % WORD).astype(np.uint64))
+    np.bitwise_or.at(mask, (d, lists[g, d, place], g // WORD), bits)
+    return mask
+
+
+@njit(cache=True)
+def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type: ignore[no-untyped-def]
+    """Hyper-edges over given source points among the candidates of any one group, each once, group by group.
+
+    Parameters
+    ----------
+    lists : (G, n, LIST) int64 array
+    mask : (n, n', words) uint64 array
+    subsets : (S, d) int64 array
+    source, target : (E, d) int64 arrays
+        Filled as far as they go.
+    counts : (G,) int64 array
+        Filled with how many there are in each group.
+    """
+    order = subsets.shape[1]
+    place = np.empty(order, np.int64)
+    count = 0
+    for g in range(lists.shape[0]):
+        before = count
+        for s in range(subsets.shape[0]):
+            possible = True
+            for p in range(order):
+                place[p] = 0
+                possible = possible and lists[g, subsets[s, p], 0] >= 0
+            while possible:
+                if _once(lists, mask, subsets, place, s, g):
+                    if count < source.shape[0]:
+                        for p in range(order):
+                            source[count, p] = subsets[s, p]
+                            target[count, p] = lists[g, subsets[s, p], place[p]]
+                    count += 1
+                # the next combination, the last point's candidate changing fastest
+                p = order - 1
+                while p >= 0:
+                    place[p] += 1
+                    if place[p] < lists.shape[2] and lists[g, subsets[s, p], place[p]] >= 0:
+                        break
+                    place[p] = 0
+                    p -= 1
+                possible = p >= 0
+        counts[g] = count - before
+
+
+@inner()
+def _once(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
+    """Whether the detections are distinct and no earlier group holds all the correspondences."""
+    order = subsets.shape[1]
+    for p in range(order):
+        k = lists[g, subsets[s, p], place[p]]
+        for q in range(p):
+            if lists[g, subsets[s, q], place[q]] == k:
+                return False
+    for word in range(g // WORD + 1):
+        common = np.uint64(0xFFFFFFFFFFFFFFFF)
+        for p in range(order):
+            i = subsets[s, p]
+            common &= mask[i, lists[g, i, place[p]], word]
+        if word == g // WORD:
+            common &= (np.uint64(1) << np.uint64(g % WORD)) - np.uint64(1)
+        if common != 0:
+            return False
+    return True

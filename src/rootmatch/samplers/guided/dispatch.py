@@ -1,0 +1,70 @@
+"""The kernels of a guided search, chosen by the type of a problem's tables while a driver is compiled.
+
+One driver serves all problems and is found again in the on-disk cache; see `rootmatch.problems.residual_dispatch`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rootmatch.jit.dispatch import calls
+from rootmatch.problems.kernels import HypothesisKernels, kernels_of
+
+
+def hypothesis_kernels(tables: Any) -> HypothesisKernels:
+    """The kernels of some tables, of their class or of their Numba type, which must have them."""
+    kernels = kernels_of(tables).hypotheses
+    if kernels is None:
+        raise TypeError(f"{tables}: no kernels for a guided search; ask can_propose() first")
+    return kernels
+
+
+def can_propose(tables: type) -> bool:
+    """Whether a type of tables has what a guided search needs."""
+    return kernels_of(tables).hypotheses is not None
+
+
+def set_coordinates(tables: Any, sets: Any, others: Any) -> Any:
+    """Coordinates of the other points and the normals of sets; see `HypothesisKernels`."""
+    return hypothesis_kernels(tables).coordinates(tables, sets, others)
+
+
+def solve_set(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
+    """Solutions of a set for every last image; see `HypothesisKernels`."""
+    hypothesis_kernels(tables).solve(tables, i, j, scratch)
+
+
+def set_known(tables: Any, raster: Any, i: Any, j: Any) -> Any:
+    """What is known of a set before its last image; see `HypothesisKernels`."""
+    return hypothesis_kernels(tables).known(tables, raster, i, j)
+
+
+def set_frame(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
+    """Frame of a set at one root; see `HypothesisKernels`."""
+    return hypothesis_kernels(tables).frame(tables, raster, known, last, scratch, root)
+
+
+def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
+    """Prediction of every point at one root; see `HypothesisKernels`."""
+    return hypothesis_kernels(tables).predict(tables, i, j, root, out)
+
+
+@calls(solve_set)
+def _solve_choice(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., Any]:
+    return hypothesis_kernels(tables).solve
+
+
+@calls(set_known)
+def _known_choice(tables: Any, raster: Any, i: Any, j: Any) -> Callable[..., Any]:
+    return hypothesis_kernels(tables).known
+
+
+@calls(set_frame)
+def _hypothesis_choice(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Callable[..., Any]:
+    return hypothesis_kernels(tables).frame
+
+
+@calls(predict_set)
+def _predict_choice(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
+    return hypothesis_kernels(tables).predict

@@ -1,0 +1,157 @@
+"""Evidence for a proposal, from the covariance of each prediction and the density of detections."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.decorators import FASTMATH, scalar
+from rootmatch.samplers.guided.dispatch import predict_set
+
+CANDIDATES = 4
+"""Detections that are kept for one source point of a proposal."""
+FAR2 = 1e11
+"""χ² of a detection behind the camera."""
+
+
+def weigh(
+    tables: Any,
+    points: NDArray[np.int64],
+    images: NDArray[np.int64],
+    density: float,
+    gate2: float,
+    allowed: NDArray[np.bool_],
+    seen: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Evidence for proposals from the covariance of each prediction.
+
+    The ratio of one source point is (1 − v) + v N(e; S) / λ, e the distance of its best detection, S the covariance,
+    λ the density of detections and v the chance that it is seen; its mean by chance is 1, so a product of T or more
+    comes by chance once in T tries. Several v are averaged.
+
+    Parameters
+    ----------
+    tables
+    points : (K, m) int64 array
+        Minimal sets of source points.
+    images : (K, 1 + m) int64 array
+        Root, and image of each of the points.
+    density : float
+        λ.
+    gate2 : float
+        χ² within which a detection is a candidate.
+    allowed : (n, n') bool array, or (0, 0) for all
+    seen : (V,) array
+        The chances v.
+
+    Returns
+    -------
+    evidence : (K,) array
+        Logarithm of the product; −∞ where the root is not there.
+    best : (K, n) int64 array
+        One detection for each source point, none twice; −1 for none.
+    candidates : (K, n, CANDIDATES) int64 array
+        Detections within the gate, nearest first, then −1.
+    """
+    count, n, n_target = len(points), tables.points.shape[1], tables.rays.shape[1]
+    evidence = np.full(count, -np.inf)
+    best = np.full((count, n), -1)
+    candidates = np.full((count, n, CANDIDATES), -1)
+    scratch = np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES)
+    roots, sets = images[:, 0].copy(), images[:, 1:].copy()
+    _weigh(tables, points, roots, sets, density, gate2, allowed, seen, *scratch, evidence, best, candidates)
+    return evidence, best, candidates
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _weigh(  # type: ignore[no-untyped-def]
+    tables, points, roots, images, density, gate2, allowed, seen, out, owner, strength, distances,
+    evidence, best, candidates,
+):  # fmt: skip
+    """Fill in evidence, best and candidates; the arrays before them are scratch."""
+    tables, points, images, allowed, out = unowned((tables, points, images, allowed, out))
+    roots, seen, owner, strength, distances = unowned((roots, seen, owner, strength, distances))
+    evidence, best, candidates = unowned((evidence, best, candidates))
+    rays, variance = tables.rays, tables.variance
+    count, m = points.shape
+    n, n_target = best.shape[1], owner.size
+    masked = allowed.shape[0] > 0
+    for q in range(count):
+        i = points[q]
+        j = images[q]
+        if not predict_set(tables, i, j, roots[q], out):
+            continue
+        for k in range(n_target):
+            owner[k] = -1
+        for d in range(n):
+            strength[d] = 0.0
+        for d in range(n):
+            member = -1
+            for p in range(m):
+                if i[p] == d:
+                    member = p
+            if member >= 0:
+                best[q, d] = j[member]
+                candidates[q, d, 0] = j[member]
+                owner[j[member]] = d
+                strength[d] = np.inf
+        for d in range(n):
+            if best[q, d] >= 0 or out[12, d] == 0.0:
+                continue
+            held = 0
+            for k in range(n_target):
+                if masked and not allowed[d, k]:
+                    continue
+                chi2, determinant = _squared_distance(rays, variance, out, d, k)
+                if not (chi2 <= gate2):
+                    continue
+                ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * density)
+                # the stronger claim of two source points on one detection holds
+                if ratio > strength[d] and (owner[k] < 0 or ratio > strength[owner[k]]):
+                    if best[q, d] >= 0:
+                        owner[best[q, d]] = -1
+                    if owner[k] >= 0:
+                        best[q, owner[k]] = -1
+                        strength[owner[k]] = 0.0
+                    owner[k] = d
+                    best[q, d] = k
+                    strength[d] = ratio
+                place = held if held < CANDIDATES else CANDIDATES - 1
+                if held < CANDIDATES or chi2 < distances[place]:
+                    while place > 0 and distances[place - 1] > chi2:
+                        distances[place] = distances[place - 1]
+                        candidates[q, d, place] = candidates[q, d, place - 1]
+                        place -= 1
+                    distances[place] = chi2
+                    candidates[q, d, place] = k
+                    held = held + 1 if held < CANDIDATES else held
+        total = -np.inf
+        for s in range(seen.size):
+            logarithm = 0.0
+            for d in range(n):
+                if out[12, d] != 0.0 and strength[d] < np.inf:
+                    logarithm += math.log((1.0 - seen[s]) + seen[s] * strength[d])
+            top = total if total > logarithm else logarithm
+            total = top + math.log(math.exp(total - top) + math.exp(logarithm - top))
+        evidence[q] = total - math.log(seen.size)
+    return evidence, best, candidates
+
+
+@scalar
+def _squared_distance(rays, variance, out, d, k):  # type: ignore[no-untyped-def]
+    """χ² of detection k about the prediction of source point d, and the determinant of their covariance."""
+    x, y, z = rays[0, k], rays[1, k], rays[2, k]
+    f = out[3, d] * x + out[4, d] * y + out[5, d] * z
+    g = out[6, d] * x + out[7, d] * y + out[8, d] * z
+    a = out[9, d] + variance[k]
+    b = out[11, d] + variance[k]
+    c = out[10, d]
+    determinant = a * b - c * c
+    chi2 = (f * f * b - 2.0 * f * g * c + g * g * a) / determinant
+    ahead = out[0, d] * x + out[1, d] * y + out[2, d] * z > 0.0
+    return (chi2 if ahead and chi2 >= 0.0 else FAR2), determinant

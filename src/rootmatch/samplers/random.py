@@ -1,0 +1,59 @@
+"""A seeded stream of random hyper-edges into a tensor, as the paper draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import cpu
+from rootmatch.backends.strongest import Backend, Block
+from rootmatch.backends.strongest import Progress as Progress
+from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
+from rootmatch.hypergraph.rows import sorted_rows
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems import residual_kinds
+
+
+def random_tensor(
+    tables: Any,
+    kind: residual_kinds.Kind,
+    weigh: Affinity,
+    shape: tuple[int, int],
+    order: int,
+    samples: int,
+    seed: int,
+    *,
+    candidates: NDArray[np.bool_] | None = None,
+    backend: Backend = cpu,
+    progress: Progress | None = None,
+) -> tuple[AffinityTensor, int]:
+    """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
+
+    A hyper-edge drawn twice is one entry of the tensor. A residual in units of the noise is worked out with the source
+    points in increasing order, whatever the order that was drawn, as `exhaustive_residuals` does.
+    """
+    n, n_target = shape
+    increasing = weigh.residual.kind in NOISE_KINDS
+    stream = enumeration.random_hyperedges(n, n_target, order, samples, seed, mask=candidates)
+
+    def blocks() -> Iterator[Block]:
+        for source, target in stream:
+            if increasing:
+                source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
+            yield source, target
+
+    parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
+    done = 0
+    for (source, target), residuals in backend.evaluated(tables, kind, blocks()):
+        keep = residuals <= weigh.gate
+        parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
+        done += len(source)
+        if progress is not None:
+            progress(done, samples)
+    indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
+    weights = weigh.weights(np.concatenate([part[1] for part in parts]))
+    return AffinityTensor.unchecked(indices, weights, shape).merged(), done

@@ -1,0 +1,1 @@
+"""Multi-start ascent of the discrete score: the default solver."""

@@ -1,0 +1,308 @@
+"""Ascent of the discrete score by the best single move, from many starts at once.
+
+Correspondences that share a point are in no hyper-edge together, hence with the gains G and pair weights P of
+`discrete_state` these changes of f(X) are exact (unary weights u enter with G; the penalty by the size of X):
+
+* add c: G_c; remove b: −G_b; replace b by c: G_c − G_b;
+* replace b and b', the two that conflict with c: G_c − G_b − G_b' + P_bb';
+* exchange the targets of b and b', which gives c and c': G_c + G_c' + Q_cc' − G_b − G_b' + P_bb', where Q is the weight
+  of the hyper-edges that contain c and c' and else members of X; looked up when no other move is left.
+
+The best move is made until none improves f: strictly monotone, and the same on any number of threads.
+
+Every step of an ascent, from reaching its base to leaving out idle points, goes through the one call of `change` in
+`_ascend`: Numba copies what is called into each place that calls it, and optimises every copy.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.inlining import inner
+from rootmatch.jit.threads import in_threads
+from rootmatch.solvers.ascent.discrete_state import State, change, empty_state, joint_weight, objective
+from rootmatch.solvers.ascent.subset_index import SubsetIndex
+
+LEAST_STEP = 1e-10
+"""A move must gain this part of the score, far above rounding, so that no ascent can go in circles."""
+
+REMOVING, ADDING, CLIMBING, TIDYING = 0, 1, 2, 3
+"""Stages of an ascent: what is not in its base leaves, the base enters, moves, and idle points leave."""
+
+PARTS = 4
+"""Ranges of ascents for each thread: some ascents are longer than others."""
+
+
+@inner()
+def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
+    """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1).
+
+    The penalty is `dearer` for one more, and one less gives back `cheaper`.
+    """
+    gains, image, owner, pairs = state.gains, state.image, state.owner, state.pairs
+    n_target = owner.size
+    best, entering, leaving = 0.0, -1, -1
+    for i in range(image.size):
+        own = image[i]
+        loss = 0.0
+        if own >= 0:
+            mine = i * n_target + own
+            loss = gains[mine] + unary[mine]
+            if cheaper - loss > best:
+                best, entering, leaving = cheaper - loss, -1, mine
+        for k in range(n_target):
+            c = i * n_target + k
+            gain = gains[c] + unary[c]
+            # Nothing else can be better than the gain and one release of the penalty.
+            if gain + cheaper <= best or k == own:
+                continue
+            j = owner[k]
+            change = gain
+            if j >= 0:
+                theirs = j * n_target + k
+                change -= gains[theirs] + unary[theirs]
+            if own >= 0:
+                change -= loss
+                if j >= 0:
+                    change += pairs[i, j] + cheaper
+            elif j < 0:
+                change -= dearer
+            if change > best:
+                best, entering, leaving = change, c, -1
+    return best, entering, leaving
+
+
+@inner()
+def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
+    """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
+
+    Returns (i, j, number of the pair); i = −1 when there is none. The first is taken, not the best, because each needs
+    look-ups; to begin where the last was found spreads them.
+    """
+    n, n_target, image, gains, unary = index.n, index.n_target, state.image, state.gains, index.unary
+    marginals = index.marginals
+    i, j = begin // n, begin % n
+    for _ in range(n * n):
+        j += 1
+        if j >= n:
+            i = i + 1 if i + 1 < n else 0
+            j = i + 1
+            if j >= n:
+                i, j = 0, 1
+        if image[i] >= 0 and image[j] >= 0:
+            b, b2 = i * n_target + image[i], j * n_target + image[j]
+            c, c2 = i * n_target + image[j], j * n_target + image[i]
+            gain = gains[c] + unary[c] + gains[c2] + unary[c2] + state.pairs[i, j]
+            gain -= gains[b] + unary[b] + gains[b2] + unary[b2]
+            # An upper bound first: the weight of all hyper-edges of either.
+            if gain + marginals[c] > least and gain + marginals[c2] > least:
+                gain += joint_weight(index, state, c, c2, i, j)
+                if gain > least:
+                    return i, j, i * n + j
+        if i * n + j == begin:
+            break
+    return -1, -1, begin
+
+
+@njit(cache=True, nogil=True)
+def _ascend(  # type: ignore[no-untyped-def]
+    index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves
+):
+    """Ascents from the bases first … last − 1, one after the other in `state`, each reached from the state `root`.
+
+    `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size.
+    """
+    index, root, state = unowned((index, root, state))
+    bases, dues, images, totals, sizes, moves = unowned((bases, dues, images, totals, sizes, moves))
+    n, n_target, unary = index.n, index.n_target, index.unary
+    image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
+    for s in range(first, last):
+        for i in range(n):
+            image[i], state.members[i] = root.image[i], root.members[i]
+            for j in range(n):
+                state.pairs[i, j] = root.pairs[i, j]
+        for k in range(n_target):
+            owner[k] = root.owner[k]
+        for a in range(gains.size):
+            gains[a], state.inside[a] = root.gains[a], root.inside[a]
+        size[0], total[0] = root.size[0], root.total[0]
+
+        stage, i, made = REMOVING, 0, 0
+        begin = np.int64(1)  # of the type it will have, or the search would be compiled for both
+        while True:
+            # At most two that leave and two that enter, −1 for none.
+            out, out2, enter, enter2 = -1, -1, -1, -1
+            if stage == CLIMBING:
+                least = LEAST_STEP * total[0] if total[0] > 0.0 else 0.0
+                gain, enter, out = 0.0, -1, -1
+                if made < limit:
+                    gain, enter, out = _best_move(unary, state, dues[size[0]], dues[size[0] - 1 if size[0] else 0])
+                if gain > least:
+                    if enter >= 0:
+                        p = enter // n_target
+                        k = enter - p * n_target
+                        out = p * n_target + image[p] if image[p] >= 0 else -1
+                        out2 = owner[k] * n_target + k if owner[k] >= 0 else -1
+                else:
+                    p = -1
+                    if exchanges and n > 1 and made < limit:
+                        p, q, begin = _find_exchange(index, state, least, begin)
+                    if p < 0:
+                        stage, i = TIDYING, 0
+                        continue
+                    out, out2 = p * n_target + image[p], q * n_target + image[q]
+                    enter, enter2 = p * n_target + image[q], q * n_target + image[p]
+                made += 1
+            elif i == n:
+                if stage == TIDYING:
+                    break
+                stage, i = stage + 1, 0
+                continue
+            else:
+                a = i * n_target + image[i]
+                base = bases[s, i]
+                if stage == ADDING:
+                    enter = i * n_target + base if image[i] != base else -1
+                elif image[i] >= 0:
+                    if stage == REMOVING:
+                        out = a if image[i] != base else -1
+                    elif tidy and gains[a] + unary[a] <= LEAST_STEP * total[0]:
+                        # Gains nothing, by the same measure by which it would not be added.
+                        out = a
+                i += 1
+            for step in range(4):
+                a = enter2
+                if step == 0:
+                    a = out
+                elif step == 1:
+                    a = out2
+                elif step == 2:
+                    a = enter
+                if a >= 0:
+                    change(index, state, a, step > 1)
+        for i in range(n):
+            images[s, i] = image[i]
+        totals[s], sizes[s], moves[s] = total[0], size[0], made
+
+
+def climb_from(
+    index: SubsetIndex,
+    root: State,
+    bases: NDArray[np.int64],
+    penalty: float,
+    limit: int,
+    exchanges: bool,
+    threads: int = 1,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Ascents from assignments, the rows of `bases` (B, n), without the points that gain nothing.
+
+    Every base is reached from the state `root`, so it should be near. Exchanges, which cost the most to judge, are
+    tried only when wanted, and where no other move is left. Returns the assignments (B, n), their objectives (B,) and
+    numbers of moves (B,), `limit` where an ascent was cut short.
+    """
+    return _climb(index, root, None, bases, penalty, limit, exchanges, True, threads)
+
+
+def climb(index: SubsetIndex, state: State, penalty: float, limit: int, exchanges: bool) -> int:
+    """Make the best move in a state until none improves f; the number of moves, `limit` when it was cut short."""
+    moves = _climb(index, state, state, state.image[None].copy(), penalty, limit, exchanges, False, 1)[2]
+    return int(moves[0])
+
+
+def state_of(index: SubsetIndex, image: NDArray[np.int64]) -> State:
+    """The state of an assignment (n,)."""
+    state = empty_state(index)
+    _climb(index, state, state, np.array(image, np.int64)[None], 0.0, 0, False, False, 1)
+    return state
+
+
+def _climb(
+    index: SubsetIndex,
+    root: State,
+    state: State | None,
+    bases: NDArray[np.int64],
+    penalty: float,
+    limit: int,
+    exchanges: bool,
+    tidy: bool,
+    threads: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Ascents on some threads, in the given state or in new ones."""
+    count, n, order = len(bases), index.n, index.indices.shape[1]
+    images, totals = np.empty((count, n), np.int64), np.empty(count)
+    sizes, moves = np.empty(count, np.int64), np.empty(count, np.int64)
+    dues = np.array([penalty * math.comb(size, order - 1) for size in range(n + 1)])
+
+    def ascend(first: int, last: int) -> None:
+        own = empty_state(index) if state is None else state
+        _ascend(index, root, own, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves)
+
+    in_threads(ascend, count, threads, PARTS)
+    penalties = np.array([penalty * math.comb(size, order) for size in range(n + 1)])
+    return images, totals - penalties[sizes], moves
+
+
+def _changes(index: SubsetIndex, state: State) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """All changes of an assignment by a point to a free target, a target to a free point, or an exchange.
+
+    Returns rows (source, its new target, other source, its new target), −1 where nothing changes or a point becomes
+    free; the change of f; and for exchanges what the term Q, not yet in it, may add.
+    """
+    n, n_target, image = index.n, index.n_target, state.image
+    gains, unary = state.gains.reshape(n, n_target), index.unary.reshape(n, n_target)
+    every, matched = np.arange(n), image >= 0
+    # Of unmatched points these are of no meaning, and not used.
+    own = (gains + unary)[every, image]
+    # Row i, column j: what i gains at the target of j; transposed, what j gains at the target of i.
+    there, there_unary = gains[:, image], unary[:, image]
+    taken = (there + there_unary).T - own[:, None]
+    traded = there + there_unary + there.T + there_unary.T + state.pairs
+    traded -= own[:, None] + gains[every, image] + unary[every, image]
+    most = index.marginals.reshape(n, n_target)[:, image]
+
+    exchanged = matched & (every > every[:, None])
+    values = np.hstack([gains + unary - own[:, None], np.where(matched, traded, taken)])
+    slack = np.hstack([np.zeros((n, n_target)), np.where(exchanged, np.minimum(most, most.T), 0.0)])
+    usable = np.hstack([np.broadcast_to(state.owner < 0, (n, n_target)), ~matched | exchanged]) & matched[:, None]
+    i, k = np.nonzero(usable)
+    j = k - n_target
+    target = np.where(j < 0, k, image[np.maximum(j, 0)])
+    rows = np.column_stack([i, target, np.where(j < 0, -1, j), np.where(j < 0, -1, image[i])])
+    return rows, values[usable], slack[usable]
+
+
+@njit(cache=True, nogil=True)
+def _joint_weights(index, state, rows, weight):  # type: ignore[no-untyped-def]
+    """The terms Q of exchanges, rows as of `_changes`."""
+    for r in range(rows.shape[0]):
+        i, j, n_target = rows[r, 0], rows[r, 2], index.n_target
+        weight[r] = joint_weight(index, state, i * n_target + rows[r, 1], j * n_target + rows[r, 3], i, j)
+
+
+def modifications(
+    index: SubsetIndex, state: State, penalty: float, keep: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Best `keep` changes of an assignment: a point to a free target, a target to a free point, or an exchange.
+
+    Returns the assignments (keep or fewer, n) and their objectives, best first.
+    """
+    rows, change, slack = _changes(index, state)
+    # The term Q of an exchange is looked up where it could decide who is among the best.
+    enough = np.partition(change, -keep)[-keep] if 0 < keep < change.size else -np.inf
+    open_ = np.flatnonzero((slack > 0) & (change + slack >= enough))
+    if open_.size:
+        weight = np.empty(open_.size)
+        _joint_weights(index, state, rows[open_], weight)
+        change[open_] += weight
+    chosen = np.argsort(-change, kind="stable")[:keep]
+    images = np.repeat(state.image[None], chosen.size, axis=0)
+    every = np.arange(chosen.size)
+    source, target, other, theirs = rows[chosen].T
+    images[every, source] = target
+    images[every[other >= 0], other[other >= 0]] = theirs[other >= 0]
+    return images, objective(index, state, penalty) + change[chosen]

@@ -1,0 +1,285 @@
+"""The steps of the multi-start ascent: where ascents start, and what is kept of them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.jit.threads import threads_worth
+from rootmatch.solvers.ascent.discrete_state import State, empty_state
+from rootmatch.solvers.ascent.local_search import climb_from, modifications, state_of
+from rootmatch.solvers.ascent.short_walk import short_walk
+from rootmatch.solvers.ascent.start_selection import covered, different, forced, packed, within
+from rootmatch.solvers.ascent.subset_index import SubsetIndex, index_support
+from rootmatch.solvers.base import Alternatives, Solution
+
+if TYPE_CHECKING:
+    from rootmatch.solvers.ascent.solver import MultiStartAscent
+
+POOL = 4
+"""Best supported hyper-edges that are considered, for each start that is made."""
+
+FIRST_ROUND, LARGEST_ROUND = 2, 64
+"""Starts made at once. The first few often find the answer, and those inside it are then not made again."""
+
+CLEAR, CLEAR_AFTER = 1.5, 24
+"""After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
+
+PATIENCE, PATIENCE_PART, IN_VAIN = 24, 16, 110_000
+"""Candidates in a row from which nothing better comes, at least; or one of so many correspondences; or as many as read
+so many entries of the index: after the most of these no more are tried. Where the score tells the truth, it is reached
+from one of the first. Where it does not, as good a search as its time allows."""
+
+WALKED = 14
+"""As many where nothing has come yet that is better than the ascent from the random walk: it mostly stays the best."""
+
+RIVALS = 16
+"""Candidates outside of all that was found from which an ascent is made in any case."""
+
+DENSE = 0.2
+"""A core is as dense as hyper-edges of this part of the largest weight among all its points would make it."""
+
+HOPELESS = 1e-3
+"""A candidate is not tried when it promises less than this part of the best objective, as in large, clear problems."""
+
+WORTH = 0.5
+"""A core is put into the best assignment when it scores this part of what it pushes out; an ascent may win the rest."""
+
+POLISHED, NEAR = 12, 0.7
+"""So many optima that score this part of the best go on with exchanges; for all that would cost most of the time."""
+
+LOOKUPS = 20_000
+"""Looked-up subsets that are worth a thread, half a millisecond to some; an ascent takes about 4 C(n, d−1) of them."""
+
+CLAIMED = 0.2
+"""A point is claimed by an answer when it gains this fraction of the median."""
+
+
+class Search:
+    """What one call of `MultiStartAscent` has found so far; its steps are numbered as there."""
+
+    def __init__(self, options: MultiStartAscent, index: SubsetIndex) -> None:
+        self.options, self.index = options, index
+        n, n_target, order = index.n, index.n_target, index.indices.shape[1]
+        # Small problems have no more starts that differ.
+        self.starts = min(options.starts, 2 * n * n_target)
+        self.candidates, rank = _candidates(index, POOL * self.starts)
+        heaviest = index.weights.max(initial=0.0) or 1.0
+        # What a candidate would score with all those that support it, were they one group of points of usual weights.
+        usual = 0.5 * heaviest
+        self.promise = usual * _choose(order + rank / (order * usual), order)
+        self.density = max(DENSE * heaviest, options.penalty)
+        self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        self.reached: dict[bytes, int] = {}
+        self.polished: set[bytes] = set()
+        self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
+        self.state = self.empty = empty_state(index)
+        self.best, self.value = self.empty.image, 0.0
+        lookups = 4.0 * math.comb(min(n, n_target), order - 1)
+        self.effort = lookups / LOOKUPS
+        read = lookups * (1.0 + index.indices.size / math.comb(n * n_target, order - 1))
+        self.patience = max(PATIENCE, n * n_target // PATIENCE_PART, int(IN_VAIN / max(read, 1.0)))
+        self.made, self.moves, self.cut = 0, 0, 0
+
+    def ascents(
+        self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Ascents from assignments near a state: what they come to, (B, n), and the objectives (B,)."""
+        threads = threads_worth(int(len(bases) * self.effort))
+        images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges, threads)
+        self.made += len(bases)
+        self.moves += int(moves.sum())
+        self.cut += int(np.sum(moves >= self.options.limit))
+        return images, values
+
+    def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
+        """Ascents of the objective itself; keeps what is found."""
+        images, values = self.ascents(root, bases, self.options.penalty, exchanges)
+        for image, value in zip(images, values.tolist(), strict=True):
+            key = image.tobytes()
+            self.found[key] = (image, value)
+            self.reached[key] = self.reached.get(key, 0) + 1
+            if exchanges:
+                self.polished.add(key)
+            if value > self.value:
+                self.best, self.value = image, value
+
+    def alone(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Assignments (B, n) of some candidates alone."""
+        source, target = np.divmod(self.candidates[chosen], self.index.n_target)
+        bases = np.full((len(chosen), self.index.n), -1)
+        bases[np.arange(len(chosen))[:, None], source] = target
+        return bases
+
+    def known(self) -> NDArray[np.int64]:
+        """Assignments found, (F, n)."""
+        return np.array([image for image, _ in self.found.values()])
+
+    def from_walk(self) -> None:
+        """Step 1; without a walk from nothing, of which unary weights alone may make something."""
+        steps = self.options.walk
+        self.climb(self.empty, (short_walk(self.index, steps) if steps else self.empty.image)[None])
+
+    def from_cores(self) -> None:
+        """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
+        open_ = self.promise >= HOPELESS * self.value
+        grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
+        shared = max(2, self.candidates.shape[1] - 1)
+        tried, size, idle, walked = 0, FIRST_ROUND, 0, self.value
+        while tried < self.starts and not self.settled():
+            if idle >= (self.patience if self.value > walked else min(WALKED, self.patience)):
+                break
+            chosen = different(self.candidates, open_, min(size, self.starts - tried))
+            if chosen.size == 0:
+                break
+            open_[chosen] = False
+            images, values = self.ascents(self.empty, self.alone(chosen), self.density)
+            open_ &= ~within(self.candidates, images, self.index.n_target, shared)
+            # The empty one is no core: its candidate was too light for its own penalty.
+            new = {image.tobytes(): (image, v) for image, v in zip(images, values.tolist(), strict=True) if v > 0}
+            cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
+            grown.update(new)
+            before = self.value
+            useful = (core_values > HOPELESS * before) & ~covered(cores, self.known())
+            if useful.any():
+                self.climb(self.empty, cores[useful])
+            idle = 0 if self.value > before else idle + len(chosen)
+            tried += len(chosen)
+            size = min(2 * size, LARGEST_ROUND)
+        self.cores, self.core_values = self.as_cores(_ranked(grown))
+
+    def as_cores(self, grown: Alternatives) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Assignments (C, n) that were grown, and their objectives (C,)."""
+        cores = np.array([image for image, _ in grown], np.int64).reshape(-1, self.index.n)
+        sizes = [math.comb(size, self.candidates.shape[1]) for size in (cores >= 0).sum(axis=1).tolist()]
+        extra = (self.density - self.options.penalty) * np.array(sizes, np.float64)
+        return cores, np.array([value for _, value in grown]) + extra
+
+    def settled(self) -> bool:
+        """Whether enough ascents came to the best assignment, or it stands far out among enough others."""
+        if self.reached.get(self.best.tobytes(), 0) >= self.options.agreement:
+            return True
+        values = sorted((value for _, value in self.found.values()), reverse=True)
+        return sum(self.reached.values()) > CLEAR_AFTER and (len(values) < 2 or values[0] > CLEAR * values[1])
+
+    def from_rivals(self) -> None:
+        """The rest of step 3, whether or not the best assignment is settled: what else is there."""
+        order = self.candidates.shape[1]
+        open_ = (self.promise >= HOPELESS * self.value) & ~within(
+            self.candidates, self.known(), self.index.n_target, order
+        )
+        # Fewer where an ascent is dear.
+        count = int(min(RIVALS, max(RIVALS / 4, RIVALS / 2 / self.effort)))
+        rivals = different(self.candidates, open_, count)
+        if rivals.size:
+            self.climb(self.empty, self.alone(rivals))
+
+    def from_packed_cores(self) -> None:
+        """The first half of step 4: the cores that contradict none that scores better."""
+        self.climb(self.empty, packed(self.cores, self.index.n, self.index.n_target)[None])
+
+    def from_best(self) -> None:
+        """The second half of step 4."""
+        first = 0
+        while first < len(self.cores):
+            root = self.state_of_best()
+            bases, first = forced(
+                root.image, root.gains, self.cores, self.core_values, self.index.n_target, WORTH, first, LARGEST_ROUND
+            )
+            if len(bases):
+                self.climb(root, bases)
+
+    def polish(self) -> None:
+        """Step 5, until the best assignment itself has been through it."""
+        while self.best.tobytes() not in self.polished:
+            near = [image for image, value in _ranked(self.found) if value >= NEAR * self.value]
+            waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
+            self.polished.update(image.tobytes() for image in waiting)
+            self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
+
+    def state_of_best(self) -> State:
+        """The state of the best assignment, kept while it is the best."""
+        if not np.array_equal(self.state.image, self.best):
+            self.state = state_of(self.index, self.best)
+        return self.state
+
+    def solution(self) -> Solution:
+        """The best assignment found, and how it came about."""
+        index, best = self.index, self.best
+        gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
+        total = gains.sum(axis=1, keepdims=True)
+        soft = gains / np.where(total > 0, total, 1.0)
+        matched = np.flatnonzero(best >= 0)
+        own = np.zeros(index.n)
+        own[matched] = gains[matched, best[matched]]
+        statistics = {
+            "starts": float(self.made),
+            "optima": float(len(self.found)),
+            "moves": float(self.moves),
+            "matched": float(matched.size),
+        }
+        wanted = matched.size > 0 and self.options.keep > 0
+        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if wanted else []
+        return Solution(soft, best, self.value, alternatives, self.cut == 0, self.moves, statistics)
+
+    def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
+        """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
+        images, values = modifications(self.index, self.state_of_best(), self.options.penalty, 4 * self.options.keep)
+        for image, value in zip(images, values, strict=True):
+            self.found.setdefault(image.tobytes(), (image, float(value)))
+        # Cores are answers too, which stopped short of being drawn into the best one.
+        for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
+            self.found.setdefault(core.tobytes(), (core, value))
+        ranked = _ranked(self.found)
+        images = np.array([image for image, _ in ranked])
+        moved = (images >= 0) & (images != self.best)
+        matters = (moved & (self.best >= 0) & claimed).any(axis=1)
+        similar = np.flatnonzero(moved.any(axis=1) & ~matters)
+        keep = self.options.keep
+        chosen = np.flatnonzero(matters)[: keep - min(keep // 4, len(similar))]
+        chosen = np.sort(np.append(chosen, similar[: keep - len(chosen)]))
+        return [ranked[number] for number in chosen.tolist()]
+
+
+def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
+    """Assignments and values, best first; equal ones in an order of their own."""
+    return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
+
+
+@njit(cache=True, nogil=True)
+def _best_of_each(indices, weights, rank, top, best):  # type: ignore[no-untyped-def]
+    """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none.
+
+    `rank` (E,) is the support, to which each hyper-edge's own weight is added; `top` (n n',) is −1 at first and becomes
+    the highest rank.
+    """
+    for e in range(indices.shape[0]):
+        own = rank[e] + weights[e]
+        rank[e] = own
+        for p in range(indices.shape[1]):
+            a = np.uint32(indices[e, p])
+            if own > top[a]:
+                top[a], best[a] = own, e
+
+
+def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Hyper-edges to start from, (P, d), and their rank (support and own weight), best first."""
+    rank = index_support(index)
+    each = np.full(index.unary.size, -1)
+    top = np.full(each.size, -1.0)
+    _best_of_each(index.indices, index.weights, rank, top, each)
+    count = min(count, rank.size)
+    best = np.argpartition(rank, rank.size - count)[rank.size - count :] if count else np.empty(0, np.int64)
+    chosen = np.union1d(best, each[each >= 0])
+    chosen = chosen[index.weights[chosen] > 0]
+    chosen = chosen[np.argsort(-rank[chosen], kind="stable")]
+    return index.indices[chosen], rank[chosen]
+
+
+def _choose(m: NDArray[np.float64], r: int) -> NDArray[np.float64]:
+    """Binomial coefficient of real m ≥ r."""
+    return np.asarray(np.prod([(m - q) / (q + 1) for q in range(r)], axis=0))

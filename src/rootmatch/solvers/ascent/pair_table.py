@@ -1,0 +1,123 @@
+"""Order 3: which hyper-edges contain two given correspondences, by a table of all pairs.
+
+A tensor of triples mostly has several hyper-edges for each pair of correspondences that there can be. Then a pair needs
+no hash: its rank among all pairs is its place in a table, and what completes it, with its weight, lies there side by
+side (compressed rows). Nothing is compared, and an ascent reads memory in order.
+
+Memory beside the tensor: 30 bytes a hyper-edge and 12 a pair.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.jit.inlining import inner
+
+SPARSEST = 2
+"""Pairs of the table for each that a hyper-edge has, at most."""
+
+LARGEST = 1 << 23
+"""Entries of the table, at most: 80 MB, and 200 MB for pairs. Larger tensors take the leaner index.
+
+With so many pairs at most there are fewer than 2^16 correspondences, which is what 16 bits hold."""
+
+
+def worth_a_table(size: int, order: int, correspondences: int) -> bool:
+    """Whether E hyper-edges of some order among n n' correspondences are looked up in a table of pairs."""
+    return order == 3 and 3 * size <= LARGEST and pairs_of(correspondences) <= SPARSEST * 3 * size
+
+
+def pairs_of(correspondences: int) -> int:
+    """Pairs of correspondences."""
+    return correspondences * (correspondences - 1) // 2
+
+
+@inner()
+def place_of_pair(a, b):  # type: ignore[no-untyped-def]
+    """Place of a pair among all pairs; a and b are uint32, in any order.
+
+    Unsigned, so that it is not taken for a place counted from an array's end: half of the time of a look-up.
+    """
+    low, high = min(a, b), max(a, b)
+    return ((high * (high - np.uint32(1))) >> np.uint32(1)) + low
+
+
+@njit(cache=True, nogil=True)
+def _fill(indices, weights, start, others, held, sums, marginals):  # type: ignore[no-untyped-def]
+    """Counting sort of the pairs of all hyper-edges (E, 3), into the arrays of a `PairTable`.
+
+    `start` is one longer than there. `start`, `sums` and `marginals` are all 0 at first.
+    """
+    # Counted two ahead, so that filling moves each to where the next pair starts.
+    one, two = np.uint32(1), np.uint32(2)
+    for e in range(indices.shape[0]):
+        a, b, c, h = np.uint32(indices[e, 0]), np.uint32(indices[e, 1]), np.uint32(indices[e, 2]), weights[e]
+        # Written out three times: a loop over a tuple goes through memory, which takes twice as long.
+        r = place_of_pair(a, b)
+        start[r + two] += one
+        sums[r] += h
+        r = place_of_pair(a, c)
+        start[r + two] += one
+        sums[r] += h
+        r = place_of_pair(b, c)
+        start[r + two] += one
+        sums[r] += h
+    for r in range(2, start.size):
+        start[r] += start[r - 1]
+    for e in range(indices.shape[0]):
+        a, b, c, h = np.uint32(indices[e, 0]), np.uint32(indices[e, 1]), np.uint32(indices[e, 2]), weights[e]
+        r = place_of_pair(a, b) + one
+        place = start[r]
+        start[r] = place + one
+        others[place], held[place] = c, h
+        r = place_of_pair(a, c) + one
+        place = start[r]
+        start[r] = place + one
+        others[place], held[place] = b, h
+        r = place_of_pair(b, c) + one
+        place = start[r]
+        start[r] = place + one
+        others[place], held[place] = a, h
+    pair = 0
+    for high in range(marginals.size):
+        total = 0.0
+        for low in range(high):
+            # Each hyper-edge of a correspondence is in two of its pairs.
+            half = 0.5 * sums[pair]
+            total += half
+            marginals[low] += half
+            pair += 1
+        marginals[high] = total
+
+
+@njit(cache=True, nogil=True)
+def pair_support(indices, weights, sums, support):  # type: ignore[no-untyped-def]
+    """Weights of the other hyper-edges that share two correspondences with each, (E,), from the sums of the pairs."""
+    for e in range(indices.shape[0]):
+        a, b, c = np.uint32(indices[e, 0]), np.uint32(indices[e, 1]), np.uint32(indices[e, 2])
+        shared = sums[place_of_pair(a, b)] + sums[place_of_pair(a, c)] + sums[place_of_pair(b, c)]
+        # Rounding must not make a lonely hyper-edge's support negative.
+        support[e] = max(shared - 3.0 * weights[e], 0.0)
+
+
+class PairTable(NamedTuple):
+    """Pairs of the correspondences of a tensor of order 3."""
+
+    start: NDArray[np.uint32]  # (pairs + 1,) first entry of each pair
+    others: NDArray[np.uint16]  # (3 E,) what completes it, hyper-edges ascending
+    held: NDArray[np.float64]  # (3 E,) and the weight
+    sums: NDArray[np.float64]  # (pairs,) of the weights
+    marginals: NDArray[np.float64]  # (n n',)
+
+
+def pair_table(indices: NDArray[np.int32], weights: NDArray[np.float64], correspondences: int) -> PairTable:
+    """The table of hyper-edges (E, 3)."""
+    pairs = pairs_of(correspondences)
+    start, sums, marginals = np.zeros(pairs + 2, np.uint32), np.zeros(pairs), np.zeros(correspondences)
+    others, held = np.empty(indices.size, np.uint16), np.empty(indices.size)
+    _fill(indices, weights, start, others, held, sums, marginals)
+    return PairTable(start[:-1], others, held, sums, marginals)

@@ -1,0 +1,74 @@
+"""A few steps of a reweighted random walk, as a start of the discrete ascent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.assignment import discretise
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.ascent.pair_table import place_of_pair
+from rootmatch.solvers.ascent.subset_index import SubsetIndex
+from rootmatch.solvers.rrwhm import ReweightedWalk, balanced
+
+FEWEST, PART = 128, 8
+"""Correspondences that keep their mass after a step, at least, and one of so many."""
+
+SETTLED = 1e-6
+"""Squared change of a step after which the walk is over."""
+
+
+def short_walk(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
+    """Assignment (n,) after some steps of `ReweightedWalk`.
+
+    With a table of pairs, after each step only the heaviest correspondences keep their mass: then few pairs are looked
+    up instead of all hyper-edges. As a start it is as good: the ascents from it come as high.
+    """
+    shape = (index.n, index.n_target)
+    if not index.paired:
+        tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
+        return ReweightedWalk(iterations=steps, keep=0)(tensor).assignment
+    usual = ReweightedWalk()
+    count = index.unary.size
+    most = max(FEWEST, count // PART)
+    x = np.full(count, 1.0 / count)
+    # Of the uniform x; what pairs have in common with the third is each hyper-edge once.
+    v = index.marginals / count**2
+    for _ in range(steps):
+        w = v + index.unary
+        largest = w.max()
+        if largest <= 0:
+            break
+        jump = balanced(np.exp(usual.inflation * (w / largest)).reshape(shape), usual.balancing).ravel()
+        new = usual.walk * (w / w.sum()) + (1 - usual.walk) * (jump / jump.sum())
+        chosen = np.arange(count)
+        if most < count:
+            chosen = np.sort(np.argsort(-new, kind="stable")[:most])
+            kept = np.zeros(count)
+            kept[chosen] = new[chosen]
+            new = kept / kept.sum()
+        change = float(((new - x) ** 2).sum())
+        x = new
+        if change < SETTLED:
+            break
+        v = np.zeros(count)
+        _contract_among(index, x, chosen, v)
+    return discretise(x.reshape(shape))
+
+
+@njit(cache=True, nogil=True)
+def _contract_among(index, x, chosen, v):  # type: ignore[no-untyped-def]
+    """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, ascending, to v (n n',)."""
+    start, others, held = index.start, index.others, index.held
+    one = np.uint32(1)
+    for p in range(chosen.size):
+        a = np.uint32(chosen[p])
+        first = place_of_pair(np.uint32(0), a)
+        for q in range(p):
+            b = np.uint32(chosen[q])
+            product, place = x[a] * x[b], first + b
+            t, last = start[place], start[place + one]
+            while t < last:
+                v[others[t]] += product * held[t]
+                t += one

@@ -1,0 +1,306 @@
+"""Which hyper-edges contain given d−1 correspondences: the index that makes a discrete ascent cheap.
+
+Each hyper-edge has d subsets of d−1 correspondences. The hash of a subset is the sum of fixed random 64-bit numbers of
+its correspondences, so that neither order nor sorting matters. Its upper bits name a bucket; buckets are stored one
+after the other (compressed rows). An entry is the number of the hyper-edge, and above it as many further bits of the
+hash as the 32 bits leave over (9 for 8 million hyper-edges): other entries of a bucket are passed over without
+a look at the hyper-edge itself. What passes is compared in full: collisions cost time and never change an answer.
+
+A tensor of order 3 with many hyper-edges for its points has a table of all pairs instead (see `pair_table`).
+
+Memory beside the tensor: 4 d + (2 d to 4 d) bytes a hyper-edge, 24 to 32 at order 4; 8 d more while it is built.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.hypergraph.contraction import CHUNK
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.inlining import inner
+from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.solvers.ascent.pair_table import pair_support, pair_table, worth_a_table
+
+PART_BITS = 17
+"""2^17 buckets are sorted at a time: their counters, half a megabyte, stay in the cache of one core."""
+
+FEW, LONG = 4, 32
+"""Buckets with more than FEW entries mostly hold one subset; those with more than LONG are sorted to find theirs."""
+
+
+class SubsetIndex(NamedTuple):
+    """A tensor and its subsets, as jitted code takes them."""
+
+    indices: NDArray[np.int32]  # (E, d)
+    weights: NDArray[np.float64]  # (E,)
+    unary: NDArray[np.float64]  # (n n',), zeros where the tensor has none
+    marginals: NDArray[np.float64]  # (n n',): the most that a correspondence can gain from hyper-edges
+    source: NDArray[np.int64]  # (n n',) point of each correspondence
+    keys: NDArray[np.uint64]  # (n n',) random numbers
+    start: NDArray[np.uint32]  # (buckets + 1,), or (pairs + 1,) of a table of pairs
+    entries: NDArray[np.uint32]  # (d E,): hash bits above, hyper-edge below; ascending in a long bucket
+    paired: bool  # whether there is a table of pairs (see `pair_table`) instead of buckets
+    others: NDArray[np.uint16]  # (3 E,) of a table of pairs
+    held: NDArray[np.float64]  # (3 E,) of a table of pairs
+    sums: NDArray[np.float64]  # (pairs,) of a table of pairs
+    bucket_shift: int
+    tag_shift: int
+    edge_bits: int
+    n: int
+    n_target: int
+
+
+def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> SubsetIndex:
+    """Index of the (d−1)-subsets of a tensor's hyper-edges.
+
+    Parameters
+    ----------
+    tensor : AffinityTensor
+    bucket_bits : int, optional
+        2^bucket_bits buckets; by default such that a bucket holds one to two entries, or a table of pairs.
+
+    Raises
+    ------
+    InputError
+        If there are more subsets than 32 bits can count.
+    """
+    count = tensor.size * tensor.order
+    if count >= 2**32 or tensor.size >= 2**31:
+        raise InputError(
+            f"{tensor.size} hyper-edges of order {tensor.order} are more than the index holds (2³² subsets): "
+            "keep the strongest only (max_hyperedges)"
+        )
+    size = tensor.shape[0] * tensor.shape[1]
+    unary = np.zeros(size) if tensor.unary is None else tensor.unary.reshape(-1)
+    source = np.repeat(np.arange(tensor.shape[0]), tensor.shape[1])
+    if bucket_bits is None and worth_a_table(tensor.size, tensor.order, size):
+        table = pair_table(tensor.indices, tensor.weights, size)
+        return SubsetIndex(
+            tensor.indices, tensor.weights, unary, table.marginals, source, np.empty(0, np.uint64), table.start,
+            np.empty(0, np.uint32), True, table.others, table.held, table.sums, 0, 0, 0, *tensor.shape,
+        )  # fmt: skip
+    bits = max(1, (count // 2).bit_length()) if bucket_bits is None else bucket_bits
+    edge_bits = max(1, (tensor.size - 1).bit_length())
+    tag_bits = min(32 - edge_bits, 64 - bits)
+    keys = _random_keys(size)
+    shifts = (64 - bits, 64 - bits - tag_bits)
+    if bits <= PART_BITS + 2:
+        start, entries = _sort_at_once(tensor.indices, keys, bits, *shifts, edge_bits)
+    else:
+        start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits)
+    return SubsetIndex(
+        tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source, keys, start, entries, False,
+        np.empty(0, np.uint16), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
+    )  # fmt: skip
+
+
+def _random_keys(count: int) -> NDArray[np.uint64]:
+    """Fixed numbers without pattern (the output function of SplitMix64; Steele, Lea and Flood 2014)."""
+    z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+@inner()
+def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
+    """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
+    total = np.uint64(0)
+    for p in range(indices.shape[1]):
+        total += keys[indices[e, p]]
+    return total
+
+
+@njit(cache=True)
+def _sort_at_once(  # type: ignore[no-untyped-def]
+    indices, keys, bits, bucket_shift, tag_shift, edge_bits
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Counting sort of the subsets of a small tensor."""
+    edges, order = indices.shape
+    down, tag_down, up = np.uint64(bucket_shift), np.uint64(tag_shift), np.uint64(edge_bits)
+    tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
+    # Counted two ahead, so that filling moves each to where the next bucket starts.
+    start = np.zeros((1 << bits) + 2, np.uint32)
+    for e in range(edges):
+        total = _total_hash(indices, keys, e)
+        for p in range(order):
+            start[np.int64((total - keys[indices[e, p]]) >> down) + 2] += np.uint32(1)
+    for bucket in range(2, start.size):
+        start[bucket] += start[bucket - 1]
+    entries = np.empty(edges * order, np.uint32)
+    for e in range(edges):
+        total = _total_hash(indices, keys, e)
+        for p in range(order):
+            subset = total - keys[indices[e, p]]
+            own = np.int64(subset >> down) + 1
+            place = start[own]
+            entries[place] = np.uint32((((subset >> tag_down) & tag_mask) << up) | np.uint64(e))
+            start[own] = place + np.uint32(1)
+    for b in range(1 << bits):
+        if start[b + 1] - start[b] > LONG:
+            _sort_long(entries, int(start[b]), int(start[b + 1]))
+    return start[: start.size - 1], entries
+
+
+def _sort_by_parts(
+    indices: NDArray[np.int32], keys: NDArray[np.uint64], bits: int, bucket_shift: int, tag_shift: int, edge_bits: int
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Counting sort of all subsets, first into parts by the upper bits of the bucket and then within each part.
+
+    Counters of a part stay in the cache, whereas those of all buckets would not; and threads never meet.
+    """
+    edges, order = indices.shape
+    threads = threads_worth(edges // CHUNK)
+    chunks, parts = threads, 1 << (bits - PART_BITS)
+    bounds = np.array([chunk * edges // chunks for chunk in range(chunks + 1)])
+    place = np.zeros((chunks, parts), np.int64)
+
+    def count(first: int, last: int) -> None:
+        for chunk in range(first, last):
+            _count_parts(indices, keys, bucket_shift, bounds[chunk], bounds[chunk + 1], place[chunk])
+
+    in_threads(count, chunks, threads)
+    # Part by part, and within each chunk by chunk.
+    counts = place.T.flatten()
+    before = np.cumsum(counts) - counts
+    place[:] = before.reshape(parts, chunks).T
+    first_of = np.append(place[0], edges * order)
+
+    # Bucket and entry side by side.
+    moved = np.empty(edges * order, np.uint64)
+
+    def move(first: int, last: int) -> None:
+        for chunk in range(first, last):
+            _move_to_parts(
+                indices, keys, bucket_shift, tag_shift, edge_bits, bounds[chunk], bounds[chunk + 1], place[chunk], moved
+            )
+
+    in_threads(move, chunks, threads)
+    start, entries = np.empty((1 << bits) + 1, np.uint32), np.empty(edges * order, np.uint32)
+    start[1 << bits] = first_of[-1]
+    in_threads(lambda first, last: _sort_parts(moved, first_of, first, last, start, entries), parts, threads)
+    return start, entries
+
+
+@njit(cache=True, nogil=True)
+def _count_parts(indices, keys, bucket_shift, first, last, place):  # type: ignore[no-untyped-def]
+    """Subsets of hyper-edges first…last−1 in each part."""
+    down = np.uint64(bucket_shift + PART_BITS)
+    for e in range(first, last):
+        total = _total_hash(indices, keys, e)
+        for p in range(indices.shape[1]):
+            place[np.int64((total - keys[indices[e, p]]) >> down)] += 1
+
+
+@njit(cache=True, nogil=True)
+def _move_to_parts(  # type: ignore[no-untyped-def]
+    indices, keys, bucket_shift, tag_shift, edge_bits, first, last, place, moved
+):
+    """Write the subsets of hyper-edges first…last−1 to where the place of their part is, which moves on."""
+    down, tag_down, up = np.uint64(bucket_shift), np.uint64(tag_shift), np.uint64(edge_bits)
+    tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
+    part_down, half = np.uint64(PART_BITS), np.uint64(32)
+    for e in range(first, last):
+        total = _total_hash(indices, keys, e)
+        for p in range(indices.shape[1]):
+            subset = total - keys[indices[e, p]]
+            bucket = subset >> down
+            tag = (subset >> tag_down) & tag_mask
+            to = np.int64(bucket >> part_down)
+            moved[place[to]] = (bucket << half) | (tag << up) | np.uint64(e)
+            place[to] += 1
+
+
+@njit(cache=True, nogil=True)
+def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[no-untyped-def]
+    """Counting sort of the parts first…last−1 by bucket."""
+    local, half = 1 << PART_BITS, np.uint64(32)
+    ends = np.zeros(local + 1, np.uint32)
+    for part in range(first, last):
+        base = part * local
+        ends[:] = 0
+        for t in range(first_of[part], first_of[part + 1]):
+            ends[np.int64(moved[t] >> half) - base + 1] += np.uint32(1)
+        ends[0] = np.uint32(first_of[part])
+        for b in range(local):
+            start[base + b] = ends[b]
+            ends[b + 1] += ends[b]
+        for t in range(first_of[part], first_of[part + 1]):
+            bucket_in_part = np.int64(moved[t] >> half) - base
+            entries[ends[bucket_in_part]] = np.uint32(moved[t] & np.uint64(0xFFFFFFFF))
+            ends[bucket_in_part] += np.uint32(1)
+        # Each end has moved to where the next bucket starts.
+        for b in range(local):
+            if ends[b] - start[base + b] > LONG:
+                _sort_long(entries, int(start[base + b]), int(ends[b]))
+
+
+@inner()
+def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
+    """Ascending order of a long bucket, by Shell's steps: popular subsets may fill it with thousands."""
+    gap = 1
+    while 9 * gap < last - first:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for t in range(first + gap, last):
+            entry = entries[t]
+            s = t
+            while s - gap >= first and entries[s - gap] > entry:
+                entries[s] = entries[s - gap]
+                s -= gap
+            entries[s] = entry
+        gap //= 3
+
+
+def index_support(index: SubsetIndex) -> NDArray[np.float64]:
+    """Support of each hyper-edge, (E,), as `AffinityTensor.support` has it, but for rare collisions of hashes."""
+    if not index.paired:
+        return np.asarray(_hashed_support(index))
+    support = np.empty(index.weights.size)
+    pair_support(index.indices, index.weights, index.sums, support)
+    return support
+
+
+@njit(cache=True)
+def _hashed_support(index):  # type: ignore[no-untyped-def]
+    """Sums over the entries of each bucket that have the same bits of the hash."""
+    order = index.indices.shape[1]
+    support = np.empty(index.weights.size)
+    for e in range(support.size):
+        support[e] = -order * index.weights[e]
+    entries, weights = index.entries, index.weights
+    up, mask = np.uint32(index.edge_bits), np.uint32((1 << index.edge_bits) - 1)
+    for bucket in range(index.start.size - 1):
+        t, last = np.int64(index.start[bucket]), np.int64(index.start[bucket + 1])
+        total, single = 0.0, last - t > FEW
+        if single:
+            # Most buckets of this length hold one subset only.
+            for s in range(t, last):
+                total += weights[entries[s] & mask]
+                single = single and entries[s] >> up == entries[t] >> up
+        if single:
+            for s in range(t, last):
+                support[entries[s] & mask] += total
+            continue
+        if last - t <= LONG:
+            for s in range(t, last):
+                total = 0.0
+                for r in range(t, last):
+                    # A choice of values, not of ways: nobody could predict it.
+                    h = weights[entries[r] & mask]
+                    total += h if entries[r] >> up == entries[s] >> up else 0.0
+                support[entries[s] & mask] += total
+            continue
+        while t < last:
+            tag, first, total = entries[t] >> up, t, 0.0
+            while t < last and entries[t] >> up == tag:
+                total += weights[entries[t] & mask]
+                t += 1
+            for s in range(first, t):
+                support[entries[s] & mask] += total
+    return support

@@ -1,0 +1,1 @@
+"""Several motions: groups of points grown one by one, and the most valuable disjoint ones chosen."""

@@ -1,0 +1,115 @@
+"""The most valuable disjoint sets: the linear relaxation tells prices, and branch and bound leaves nothing open."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.solvers.packing.branch_and_bound import search
+from rootmatch.solvers.packing.tabu_search import pack
+
+CLOSED = 1e-9
+"""Loss, relative to the bound, that is rounding."""
+PATIENCE = 150
+"""Steps without success after which a tabu search ends."""
+
+
+class Relaxation(NamedTuple):
+    """Prices of the linear relaxation, by which no disjoint sets are worth more than `bound`."""
+
+    bound: float
+    price: NDArray[np.float64]
+    """(N,) of the elements, not negative."""
+    slot_price: float
+    """Of one of the places."""
+    loss: NDArray[np.float64]
+    """(G,) price less value of each set, not negative."""
+    part: NDArray[np.float64]
+    """(G,) of each set in the relaxed optimum."""
+
+    def of(self, some: NDArray[np.int64]) -> Relaxation:
+        """The same prices for some of the sets."""
+        return self._replace(loss=self.loss[some], part=self.part[some])
+
+
+def relaxation(elements: NDArray[np.int64], values: NDArray[np.float64], count: int, most: int) -> Relaxation:
+    """Prices (by HiGHS) of sets `elements` (G, k), −1 after the last of each, of N = `count` elements."""
+    from scipy.optimize import linprog  # slow to import
+    from scipy.sparse import csc_array
+
+    sets = len(values)
+    member, place = np.nonzero(elements >= 0)
+    rows = np.concatenate([elements[member, place], np.full(sets, count)])
+    columns = np.concatenate([member, np.arange(sets)])
+    matrix = csc_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, sets))
+    limits = np.append(np.ones(count), most)
+    solved = linprog(-values, A_ub=matrix, b_ub=limits, bounds=(0.0, None), method="highs-ds")
+    if solved.x is None:
+        # any prices bound: what the best set of an element would pay for it alone
+        price, part = np.zeros(count + 1), values / max(float(values.max()), 1e-300)
+        np.maximum.at(price, elements[member, place], values[member])
+    else:
+        price, part = np.maximum(-solved.ineqlin.marginals, 0.0), solved.x
+    loss = np.maximum(matrix.T @ price - values, 0.0)
+    return Relaxation(float(price @ limits), price[:-1], float(price[-1]), loss, part)
+
+
+def best_packing(
+    elements: NDArray[np.int64],
+    values: NDArray[np.float64],
+    relaxed: Relaxation,
+    most: int,
+    start: NDArray[np.bool_],
+    nodes: int,
+) -> NDArray[np.bool_]:
+    """Disjoint sets (G,) of the largest total value, at most so many of them.
+
+    A set that loses more against the prices than the best packing known cannot be in a better one, which leaves few to
+    branch on.
+
+    Parameters
+    ----------
+    elements, values, most
+        As in `relaxation`.
+    relaxed : Relaxation
+        Of these sets or of more.
+    start : (G,) bool array
+        Disjoint sets to begin with.
+    nodes : int
+        Most nodes of branch and bound, after which the best that was found is the answer.
+    """
+    # branch and bound is as quick as what it begins with is good
+    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
+    better = worth_at_least(float(values[chosen].sum()), elements, relaxed, most, nodes)
+    return better if better.any() else chosen
+
+
+def worth_at_least(
+    least: float, elements: NDArray[np.int64], relaxed: Relaxation, most: int, nodes: int
+) -> NDArray[np.bool_]:
+    """The most valuable disjoint sets (G,) that so many nodes find; none where none are worth more than `least`."""
+    chosen = np.zeros(len(relaxed.loss), np.bool_)
+    budget = relaxed.bound - least - CLOSED * relaxed.bound
+    left = np.flatnonzero(relaxed.loss < budget)
+    if len(left) == 0:
+        return chosen
+    found, _, _ = search(elements[left], relaxed.loss[left], relaxed.price, relaxed.slot_price, most, budget, nodes)
+    chosen[left[found]] = True
+    return chosen
+
+
+def rounded(
+    elements: NDArray[np.int64], values: NDArray[np.float64], relaxed: Relaxation, most: int
+) -> NDArray[np.bool_]:
+    """Disjoint sets (G,), those first that the relaxation gives the largest part."""
+    chosen = np.zeros(len(values), np.bool_)
+    used, held = np.zeros(len(relaxed.price), np.bool_), 0
+    for number in np.lexsort((-values, -relaxed.part.round(6))):
+        mine = elements[number][elements[number] >= 0]
+        if held < most and not used[mine].any():
+            used[mine] = True
+            held += 1
+            chosen[number] = True
+    return chosen
