@@ -16,7 +16,7 @@ COMPILING = {
     "numba/njit",
     "rootmatch/jit/decorators",
     "rootmatch/jit/dispatch",
-    "rootmatch/jit/inlining",
+    "rootmatch/jit/internal",
     "rootmatch/problems/kernels",
 }
 """What a file imports that has kernels, or says which they are."""

@@ -16,7 +16,7 @@ from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity, Residual, affinity
-from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.problems.p3p.problem import P3P
 from rootmatch.problems.padding import padded, target_columns
 from rootmatch.problems.residual_dispatch import edge_residual
@@ -301,7 +301,7 @@ def test_lists_give_each_hyperedge_the_residual_of_its_own_kernel_wherever_it_st
 def test_arrays_without_an_owner_are_the_same_arrays_and_nobody_counts_them() -> None:
     @numba.njit
     def through(pair, line):  # type: ignore[no-untyped-def]
-        (first, second), line = unowned(pair), unowned(line)
+        (first, second), line = borrowed(pair), borrowed(line)
         for k in range(line.size):
             part = first[k]
             line[k] = part[0] + second[k]
@@ -312,6 +312,6 @@ def test_arrays_without_an_owner_are_the_same_arrays_and_nobody_counts_them() ->
     assert through((first, second), line) == 3
     assert line.tolist() == [1.0, 3.0, 5.0]
     assert [sys.getrefcount(array) for array in (first, second, line)] == held
-    assert unowned(line) is line
+    assert borrowed(line) is line
     loop = next(iter(through.inspect_llvm().values())).split("define", 2)[1]
     assert "NRT_incref" not in loop

@@ -17,9 +17,9 @@ from instances import axis_rotation
 from robot_scenes import DOWN, INTRINSICS
 from rootmatch import match
 from rootmatch.cameras.pinhole import Camera
+from rootmatch.derivation.shipped import planar_motion
 from rootmatch.errors import InputError
 from rootmatch.problems.derived.compile import compile_residuals
-from rootmatch.derivation.shipped import planar_motion
 from rootmatch.problems.planar_motion import PlanarMotion
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 

@@ -14,11 +14,11 @@ import oracles
 import robot_scenes
 from instances import axis_rotation
 from robot_scenes import DOWN
+from rootmatch.derivation.shipped import up2pf
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.problems.derived.compile import compile_residuals
 from rootmatch.problems.residual_kinds import Joint, Normalised
-from rootmatch.derivation.shipped import up2pf
 from rootmatch.problems.up2pf import UP2PF
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.solvers import get_solver

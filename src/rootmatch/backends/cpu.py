@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
-from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.problems.padding import padded, target_columns
 from rootmatch.problems.residual_dispatch import (
@@ -47,7 +47,7 @@ WORTH_A_THREAD = 16384
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(tables, kind, source_index, target_index, first, last, block, residual):  # type: ignore[no-untyped-def]
     """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,), and a scratch block."""
-    tables, source_index, target_index, block = unowned((tables, source_index, target_index, block))
+    tables, source_index, target_index, block = borrowed((tables, source_index, target_index, block))
     for start in range(first, last, BLOCK_COLUMNS):
         end = min(start + BLOCK_COLUMNS, last)
         fill_block(tables, kind, source_index, target_index, start, end, block)
@@ -128,9 +128,9 @@ def _sweep(  # type: ignore[no-untyped-def]
 
     ``before`` (d,) tells whose panel it is: j[:d - 2] and, last, the rank of the minimal set.
     """
-    tables, bases, arrangements, allowed = unowned((tables, bases, arrangements, allowed))
-    codes, residuals, counts, evaluated = unowned((codes, residuals, counts, evaluated))
-    i, j, before, scratch, out, panel = unowned((i, j, before, scratch, out, panel))
+    tables, bases, arrangements, allowed = borrowed((tables, bases, arrangements, allowed))
+    codes, residuals, counts, evaluated = borrowed((codes, residuals, counts, evaluated))
+    i, j, before, scratch, out, panel = borrowed((i, j, before, scratch, out, panel))
     d = bases.shape[1] + 1
     capacity = codes.shape[1]
     total = last_rank - first_rank

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 WARM = """
 import gc, sys
 gc.disable()
-from rootmatch.guided import warm as search
+from rootmatch.samplers.guided import warm as search
 from rootmatch.solvers import warm as solver
 if "groups" in sys.argv:
     solver.warm_packing()

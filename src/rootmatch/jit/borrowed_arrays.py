@@ -15,7 +15,7 @@ from numba import types
 from numba.extending import lower_builtin, type_callable
 
 
-def unowned(value: Any) -> Any:
+def borrowed(value: Any) -> Any:
     """An array or a (named) tuple of them as it is; in compiled code one whose references are not counted.
 
     To be called at the beginning of a driver, on its arguments alone: an array that the function itself makes would be
@@ -41,14 +41,14 @@ def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 # Not `numba.extending.overload`, which would compile a function for each combination of types, a tenth of a second
 # each; least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the
 # ascent that are set on several ways through a loop, and the results were wrong.
-@type_callable(unowned)
-def _type_of_unowned(context: Any) -> Callable[[Any], Any]:
+@type_callable(borrowed)
+def _type_of_borrowed(context: Any) -> Callable[[Any], Any]:
     def type_of(value: Any) -> Any:
         return value
 
     return type_of
 
 
-@lower_builtin(unowned, types.Any)  # type: ignore[no-untyped-call]
+@lower_builtin(borrowed, types.Any)  # type: ignore[no-untyped-call]
 def _without_owner(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return _stripped(context, builder, signature.args[0], arguments[0])

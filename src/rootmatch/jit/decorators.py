@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
 
 
-scalar = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+scalar = internal(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 """Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
 
-kernel = inner(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+kernel = internal(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 """Decorator of what loops: row kernels and large scalars.
 
 Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just
@@ -20,5 +20,5 @@ compiled the driver would call the other copy than one that found it on disk, wh
 """
 
 
-part = inner(fastmath=FASTMATH, error_model="numpy")
+part = internal(fastmath=FASTMATH, error_model="numpy")
 """Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""

@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 EPSILON = float(np.finfo(np.float32).eps)
 LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
@@ -46,7 +46,7 @@ def twin(kernel: Any) -> Any:
     """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off."""
     if kernel not in _twins:
         remade: Any = _remade(getattr(kernel, "py_func", kernel))
-        _twins[kernel] = inner(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
+        _twins[kernel] = internal(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
     return _twins[kernel]
 
 

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangents
-from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, scalar
 from rootmatch.jit.dispatch import calls
 from rootmatch.problems.kernels import STRIDE, CompletionKernels, kernels_of
@@ -95,7 +95,7 @@ class Completions:
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed, out, found):  # type: ignore[no-untyped-def]
     """Fill ``found`` with what completes the set of the first m points; how many there are, and what was evaluated."""
-    tables, flat, images, allowed, out, found = unowned((tables, flat, images, allowed, out, found))
+    tables, flat, images, allowed, out, found = borrowed((tables, flat, images, allowed, out, found))
     m = images.shape[1]
     masked = allowed.shape[0] > 0
     rays, variance = tables.rays, tables.variance

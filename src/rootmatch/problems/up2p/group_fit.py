@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 STEPS = 6
 """Gauss-Newton steps after a linear start."""
@@ -149,7 +149,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
     return count
 
 
-@inner(error_model="numpy")
+@internal(error_model="numpy")
 def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
     """Bearings (3, n) of all points as a pose has them."""
     for i in range(points.shape[1]):
@@ -159,14 +159,14 @@ def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
         seen[0, i], seen[1, i], seen[2, i] = px * scale, py * scale, pz * scale
 
 
-@inner(error_model="numpy")
+@internal(error_model="numpy")
 def _squared(seen, rays, variance, i, k):  # type: ignore[no-untyped-def]
     """χ² of a detection about a predicted bearing that is known exactly."""
     x, y, z = seen[0, i] - rays[0, k], seen[1, i] - rays[1, k], seen[2, i] - rays[2, k]
     return (x * x + y * y + z * z) / variance[k]
 
 
-@inner(error_model="numpy")
+@internal(error_model="numpy")
 def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untyped-def]
     """χ² of one group about its best pose (c, s, t), which is written to `pose` (5,).
 
@@ -229,7 +229,7 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
     return chi2
 
 
-@inner()
+@internal()
 def _across(rays, k, basis):  # type: ignore[no-untyped-def]
     """Two unit vectors across a bearing."""
     x, y, z = rays[0, k], rays[1, k], rays[2, k]
@@ -244,7 +244,7 @@ def _across(rays, k, basis):  # type: ignore[no-untyped-def]
     basis[1, 0], basis[1, 1], basis[1, 2] = y * f2 - z * f1, z * f0 - x * f2, x * f1 - y * f0
 
 
-@inner()
+@internal()
 def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
     """Add an equation row · x = row[size] to normal equations (size, size + 1)."""
     for a in range(size):
@@ -252,7 +252,7 @@ def _add(normal, row, size, weight):  # type: ignore[no-untyped-def]
             normal[a, b] += weight * row[a] * row[b]
 
 
-@inner()
+@internal()
 def _solve(normal, size):  # type: ignore[no-untyped-def]
     """Solve symmetric equations (size, size + 1) in place by elimination; the solution is in column `size`."""
     largest = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 Integers = NDArray[np.int64]
 
@@ -138,7 +138,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
         counts[g] = count - before
 
 
-@inner()
+@internal()
 def _once(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
     """Whether the detections are distinct and no earlier group holds all the correspondences."""
     order = subsets.shape[1]

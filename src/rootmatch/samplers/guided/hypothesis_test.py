@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, part
 from rootmatch.jit.threads import in_threads
 from rootmatch.problems.padding import target_columns, with_room
@@ -178,9 +178,9 @@ def _examine(  # type: ignore[no-untyped-def]
     ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are its own:
     what could be allocated or filled in here is so outside, as each array made in jitted code costs compile time.
     """
-    tables, raster, grid, sets, arrangements, allowed = unowned((tables, raster, grid, sets, arrangements, allowed))
-    scratch, cells, passed, stamp, j = unowned((scratch, cells, passed, stamp, j))
-    found, ratios, counts = unowned((found, ratios, counts))
+    tables, raster, grid, sets, arrangements, allowed = borrowed((tables, raster, grid, sets, arrangements, allowed))
+    scratch, cells, passed, stamp, j = borrowed((scratch, cells, passed, stamp, j))
+    found, ratios, counts = borrowed((found, ratios, counts))
     points_of, others_of, coordinates_of, own_of, offset = sets
     count, m = points_of.shape
     n_target = raster.places.shape[1]

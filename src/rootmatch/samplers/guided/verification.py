@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.jit.borrowed_arrays import unowned
+from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, scalar
 from rootmatch.samplers.guided.dispatch import predict_set
 
@@ -74,9 +74,9 @@ def _weigh(  # type: ignore[no-untyped-def]
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
-    tables, points, images, allowed, out = unowned((tables, points, images, allowed, out))
-    roots, seen, owner, strength, distances = unowned((roots, seen, owner, strength, distances))
-    evidence, best, candidates = unowned((evidence, best, candidates))
+    tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
+    roots, seen, owner, strength, distances = borrowed((roots, seen, owner, strength, distances))
+    evidence, best, candidates = borrowed((evidence, best, candidates))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
@@ -58,7 +58,7 @@ def objective(index: SubsetIndex, state: State, penalty: float) -> float:
     return float(state.total[0]) - penalty * math.comb(int(state.size[0]), index.indices.shape[1])
 
 
-@inner()
+@internal()
 def completion(indices, subset, e):  # type: ignore[no-untyped-def]
     """The correspondence that hyper-edge e has beyond the d−1 of a subset, or −1 if it does not contain these."""
     order = indices.shape[1]
@@ -75,7 +75,7 @@ def completion(indices, subset, e):  # type: ignore[no-untyped-def]
     return rest if common == order - 1 else -1
 
 
-@inner()
+@internal()
 def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     """Step to the next combination of `length` out of `count` numbers; False after the last."""
     q = length - 1
@@ -89,7 +89,7 @@ def next_pick(pick, length, count):  # type: ignore[no-untyped-def]
     return True
 
 
-@inner()
+@internal()
 def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
     """Add correspondence a, whose points are free, or remove it."""
     image, owner, members, size, inside = state.image, state.owner, state.members, state.size, state.inside
@@ -171,7 +171,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
         total[0] -= gains[a] + index.unary[a]
 
 
-@inner()
+@internal()
 def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: int) -> Any:
     """Weight Q of the hyper-edges made of c, c2 and members other than those of source points i and j."""
     order, source = index.indices.shape[1], index.source

@@ -22,8 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.jit.borrowed_arrays import unowned
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads
 from rootmatch.solvers.ascent.discrete_state import State, change, empty_state, joint_weight, objective
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
@@ -38,7 +38,7 @@ PARTS = 4
 """Ranges of ascents for each thread: some ascents are longer than others."""
 
 
-@inner()
+@internal()
 def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
     """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1).
 
@@ -77,7 +77,7 @@ def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
     return best, entering, leaving
 
 
-@inner()
+@internal()
 def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
     """The first pair of points, from number `begin` on and round to it, whose exchange adds more than `least`.
 
@@ -117,8 +117,8 @@ def _ascend(  # type: ignore[no-untyped-def]
 
     `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size.
     """
-    index, root, state = unowned((index, root, state))
-    bases, dues, images, totals, sizes, moves = unowned((bases, dues, images, totals, sizes, moves))
+    index, root, state = borrowed((index, root, state))
+    bases, dues, images, totals, sizes, moves = borrowed((bases, dues, images, totals, sizes, moves))
     n, n_target, unary = index.n, index.n_target, index.unary
     image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
     for s in range(first, last):

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 SPARSEST = 2
 """Pairs of the table for each that a hyper-edge has, at most."""
@@ -36,7 +36,7 @@ def pairs_of(correspondences: int) -> int:
     return correspondences * (correspondences - 1) // 2
 
 
-@inner()
+@internal()
 def place_of_pair(a, b):  # type: ignore[no-untyped-def]
     """Place of a pair among all pairs; a and b are uint32, in any order.
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.contraction import CHUNK
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.solvers.ascent.pair_table import pair_support, pair_table, worth_a_table
 
@@ -107,7 +107,7 @@ def _random_keys(count: int) -> NDArray[np.uint64]:
     return np.asarray(z ^ (z >> np.uint64(31)))
 
 
-@inner()
+@internal()
 def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
     """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
     total = np.uint64(0)
@@ -240,7 +240,7 @@ def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[n
                 _sort_long(entries, int(start[base + b]), int(ends[b]))
 
 
-@inner()
+@internal()
 def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
     """Ascending order of a long bucket, by Shell's steps: popular subsets may fill it with thousands."""
     gap = 1

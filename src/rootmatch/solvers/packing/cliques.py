@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 
 def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> NDArray[np.int32] | None:
@@ -68,7 +68,7 @@ def _join(ordered, starts, n_target, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@inner()
+@internal()
 def _contains(ordered, starts, wanted):  # type: ignore[no-untyped-def]
     """Whether a hyper-edge is among the sorted ones."""
     d = wanted.size

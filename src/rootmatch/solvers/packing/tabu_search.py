@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from rootmatch.jit.inlining import inner
+from rootmatch.jit.internal import internal
 
 
 @njit(cache=True)
@@ -110,7 +110,7 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
     return best
 
 
-@inner()
+@internal()
 def _leave(elements, owner, inside, g):  # type: ignore[no-untyped-def]
     inside[g] = False
     for p in range(elements.shape[1]):

@@ -9,7 +9,7 @@ from numba import config, njit
 from numba.core.registry import CPUDispatcher
 
 
-class Inner(CPUDispatcher):
+class Internal(CPUDispatcher):
     """A jitted function without the entries by which Python and C would call it.
 
     They take half of the time to compile a small function, and each of them would hold a copy of all that is inlined.
@@ -26,14 +26,14 @@ class Inner(CPUDispatcher):
         return self.outer(*arguments)
 
 
-def inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def internal(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit` with these options, for what jitted code calls; nothing is kept on disk of it alone."""
 
     def decorated(function: Callable[..., Any]) -> Any:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return function
         entries = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        made = Inner(function, targetoptions={"nopython": True, "boundscheck": None, **options, **entries})
+        made = Internal(function, targetoptions={"nopython": True, "boundscheck": None, **options, **entries})
         made.asked = options
         return made
 
