@@ -171,8 +171,8 @@ def cases() -> Iterator[tuple[str, Any]]:
         yield f"derived-{s}", lambda scene=scene: rm.match(scene["source"], scene["target"], derived_once(), noise=0.1)
     for s in range(13):
         yield run(f"up2p-unrelated-{s}", absolute(2400 + s, 3, 12, 0.5), up2p, noise=0.5)
-        yield run(f"p3p-unrelated-{s}", {**absolute(2500 + s, 8, 0, 0.5), "target": absolute(2600 + s, 9, 0, 0.5)["target"]},
-                  p3p, noise=0.5)  # fmt: skip
+        unrelated = {**absolute(2500 + s, 8, 0, 0.5), "target": absolute(2600 + s, 9, 0, 0.5)["target"]}
+        yield run(f"p3p-unrelated-{s}", unrelated, p3p, noise=0.5)
 
 
 _DERIVED: list[rm.Problem] = []

@@ -23,7 +23,7 @@ COMPILING = {
 
 
 def compiled_sources(sources: Path) -> list[Path]:
-    """The files that compiled code is made of: those that import something of `COMPILING`, and all that these import."""
+    """The files that compiled code is made of: those that import something of `COMPILING`, and what these import."""
     paths = {path.relative_to(sources.parent).with_suffix("").as_posix(): path for path in sources.rglob("*.py")}
     imports: dict[Path, set[str]] = {}
     for path in paths.values():

@@ -175,17 +175,17 @@ def match(
         The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Choice
-        Which are looked at: all, random ones, or those that a search by prediction proposes (`rootmatch.samplers.guided.Guided`
-        is such a choice and has its options; `rootmatch.samplers.completion.Completed` is another; one of your own takes
-        a `rootmatch.samplers.base.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With several
-        motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found by
-        completing minimal sets.
+        Which are looked at: all, random ones, or those that a search by prediction proposes
+        (`rootmatch.samplers.guided.Guided` is such a choice and has its options;
+        `rootmatch.samplers.completion.Completed` is another; one of your own takes a `rootmatch.samplers.base.Request`).
+        ``"auto"`` is ``"guided"`` where there are more than two million. With several motions it is ``"guided"`` beyond
+        200 million, or where the problem allows it all that agree are found by completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual
     rho : float
-        Spread of the affinity; see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of the noise, else
-        `Problem.paper_rho`.
+        Spread of the affinity; see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of the
+        noise, else `Problem.paper_rho`.
     solver : str or Solver
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.

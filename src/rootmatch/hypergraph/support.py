@@ -18,8 +18,8 @@ def supported_answers(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Answers without the points that the others do not support, and their scores.
 
-    As `rootmatch.hypergraph.assignment.drop_unsupported` and `AffinityTensor.score`, for all answers side by side; the hyper-edges
-    inside an answer are found once, and only they are looked at again.
+    As `rootmatch.hypergraph.assignment.drop_unsupported` and `AffinityTensor.score`, for all answers side by side; the
+    hyper-edges inside an answer are found once, and only they are looked at again.
 
     Parameters
     ----------

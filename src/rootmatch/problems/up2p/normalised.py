@@ -18,7 +18,8 @@ edge = rooted_edge(normalised_at)
 def forms_at(c, s, dx, dy, dz, ex, ey, ez, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
     """L, Q (xx, xy, xz, yy, yz, zz; off the diagonal twice) and c, for the differences 1 − 0 and 2 − 0 of the points.
 
-    As `rootmatch.problems.up2p.resultant.system`: with p and q these differences turned, f₀₁ = (a × b) · p and f₀₂ = x · (q × a).
+    As `rootmatch.problems.up2p.resultant.system`: with p and q these differences turned, f₀₁ = (a × b) · p and
+    f₀₂ = x · (q × a).
     """
     px, py, pz = c * dx + s * dz, dy, c * dz - s * dx
     qx, qy, qz = c * ex + s * ez, ey, c * ez - s * ex

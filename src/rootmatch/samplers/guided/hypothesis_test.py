@@ -4,7 +4,8 @@ A minimal set of correspondences is solved, each of its roots carries the other 
 is looked up in a raster of detections. The evidence is a log-likelihood ratio: a detection near the prediction speaks
 for the proposal by the density of its distance against the density of detections, an empty place against it by the
 chance that a point is not seen. A proposal whose ratio falls below a floor is dropped (Wald's sequential probability
-ratio test). What survives is weighed with the covariance of each prediction, in `rootmatch.samplers.guided.verification`.
+ratio test). What survives is weighed with the covariance of each prediction, in
+`rootmatch.samplers.guided.verification`.
 """
 
 from __future__ import annotations
