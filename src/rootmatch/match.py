@@ -178,8 +178,9 @@ def match(
         Which are looked at: all, random ones, or those that a search by prediction proposes
         (`rootmatch.samplers.guided.Guided` is such a choice and has its options;
         `rootmatch.samplers.completion.Completed` is another; one of your own takes a
-        `rootmatch.samplers.base.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With several motions it is
-        ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found by completing minimal sets.
+        `rootmatch.samplers.base.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With
+        several motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are
+        found by completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual
