@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.problems.base import Problem
-
-if TYPE_CHECKING:
-    from rootmatch.match import Match
 
 FIRST_GUESS = 0.004
 """σ of the first match over the diagonal of the image points: 2 pixels of 500."""
@@ -35,7 +32,35 @@ LEAST = 1e-3
 """Least σ over the first guess: exact data have none."""
 
 
-def with_estimated_noise(attempt: Callable[[float], Match]) -> Match:
+class Matched(Protocol):
+    """What is needed of a `rootmatch.match.Match`, which is made above this layer."""
+
+    @property
+    def source(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+    @property
+    def target(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+    @property
+    def problem(self) -> Problem: ...  # noqa: D102
+
+    @property
+    def noise(self) -> Any: ...  # noqa: D102
+
+    @property
+    def assignment(self) -> NDArray[np.int64]: ...  # noqa: D102
+
+    @property
+    def motions(self) -> NDArray[np.int64]: ...  # noqa: D102
+
+    @property
+    def alternatives(self) -> list[tuple[NDArray[np.int64], float]]: ...  # noqa: D102
+
+
+Result = TypeVar("Result", bound=Matched)
+
+
+def with_estimated_noise(attempt: Callable[[float], Result]) -> Result:
     """The match at the σ that it bears out itself.
 
     Parameters
@@ -59,7 +84,7 @@ def first_guess(target: NDArray[np.float64]) -> float:
     return FIRST_GUESS * float(np.hypot(*np.ptp(target, axis=0)))
 
 
-def estimated(match: Match) -> float:
+def estimated(match: Matched) -> float:
     """σ in pixels from the residuals inside an answer, NaN where there is none.
 
     By χ² of the points of each motion about their best pose, where the problem fits answers. Else it is the scale at
@@ -81,7 +106,7 @@ def estimated(match: Match) -> float:
     return float(match.noise) * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(problem: Problem, match: Match, members: NDArray[np.int64]) -> float:
+def _scale(problem: Problem, match: Matched, members: NDArray[np.int64]) -> float:
     """Square of the true σ over the assumed one, by one group."""
     if problem.fits_answers:
         alone = np.full_like(match.assignment, -1)
