@@ -10,8 +10,8 @@ from rootmatch.algebra.vector import tangents
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.up2p.hypotheses import predictions
-from rootmatch.samplers.base import Request
-from rootmatch.samplers.completion import Completed
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.completion_kernels import STRIDE, Completions, predict_block
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.simulation import up2p_scene
@@ -127,7 +127,7 @@ def test_completed_tensor_has_what_exhaustion_finds_of_the_truth() -> None:
         tables, scene = up2p_tables(seed, 10, 10)
         kind = weigh.residual.kernel_kind(3)
         shape = (10, 20)
-        completed = Completed()(Request(tables, kind, weigh, shape, 3))
+        completed = Completion()(SamplingTask(tables, kind, weigh, shape, 3))
         every, evaluated = exhaustive_tensor(tables, kind, weigh, shape, 3)
         assert completed.evaluated < evaluated
         assert not completed.partial
@@ -144,7 +144,7 @@ def test_completed_tensor_has_what_exhaustion_finds_of_the_truth() -> None:
         assert len(np.unique(flat, axis=0)) == len(flat)
         # the mean weight of a random hyper-edge; exhaustion also keeps some by which a badly conditioned set is met
         by_chance = every.weights.sum() / evaluated
-        assert 0.2 * by_chance < completed.chance < 1.05 * by_chance
+        assert 0.2 * by_chance < completed.chance_weight < 1.05 * by_chance
     assert wanted > 0.95 * 12 * len(list(combinations(range(10), 3)))
     assert shared >= 0.99 * wanted
 
@@ -157,12 +157,12 @@ def test_completions_are_the_same_in_one_thread_and_two_and_obey_the_mask() -> N
     mask = np.random.default_rng(0).random((12, 18)) < 0.5
     mask[np.arange(12), scene.truth] = True
     results = []
-    request = Request(tables, weigh.residual.kernel_kind(3), weigh, (12, 18), 3, candidates=mask)
+    request = SamplingTask(tables, weigh.residual.kernel_kind(3), weigh, (12, 18), 3, candidates=mask)
     before = numba.get_num_threads()
     try:
         for threads in (1, min(2, before)):
             numba.set_num_threads(threads)
-            results.append(Completed()(request))
+            results.append(Completion()(request))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(results[0].tensor.indices, results[1].tensor.indices)
@@ -177,7 +177,7 @@ def test_what_cannot_be_completed_says_so() -> None:
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     weigh = affinity("joint", None)
     with pytest.raises(rm.InputError, match="predicts no points"):
-        Completed()(Request(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4))
+        Completion()(SamplingTask(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4))
     with pytest.raises(rm.InputError, match="positive"):
-        Completed(gate=0.0)
-    assert not Completed().pays(Request(tables, weigh.residual.kernel_kind(2), weigh, (40, 40), 4))
+        Completion(gate=0.0)
+    assert not Completion().pays(SamplingTask(tables, weigh.residual.kernel_kind(2), weigh, (40, 40), 4))

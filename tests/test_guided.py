@@ -20,7 +20,7 @@ from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.p3p.problem import P3P
-from rootmatch.samplers.base import Request, Weighed
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
 from rootmatch.samplers.guided.sampler import CHANCE_SAMPLES, Guided, pays
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
@@ -32,16 +32,16 @@ WEIGH = affinity("joint")
 
 def search(
     problem: Problem, source: NDArray[np.float64], target: NDArray[np.float64], noise: float = 1.0, **options: object
-) -> Weighed:
+) -> SampledTensor:
     """Guided tensor of points as they are."""
     normals = options.pop("normals", None)
     tables = problem.prepare(source, target, noise, normals)
     kind = WEIGH.residual.kernel_kind(problem.pair_count)
     guided = options.pop("options", Guided())
-    return guided(Request(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options))
+    return guided(SamplingTask(tables, kind, WEIGH, (len(source), len(target)), problem.order, **options))
 
 
-def of_scene(scene: Scene, **options: object) -> Weighed:
+def of_scene(scene: Scene, **options: object) -> SampledTensor:
     return search(scene.problem, scene.source, scene.target, scene.noise, **options)
 
 
@@ -84,7 +84,7 @@ def test_any_kind_of_residual_weighs_what_is_proposed(kind: str) -> None:
     scene = p3p_scene(8, 4, noise=0.5, seed=4)
     weigh = affinity(kind)
     tables = scene.problem.prepare(scene.source, scene.target, 0.5)
-    tensor, *_ = Guided()(Request(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4))
+    tensor, *_ = Guided()(SamplingTask(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4))
     assert tensor.size >= 60
     assert tensor.score(scene.truth) > 0.0
 
@@ -147,7 +147,7 @@ def test_a_symmetric_object_is_proposed_both_ways() -> None:
 
 def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     scene = up2p_scene(12, 12, noise=8.0, seed=1)
-    chance = of_scene(scene).chance
+    chance = of_scene(scene).chance_weight
     tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
     source, target = next(enumeration.random_hyperedges(12, 24, 3, 200_000, seed=99, block=200_000))
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
@@ -158,8 +158,8 @@ def test_it_pays_beyond_a_few_million_hyperedges() -> None:
     scene = p3p_scene(20, 20)
     kind = WEIGH.residual.kernel_kind(6)
     tables = scene.problem.prepare(scene.source, scene.target)
-    assert not pays(Request(tables, kind, WEIGH, (10, 10), 4))
-    request = Request(tables, kind, WEIGH, (10, 20), 4)
+    assert not pays(SamplingTask(tables, kind, WEIGH, (10, 10), 4))
+    request = SamplingTask(tables, kind, WEIGH, (10, 20), 4)
     assert pays(request)
     assert not pays(replace(request, motions=2))
     assert pays(replace(request, motions=2, shape=(20, 20)))
@@ -276,5 +276,5 @@ def test_mistakes_are_said() -> None:
         pass
 
     with pytest.raises(InputError, match="no proposals"):
-        Guided()(Request(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
+        Guided()(SamplingTask(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6

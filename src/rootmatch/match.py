@@ -25,7 +25,7 @@ from rootmatch.pipeline.road import Road
 from rootmatch.pipeline.sampling import WAYS, Way
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_normals, check_points
-from rootmatch.samplers.base import Choice
+from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver, get_solver
 
 __all__ = ["Match", "Status", "match", "residuals"]
@@ -142,7 +142,7 @@ def match(
     noise: ArrayLike | Literal["auto"] = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
-    hyperedges: Way | Choice | None = None,
+    hyperedges: Way | Sampler | None = None,
     samples: int | None = None,
     residual: str | Residual | None = None,
     rho: float | None = None,
@@ -174,13 +174,13 @@ def match(
     preset : "paper", optional
         The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
         is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
-    hyperedges : {"auto", "exhaustive", "random", "guided"} or Choice
+    hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler
         Which are looked at: all, random ones, or those that a search by prediction proposes
-        (`rootmatch.samplers.guided.Guided` is such a choice and has its options;
-        `rootmatch.samplers.completion.Completed` is another; one of your own takes a
-        `rootmatch.samplers.base.Request`). ``"auto"`` is ``"guided"`` where there are more than two million. With
-        several motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are
-        found by completing minimal sets.
+        (`rootmatch.samplers.guided.sampler.Guided` is such a sampler and has its options;
+        `rootmatch.samplers.completion.Completion` is another; one of your own takes a
+        `rootmatch.samplers.base.SamplingTask`). ``"auto"`` is ``"guided"`` where there are more than two million. With
+        several motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found
+        by completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual

@@ -16,7 +16,7 @@ from rootmatch.match import Match, match
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_points
 from rootmatch.problems.padding import padded
-from rootmatch.samplers.base import Request, Weighed
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 
 SMALL = 100_000
 """Hyper-edges up to which one thread looks at all of them in a millisecond."""
@@ -35,10 +35,10 @@ class SmallSweep:
         self.arrangements: dict[tuple[int, int], NDArray[np.int32]] = {}
         self.capacity = FIRST_CAPACITY
 
-    def __call__(self, request: Request) -> Weighed:
+    def __call__(self, task: SamplingTask) -> SampledTensor:
         """Tensor of all hyper-edges below the gate."""
-        (n, n_target), order, kind, weigh = request.shape, request.order, request.kind, request.weigh
-        tables, allowed = padded(request.tables, n_target), request.allowed
+        (n, n_target), order, kind, weigh = task.shape, task.order, task.kind, task.affinity
+        tables, allowed = padded(task.tables, n_target), task.allowed
         if (n, order) not in self.bases:
             self.bases[n, order] = enumeration.source_bases(n, order)
         if (n_target, order) not in self.arrangements:
@@ -55,7 +55,7 @@ class SmallSweep:
                 self.capacity = 2 * int(counts[0])
         indices = cpu.decode(codes[0, : counts[0]], bases, arrangements, n_target, n)
         weights = weigh.weights(residuals[0, : counts[0]])
-        return Weighed(AffinityTensor.unchecked(indices, weights, request.shape), int(looked[0]))
+        return SampledTensor(AffinityTensor.unchecked(indices, weights, task.shape), int(looked[0]))
 
 
 class Matcher:

@@ -18,7 +18,7 @@ from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_by_chance
 from rootmatch.pipeline.posterior import Evidence, ranked
 from rootmatch.problems.base import Problem
-from rootmatch.samplers.base import Weighed
+from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
 
 AMBIGUOUS_MARGIN = 0.2
@@ -78,7 +78,7 @@ class Verdict:
 
 
 def of_all(
-    solution: Solution, weighed: Weighed, problem: Problem, weigh: Affinity, keep_all: bool, evidence: Evidence
+    solution: Solution, weighed: SampledTensor, problem: Problem, weigh: Affinity, keep_all: bool, evidence: Evidence
 ) -> Verdict:
     """Of a solution that is one group; ``keep_all``: points without support stay matched."""
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
@@ -132,7 +132,7 @@ def judged(score: float, margin: float, alarms: float, least: float = AMBIGUOUS_
     return Status.AMBIGUOUS if margin < least else Status.MATCHED
 
 
-def false_alarms(problem: Problem, score: float, known: list[float], weighed: Weighed, weigh: Affinity) -> float:
+def false_alarms(problem: Problem, score: float, known: list[float], weighed: SampledTensor, weigh: Affinity) -> float:
     """Decimal logarithm of the number of answers as good that chance is expected to find.
 
     ``known`` are the scores of the answers that were found.

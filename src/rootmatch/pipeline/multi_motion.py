@@ -15,9 +15,9 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.road import Road
 from rootmatch.pipeline.sampling import Way
 from rootmatch.problems.checks import check_noise
-from rootmatch.samplers.base import Choice, Weighed
+from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.completion import Completed
+from rootmatch.samplers.completion import Completion
 from rootmatch.solvers.base import Solution
 from rootmatch.solvers.packing.group_fit import GroupFit
 from rootmatch.solvers.packing.solver import GroupPacking
@@ -26,7 +26,7 @@ REST = 50_000_000
 """Most hyper-edges among what is left that are looked at one by one."""
 
 
-def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
+def several(road: Road, weighed: SampledTensor) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each, and the tensor that they were found in.
 
     A guided search may never have proposed a small motion. Where it leaves points and detections unexplained, all
@@ -49,9 +49,9 @@ def several(road: Road, weighed: Weighed) -> tuple[Solution, Weighed]:
         allowed=None if road.allowed is None else np.ascontiguousarray(road.allowed[np.ix_(points, pixels)]),
         unary=None, progress=None, scheduler=None,
     )  # fmt: skip
-    way: Way | Choice = "exhaustive"
+    way: Way | Sampler = "exhaustive"
     if exhaustive_count(*rest.shape, order) > REST:
-        way = Completed()
+        way = Completion()
         if not way.pays(rest.request()):
             return solution, weighed
     more = rest.tensor(way, 0)
@@ -81,9 +81,9 @@ def log10_by_chance(solution: Solution, shape: tuple[int, int]) -> float:
     return (ways - solution.statistics["evidence"]) / math.log(10.0)
 
 
-def _packed(road: Road, weighed: Weighed) -> Solution:
+def _packed(road: Road, weighed: SampledTensor) -> Solution:
     tensor = weighed.tensor
-    chance = weighed.chance
+    chance = weighed.chance_weight
     if chance is None:
         chance = max(float(tensor.weights.sum()), 1.0) / max(weighed.evaluated, 1)
     return GroupPacking(motions=road.motions, chance=chance, fit=_fit(road))(tensor, seed=road.seed)

@@ -19,7 +19,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.sampling import Way, build
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.base import Problem
-from rootmatch.samplers.base import Choice, Request, Weighed
+from rootmatch.samplers.base import SampledTensor, Sampler, SamplingTask
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,15 @@ class Road:
         """In which the source points are asked for, (n,)."""
         return edges.wide_first(self.points)
 
-    def request(self) -> Request:
+    def request(self) -> SamplingTask:
         """What a choice of hyper-edges is asked for, the source points in their order."""
-        return Request(
+        return SamplingTask(
             self._prepare(), self.weigh.residual.kernel_kind(self.problem.pair_count), self.weigh, self.shape,
             self.problem.order, self.seed, self.motions,
             None if self.allowed is None else self.allowed[self.order], self.progress,
         )  # fmt: skip
 
-    def tensor(self, way: Way | Choice, samples: int | None) -> Weighed:
+    def tensor(self, way: Way | Sampler, samples: int | None) -> SampledTensor:
         """Hyper-edges chosen in some way, weighed; ``samples`` is how many random ones."""
         request = self.request()
         weighed, evaluator = build(

@@ -12,8 +12,8 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration as edges
 from rootmatch.pipeline import validation
 from rootmatch.problems.residual_dispatch import has_single
-from rootmatch.samplers.base import Choice, Request, Weighed
-from rootmatch.samplers.completion import Completed
+from rootmatch.samplers.base import SampledTensor, Sampler, SamplingTask
+from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.random import random_tensor
@@ -34,14 +34,14 @@ CHEAP_ON_DEVICE = 1_000_000_000
 class Built(NamedTuple):
     """A tensor, and where it can be contracted."""
 
-    weighed: Weighed
+    weighed: SampledTensor
     backend: Backend
 
 
 def build(
-    request: Request,
+    request: SamplingTask,
     *,
-    way: Way | Choice = "auto",
+    way: Way | Sampler = "auto",
     samples: int | None = None,
     backend: selection.Name = "auto",
     cluster: Cluster | None = None,
@@ -52,8 +52,8 @@ def build(
 
     Parameters
     ----------
-    request : Request
-    way : str or Choice
+    request : SamplingTask
+    way : str or Sampler
         See `rootmatch.match`, where all that follows is explained too.
     samples, backend, max_hyperedges, limit
     cluster : Cluster, optional
@@ -65,14 +65,14 @@ def build(
         If it is too much, or what is asked for does not go together or is not there.
     """
     n, n_target = request.shape
-    count = request.count
+    count = request.hyperedge_count
     chosen: Any = way
     single = has_single(request.tables, request.kind)
     searched = 0
     if cluster is not None:
         chosen = _for_workers(way, backend)
-    elif way == "auto" and request.motions != 1 and Completed().pays(request):
-        chosen = Completed()
+    elif way == "auto" and request.motions != 1 and Completion().pays(request):
+        chosen = Completion()
     elif way == "auto" and pays(request):
         chosen = "exhaustive" if backend in selection.ON_CARD and count <= CHEAP_ON_DEVICE else "guided"
     affordable = AFFORDABLE if limit is None else min(AFFORDABLE, limit)
@@ -82,13 +82,13 @@ def build(
     if callable(chosen):
         here = selection.chosen(backend, 0.0, single)
         weighed = chosen(request)
-        if weighed.found or not after_all:
+        if weighed.conclusive or not after_all:
             return Built(weighed, here)
         searched = weighed.evaluated
     if chosen == "random":
         count = PAPER_SAMPLES if samples is None else int(samples)
     evaluator = selection.chosen(backend, count, single) if cluster is None else cluster
-    asked = request.tables, request.kind, request.weigh, request.shape, request.order
+    asked = request.tables, request.kind, request.affinity, request.shape, request.order
     if chosen == "random":
         tensor, evaluated = random_tensor(
             *asked, int(count), request.seed,
@@ -96,17 +96,17 @@ def build(
         )  # fmt: skip
         # a random sample sees each hyper-edge with this probability
         share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, request.order))
-        return Built(Weighed(tensor, evaluated, share), evaluator)
+        return Built(SampledTensor(tensor, evaluated, share), evaluator)
     most = LIMIT_ON_DEVICE if selection.is_device(evaluator) else EXHAUSTIVE_LIMIT
     validation.check_size(n, n_target, count, most if limit is None else limit)
     tensor, evaluated = exhaustive_tensor(
         *asked,
         max_hyperedges=max_hyperedges, candidates=request.candidates, backend=evaluator, progress=request.progress,
     )  # fmt: skip
-    return Built(Weighed(tensor, evaluated + searched), evaluator)
+    return Built(SampledTensor(tensor, evaluated + searched), evaluator)
 
 
-def _for_workers(way: Way | Choice, backend: selection.Name) -> Way:
+def _for_workers(way: Way | Sampler, backend: selection.Name) -> Way:
     """Which hyper-edges go to a cluster's workers: all, or random ones."""
     if backend in selection.ON_CARD:
         raise InputError(

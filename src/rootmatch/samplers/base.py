@@ -1,4 +1,4 @@
-"""What chooses hyper-edges and weighs them: what it is asked for, and what comes of it."""
+"""The sampler protocol: a sampler selects hyper-edges of a `SamplingTask` and returns a `SampledTensor`."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from rootmatch.problems import residual_kinds
 
 
 @dataclass(frozen=True, eq=False)
-class Request:
-    """What a choice of hyper-edges is asked for: the points of a problem, and what may be matched with what."""
+class SamplingTask:
+    """What a sampler is given: the prepared points of a problem, and which correspondences are possible."""
 
     tables: Any
-    """Of `Problem.prepare`, which knows the noise; best with the source points in the order of `wide_first`."""
+    """From `Problem.prepare`, noise included; best with the source points in the order of `wide_first`."""
     kind: residual_kinds.Kind
-    """Which residual weighs a hyper-edge; its type chooses the kernel."""
-    weigh: Affinity
-    """From that residual to a weight, and the gate beyond which a hyper-edge is dropped."""
+    """Kind of residual; its type selects the kernel."""
+    affinity: Affinity
+    """From residual to weight, and the gate beyond which a hyper-edge is dropped."""
     shape: tuple[int, int]
-    """Source and target points, (n, n')."""
+    """Number of source and target points, (n, n')."""
     order: int
     """Correspondences of a hyper-edge, d: one more than a minimal set has."""
     seed: int = 0
-    """Of everything random."""
+    """Seed of everything random."""
     motions: int | Literal["auto"] = 1
-    """How many rigid motions are looked for; "auto" for any number of them."""
+    """Number of rigid motions to look for; "auto" for any number."""
     candidates: NDArray[np.bool_] | None = None
-    """(n, n') correspondences that are possible, others are never tried; None for all."""
+    """(n, n') possible correspondences, others are never tried; None for all."""
     progress: Progress | None = None
-    """Called now and then with (done, in all), in units of the choice's own."""
+    """Called now and then with (done, total), in units of the sampler's own."""
 
     @property
     def allowed(self) -> NDArray[np.bool_]:
@@ -46,31 +46,31 @@ class Request:
         return np.ascontiguousarray(self.candidates, np.bool_)
 
     @property
-    def count(self) -> float:
-        """Hyper-edges that there are, about; exactly where all correspondences are possible."""
+    def hyperedge_count(self) -> float:
+        """Estimated number of hyper-edges; exact where all correspondences are possible."""
         return enumeration.estimated_count(*self.shape, self.order, self.candidates)
 
 
-class Weighed(NamedTuple):
-    """What became of a choice of hyper-edges."""
+class SampledTensor(NamedTuple):
+    """The tensor of the hyper-edges that a sampler selected, and how it was sampled."""
 
     tensor: AffinityTensor
-    """Of those chosen whose residual is below the gate."""
+    """The selected hyper-edges whose residual is below the gate."""
     evaluated: int
-    """All evaluations that it took: for a search minimal sets solved, points looked up, predictions and hyper-edges."""
-    share: float = 1.0
-    """Part of the hyper-edges inside a right answer that was evaluated, 0 to 1."""
-    chance: float | None = None
-    """Mean weight of a random hyper-edge, where it is known."""
-    found: bool = True
-    """Whether a search ended because what it found stands out; if not, it spent its budget or tried all."""
+    """Evaluations in all: for a search, minimal sets solved, points looked up, predictions and hyper-edges."""
+    coverage: float = 1.0
+    """Fraction of the hyper-edges inside a correct assignment that were evaluated, 0 to 1."""
+    chance_weight: float | None = None
+    """Mean weight of a random hyper-edge, where known."""
+    conclusive: bool = True
+    """False for a search that ended without a hypothesis beyond chance: it spent its budget or tried everything."""
     partial: bool = False
-    """Whether only what was proposed was looked at, so that a small motion may be missing."""
+    """Whether only the correspondences of hypotheses were evaluated, so that a small motion may be missing."""
 
 
-class Choice(Protocol):
-    """Something that chooses hyper-edges and weighs them, such as `Guided`; `match` takes any."""
+class Sampler(Protocol):
+    """Selects hyper-edges and evaluates them, such as `Guided`; `match` takes any."""
 
-    def __call__(self, request: Request) -> Weighed:
-        """Tensor of the hyper-edges that it chooses and whose residual is below the gate."""
+    def __call__(self, task: SamplingTask) -> SampledTensor:
+        """Tensor of the selected hyper-edges whose residual is below the gate."""
         ...

@@ -15,7 +15,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
-from rootmatch.samplers.base import Request, Weighed
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
 from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.minimal_sets import width
@@ -36,7 +36,7 @@ def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
 
 
 @dataclass(frozen=True)
-class Completed:
+class Completion:
     """Hyper-edges of order d, each found from d − 1 of its correspondences, whose solution predicts the last.
 
     A sweep over all hyper-edges has n' − d + 1 candidates for the last image; here the one that is predicted is looked
@@ -57,18 +57,18 @@ class Completed:
 
     def __post_init__(self) -> None:
         if not self.gate > 0.0 or self.bases < 1:
-            raise InputError(f"Completed: gate {self.gate!r} and bases {self.bases!r} given; give positive numbers")
+            raise InputError(f"Completion: gate {self.gate!r} and bases {self.bases!r} given; give positive numbers")
 
-    def pays(self, request: Request) -> bool:
+    def pays(self, task: SamplingTask) -> bool:
         """Whether it is possible, affordable, and cheaper than to look at all hyper-edges."""
-        count = completion_count(request.shape, request.order, self.bases)
+        count = completion_count(task.shape, task.order, self.bases)
         return (
-            can_complete(type(request.tables))
+            can_complete(type(task.tables))
             and count <= AFFORDABLE
-            and DEARER * count <= enumeration.exhaustive_count(*request.shape, request.order)
+            and DEARER * count <= enumeration.exhaustive_count(*task.shape, task.order)
         )
 
-    def __call__(self, request: Request) -> Weighed:
+    def __call__(self, task: SamplingTask) -> SampledTensor:
         """Tensor of the hyper-edges that agree, all of them; nothing here is random.
 
         Raises
@@ -76,7 +76,7 @@ class Completed:
         InputError
             If the problem has no predictions.
         """
-        tables, shape, order = request.tables, request.shape, request.order
+        tables, shape, order = task.tables, task.shape, task.order
         if not can_complete(type(tables)):
             raise InputError('hyperedges: this problem predicts no points; use "exhaustive" or "random"')
         images = enumeration.target_arrangements(shape[1], order - 1).astype(np.int64)
@@ -84,7 +84,7 @@ class Completed:
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 
         def work(first: int, last: int) -> None:
-            completions = Completions(tables, images, self.gate**2, request.allowed)
+            completions = Completions(tables, images, self.gate**2, task.allowed)
             for number in range(first, last):
                 base, others = tasks[number]
                 found, evaluated = completions.of(base, others)
@@ -95,14 +95,14 @@ class Completed:
         for done in range(0, len(tasks), AT_ONCE * threads):
             few = min(AT_ONCE * threads, len(tasks) - done)
             in_threads(lambda first, last, done=done: work(done + first, done + last), few, threads, 4)  # type: ignore[misc]
-            if request.progress is not None:
-                request.progress(done + few, len(tasks))
+            if task.progress is not None:
+                task.progress(done + few, len(tasks))
         evaluated = sum(number for _, number in results)
         found = _distinct(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
-        tensor = given_tensor(tables, request.kind, request.weigh, shape, source, target)
-        chance = max(1.0, float(tensor.weights.sum())) / max(request.count, 1.0)
-        return Weighed(tensor, evaluated + len(found), 1.0, chance)
+        tensor = given_tensor(tables, task.kind, task.affinity, shape, source, target)
+        chance = max(1.0, float(tensor.weights.sum())) / max(task.hyperedge_count, 1.0)
+        return SampledTensor(tensor, evaluated + len(found), 1.0, chance)
 
     def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
         """Minimal sets of source points, each with the others that it is one of the widest to predict."""

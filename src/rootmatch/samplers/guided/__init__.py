@@ -1,9 +1,9 @@
-"""Guided choice of hyper-edges: minimal sets propose where every point is seen, and what they propose is weighed.
+"""Guided sampling: minimal sets predict where the other points are seen, and only what they predict is evaluated.
 
-Exhaustion looks at C(n, d) · n'!/(n' − d)! hyper-edges, of which all but C(n, d) are false. Here a few wide minimal
-sets of source points are tried with every image they may have; each solution predicts where the other points are seen,
-and a sequential test ends the false ones after a look or two (`rootmatch.samplers.guided.hypothesis_test`). The
-proposals that survive name candidate correspondences, and the hyper-edges among those, no others, go through the
-ordinary residual into the tensor. No pose is handed on: the minimal problem proposes, the residual weighs,
-the solver decides.
+There are C(n, d) · n'!/(n' − d)! hyper-edges, of which at most C(n, d) are correct. Here a few wide minimal sets of
+source points are tried with all their possible images. Each solution is a hypothesis of the pose: it predicts where the
+other points are seen, and a sequential test drops the false ones after one or two points
+(`rootmatch.samplers.guided.hypothesis_test`). The surviving hypotheses name candidate correspondences, and the
+hyper-edges among those, no others, are evaluated with the ordinary residual. No pose is handed on: the minimal problem
+predicts, the residual weighs, the solver decides.
 """

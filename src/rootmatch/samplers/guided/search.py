@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph import enumeration
 from rootmatch.problems.padding import padded
-from rootmatch.samplers.base import Request
+from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.guided import clustering
 from rootmatch.samplers.guided.detection_grid import build_raster
@@ -66,20 +66,20 @@ class Search:
 
     Parameters
     ----------
-    request : Request
+    task : SamplingTask
     options : Guided
     """
 
-    def __init__(self, request: Request, options: GuidedOptions) -> None:
-        tables, motions = request.tables, request.motions
-        self.tables, self.options, self.progress = tables, options, request.progress
-        self.n, self.n_target = request.shape
+    def __init__(self, task: SamplingTask, options: GuidedOptions) -> None:
+        tables, motions = task.tables, task.motions
+        self.tables, self.options, self.progress = tables, options, task.progress
+        self.n, self.n_target = task.shape
         self.padded = padded(tables, self.n_target)
         self.single = motions == 1
         self.motions = math.inf if motions == "auto" else float(motions)
-        self.minimal = request.order - 1
-        self.rng = np.random.default_rng([request.seed, *request.shape])
-        self.allowed = request.allowed
+        self.minimal = task.order - 1
+        self.rng = np.random.default_rng([task.seed, *task.shape])
+        self.allowed = task.allowed
         spread = np.sqrt(tables.variance)
         self.raster = build_raster(tables.rays, options.gate * max(float(np.median(spread)), float(spread.max()) / 2.0))
         self.density = CROWDING * self.raster.density
