@@ -10,7 +10,7 @@ import rootmatch as rm
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.packing.exact import best_packing, relaxation, rounded, worth_at_least
+from rootmatch.solvers.packing.exact_packing import best_packing, relaxation, rounded, worth_at_least
 from rootmatch.solvers.packing.solver import GroupPacking, inside_groups
 from rootmatch.solvers.packing.tabu_search import pack
 

@@ -8,9 +8,9 @@ import pytest
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent, ReweightedWalk
-from rootmatch.solvers.ascent.discrete_state import change, empty_state
+from rootmatch.solvers.ascent.assignment_state import change, empty_state
 from rootmatch.solvers.ascent.pair_table import pairs_of, place_of_pair
-from rootmatch.solvers.ascent.short_walk import _contract_among, short_walk
+from rootmatch.solvers.ascent.random_walk_start import _contract_among, short_walk
 from rootmatch.solvers.ascent.start_selection import different, within
 from rootmatch.solvers.ascent.subset_index import build_index, index_support
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
@@ -130,7 +130,7 @@ def test_a_walk_of_all_correspondences_is_the_published_one(steps, monkeypatch):
 
 
 def test_a_walk_that_forgets_the_lightest_still_finds_what_is_planted(monkeypatch):
-    monkeypatch.setattr("rootmatch.solvers.ascent.short_walk.FEWEST", 40)
+    monkeypatch.setattr("rootmatch.solvers.ascent.random_walk_start.FEWEST", 40)
     indices, weights, truth = planted(2, 12, 14, 3, 4000)
     index = tabled(AffinityTensor(indices, weights, (12, 14)), monkeypatch)
     np.testing.assert_array_equal(short_walk(index, 10), truth)

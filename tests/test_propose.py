@@ -17,9 +17,9 @@ from rootmatch.problems.p3p.tables import P3PTables
 from rootmatch.problems.up2p import hypotheses as up2p_hypotheses
 from rootmatch.problems.up2p.problem import UP2P
 from rootmatch.problems.up2p.tables import UP2PTables
-from rootmatch.samplers.guided import clustering, detection_grid
-from rootmatch.samplers.guided.hypothesis_test import Rules, prepare_sets, propose
+from rootmatch.samplers.guided import detection_grid, hypothesis_clustering
 from rootmatch.samplers.guided.minimal_sets import others_of
+from rootmatch.samplers.guided.sequential_test import Rules, prepare_sets, propose
 from rootmatch.samplers.guided.verification import weigh
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
@@ -276,7 +276,7 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
         quick = propose(*given)
         with monkeypatch.context() as patched:
-            patched.setattr("rootmatch.samplers.guided.hypothesis_test._looks", lambda *_: 0)
+            patched.setattr("rootmatch.samplers.guided.sequential_test._looks", lambda *_: 0)
             slow = propose(*given)
         assert np.array_equal(quick[2][:, :2], slow[2][:, :2])
         rows = [{tuple(row) for row in one[0].reshape(-1, m + 2).tolist() if row[0] >= 0} for one in (quick, slow)]
@@ -372,19 +372,19 @@ def test_groups_join_like_proposals_and_list_their_candidates() -> None:
     candidates = np.full((5, 4, 4), -1, np.int64)
     candidates[:, :, 0] = best
     candidates[1, 3, :2] = [5, 6]
-    leaders, lists = clustering.group(evidence, best, candidates, 10, 0.5, 0.5)
+    leaders, lists = hypothesis_clustering.group(evidence, best, candidates, 10, 0.5, 0.5)
     assert leaders.tolist() == [0, 2]
     assert lists[0].tolist() == [[0] + [-1] * 5, [1] + [-1] * 5, [2, 3] + [-1] * 4, [3, 5, 6, 2, -1, -1]]
     # the last is alike but far weaker than its group's first
     assert lists[1, :, 1:].max() == -1
-    leaders, _ = clustering.group(evidence, best, candidates, 1, 0.9, 0.5)
+    leaders, _ = hypothesis_clustering.group(evidence, best, candidates, 1, 0.9, 0.5)
     assert leaders.tolist() == [0]
 
 
 def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
     rng = np.random.default_rng(1)
     n, n_target, groups = 6, 7, 70
-    lists = np.full((groups, n, clustering.LIST), -1, np.int64)
+    lists = np.full((groups, n, hypothesis_clustering.LIST), -1, np.int64)
     for g, d in product(range(groups), range(n)):
         chosen = rng.permutation(n_target)[: rng.integers(0, 3)]
         lists[g, d, : len(chosen)] = chosen
@@ -394,18 +394,18 @@ def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
         for images in product(*([k for k in lists[g, d] if k >= 0] for d in subset)):
             if len(set(images)) == 3:
                 expected.add((subset, tuple(int(k) for k in images)))
-    mask = clustering.membership(lists, n_target)
+    mask = hypothesis_clustering.membership(lists, n_target)
     counts = np.zeros(groups, np.int64)
     nothing = np.empty((0, 3), np.int64)
-    clustering.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
+    hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
     source, target = np.empty((counts.sum(), 3), np.int64), np.empty((counts.sum(), 3), np.int64)
-    clustering.candidate_hyperedges(lists, mask, subsets, source, target, counts)
+    hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, source, target, counts)
     got = [(tuple(i), tuple(j)) for i, j in zip(source.tolist(), target.tolist(), strict=True)]
     assert len(got) == len(set(got))
     assert set(got) == expected
     # cut short it writes the first ones
     short = np.empty((5, 3), np.int64)
-    clustering.candidate_hyperedges(lists, mask, subsets, short, short.copy(), counts)
+    hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, short, short.copy(), counts)
     assert np.array_equal(short, source[:5])
 
 

@@ -19,7 +19,7 @@ from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.completion import Completion
 from rootmatch.solvers.base import Solution
-from rootmatch.solvers.packing.group_fit import GroupFit
+from rootmatch.solvers.packing.fitted_groups import GroupFit
 from rootmatch.solvers.packing.solver import GroupPacking
 
 REST = 50_000_000

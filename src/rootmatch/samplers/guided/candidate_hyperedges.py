@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.samplers.guided import clustering
+from rootmatch.samplers.guided import hypothesis_clustering
 from rootmatch.samplers.guided.hypotheses import Found
 from rootmatch.samplers.guided.options import GuidedOptions
 
@@ -30,19 +30,19 @@ def hyperedges_among(
         Part of the d-subsets that was used.
     """
     lists = found.lists
-    mask = clustering.membership(lists, shape[1])
+    mask = hypothesis_clustering.membership(lists, shape[1])
     subsets, share = _subsets(found, shape[0], order, options.subsets, rng)
     nothing = np.empty((0, order), np.int64)
     counts = np.zeros(len(lists), np.int64)
-    clustering.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
+    hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
     if len(counts) and counts[0] > options.edges:
         keep = max(1, int(len(subsets) * options.edges / counts[0]))
         share *= keep / len(subsets)
         subsets = subsets[np.sort(rng.permutation(len(subsets))[:keep])]
-        clustering.candidate_hyperedges(lists[:1], mask, subsets, nothing, nothing, counts)
+        hypothesis_clustering.candidate_hyperedges(lists[:1], mask, subsets, nothing, nothing, counts)
     total = int(counts[np.cumsum(counts) <= max(options.edges, counts[:1].sum())].sum())
     source, target = np.empty((total, order), np.int64), np.empty((total, order), np.int64)
-    clustering.candidate_hyperedges(lists, mask, subsets, source, target, counts)
+    hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, source, target, counts)
     return source, target, share
 
 

@@ -13,12 +13,12 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.guided import clustering
+from rootmatch.samplers.guided import hypothesis_clustering
 from rootmatch.samplers.guided.detection_grid import build_raster
 from rootmatch.samplers.guided.hypotheses import Found, Proposals
-from rootmatch.samplers.guided.hypothesis_test import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.sequential_test import ROOTS, Rules, Sets, prepare_sets, propose
 from rootmatch.samplers.guided.verification import weigh
 
 Integers = NDArray[np.int64]
@@ -260,7 +260,7 @@ class Search:
         """Leaders (G,) and candidates (G, n, c) of the groups of all that was proposed, and that, strongest first."""
         every = Proposals.joined(self.parts, self.minimal, self.n).strongest(REMEMBERED)
         self.parts = [every]
-        leaders, lists = clustering.group(
+        leaders, lists = hypothesis_clustering.group(
             every.evidence, every.best, every.candidates, self.options.groups, ALIKE, WEAK
         )
         return leaders, lists, every

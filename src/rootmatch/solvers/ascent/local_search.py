@@ -1,7 +1,7 @@
 """Ascent of the discrete score by the best single move, from many starts at once.
 
 Correspondences that share a point are in no hyper-edge together, hence with the gains G and pair weights P of
-`discrete_state` these changes of f(X) are exact (unary weights u enter with G; the penalty by the size of X):
+`assignment_state` these changes of f(X) are exact (unary weights u enter with G; the penalty by the size of X):
 
 * add c: G_c; remove b: −G_b; replace b by c: G_c − G_b;
 * replace b and b', the two that conflict with c: G_c − G_b − G_b' + P_bb';
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads
-from rootmatch.solvers.ascent.discrete_state import State, change, empty_state, joint_weight, objective
+from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, objective
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
 LEAST_STEP = 1e-10

@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.jit.threads import threads_worth
-from rootmatch.solvers.ascent.discrete_state import State, empty_state
+from rootmatch.solvers.ascent.assignment_state import State, empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, modifications, state_of
-from rootmatch.solvers.ascent.short_walk import short_walk
+from rootmatch.solvers.ascent.random_walk_start import short_walk
 from rootmatch.solvers.ascent.start_selection import covered, different, forced, packed, within
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, index_support
 from rootmatch.solvers.base import Alternatives, Solution

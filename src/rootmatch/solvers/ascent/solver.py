@@ -45,7 +45,7 @@ class MultiStartAscent:
     starts : int
         Cores, ascents from them, and cores put into the best assignment, at most of each.
     walk : int
-        Steps of the random walk (`short_walk`) at most; 0 for none.
+        Steps of the random walk (`random_walk_start`) at most; 0 for none.
     agreement : int
         Ascents to the best assignment, from different cores, that are enough.
     penalty : float

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.base import Solution, is_empty, nothing
-from rootmatch.solvers.packing.group_choice import GroupChoice
-from rootmatch.solvers.packing.group_evidence import GrownGroups
-from rootmatch.solvers.packing.group_fit import FittedGroups, GroupFit
+from rootmatch.solvers.packing.fitted_groups import FittedGroups, GroupFit
+from rootmatch.solvers.packing.group_selection import GroupChoice
+from rootmatch.solvers.packing.hyperedge_groups import GrownGroups
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class GroupPacking:
     gate's) where by chance a hyper-edge has the mean weight w̄; c, the logarithm of the number of images that a point
     may have, is what a correspondence must explain.
 
-    1. Groups grow from single hyper-edges by ascents (`group_evidence`); where whole groups can be fitted, from cliques
-       of hyper-edges in every way that their motion allows (`group_fit`).
+    1. Groups grow from single hyper-edges by ascents (`hyperedge_groups`); where whole groups can be fitted, from
+       cliques of hyper-edges in every way that their motion allows (`fitted_groups`).
     2. They compete: every point and every image once, at most `motions` groups (set packing; `exact_packing`).
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
-from rootmatch.solvers.packing.group_evidence import GrownGroups, match_cost
+from rootmatch.solvers.packing.hyperedge_groups import GrownGroups, match_cost
 
 Groups = NDArray[np.int64]
 

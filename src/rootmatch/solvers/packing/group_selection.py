@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.solvers.packing.exact import best_packing, relaxation, rounded, worth_at_least
+from rootmatch.solvers.packing.exact_packing import best_packing, relaxation, rounded, worth_at_least
 
 NODES, MORE_NODES, FEW_NODES = 400_000, 50_000, 5_000
 """Nodes of branch and bound for the best large groups, with the small ones too, and in the place of one of them."""

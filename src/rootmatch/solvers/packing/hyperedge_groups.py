@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.ascent.discrete_state import empty_state
+from rootmatch.solvers.ascent.assignment_state import empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, state_of
 from rootmatch.solvers.ascent.start_selection import within
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, index_support
