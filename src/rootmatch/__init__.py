@@ -10,31 +10,31 @@ from rootmatch.hypergraph.affinity import Affinity, Residual
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import Match, Status, match, residuals
 from rootmatch.matcher import Matcher
+from rootmatch.problems import MODULES
 from rootmatch.problems.base import Problem
-from rootmatch.problems.p3p.problem import P3P
-from rootmatch.problems.three_plus_one.problem import ThreePlusOne
-from rootmatch.problems.up2p.problem import UP2P
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.sampler import Guided
 
 if TYPE_CHECKING:
     from rootmatch.derivation.derive import derive
     from rootmatch.hypergraph.invariants import invariant_affinities, nearest_hyperedges
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
-    from rootmatch.problems.planar_motion.problem import PlanarMotion
-    from rootmatch.problems.similarity.problem import Rigid, Similarity
-    from rootmatch.problems.up2pf.problem import UP2PF
+    from rootmatch.problems.p3p import P3P as P3P
+    from rootmatch.problems.planar_motion import PlanarMotion as PlanarMotion
+    from rootmatch.problems.similarity import Rigid as Rigid
+    from rootmatch.problems.similarity import Similarity as Similarity
+    from rootmatch.problems.three_plus_one import ThreePlusOne as ThreePlusOne
+    from rootmatch.problems.up2p import UP2P as UP2P
+    from rootmatch.problems.up2pf import UP2PF as UP2PF
 
 _LATER = {
+    **MODULES,
     "Bearings": "problems.derived.measurements",
     "Points": "problems.derived.measurements",
     "Uncalibrated": "problems.derived.measurements",
     "invariant_affinities": "hypergraph.invariants",
     "nearest_hyperedges": "hypergraph.invariants",
-    "PlanarMotion": "problems.planar_motion",
-    "Rigid": "problems.similarity",
-    "Similarity": "problems.similarity",
     "derive": "derivation.derive",
-    "UP2PF": "problems.up2pf",
 }
 """Modules that are imported when first asked for: most users need none of them."""
 
@@ -52,9 +52,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "P3P",
-    "UP2P",
-    "UP2PF",
+    *MODULES,
     "Affinity",
     "AffinityTensor",
     "Bearings",
@@ -63,15 +61,12 @@ __all__ = [
     "InputError",
     "Match",
     "Matcher",
-    "PlanarMotion",
     "Points",
+    "Pose",
     "Problem",
     "Residual",
-    "Rigid",
     "RootmatchError",
-    "Similarity",
     "Status",
-    "ThreePlusOne",
     "Uncalibrated",
     "__version__",
     "derive",

@@ -84,10 +84,17 @@ class Match:
         return self.status.advice(self.problem)
 
     def pose(self) -> list[Pose | None]:
-        """Pose of each motion from its matches, ``(R, t)`` with x_cam = R X + t, by PoseLib (the extra ``pose``).
+        """Pose of each motion from its matches; see `Pose` for frames and units.
 
-        For two images the pose takes the first camera's frame to the second's and t has length 1. None for a motion
-        with fewer matches than a pose needs.
+        Of cameras by PoseLib (the extra ``pose``), between two point sets by least squares in closed form. None for a
+        motion with fewer matches than a pose needs (`Problem.least_for_pose`).
+
+        Raises
+        ------
+        InputError
+            If the problem fits no poses: `UP2PF` and derived ones.
+        RootmatchError
+            If PoseLib is needed and not installed.
         """
         return poses_of(self.problem, self.source, self.target, self.assignment, self.motions)
 

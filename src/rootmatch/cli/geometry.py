@@ -1,71 +1,81 @@
-"""The geometric problem of a command: from options and a camera file."""
+"""The geometric problem of a command: from its name, options and a camera file."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from rootmatch.errors import InputError
+from rootmatch.problems import PROBLEMS, problem_class
 
 if TYPE_CHECKING:
-    from rootmatch.io import Calibration
     from rootmatch.problems.base import Problem
 
+    ProblemName = StrEnum
+else:
+    ProblemName = StrEnum("ProblemName", {name: name for name in PROBLEMS})
 
-class ProblemName(StrEnum):
-    """The problems by their short names."""
-
-    P3P = "p3p"
-    UP2P = "up2p"
-    THREE_PLUS_ONE = "3p1"
+Given = str | float | int | None
 
 
-OWN_OPTIONS = {
-    ProblemName.P3P: (),
-    ProblemName.UP2P: ("vertical_camera", "vertical_world", "vertical_noise"),
-    ProblemName.THREE_PLUS_ONE: ("camera2", "axis", "axis2", "axis_noise"),
-}
-"""Options that only one problem has a use for."""
+def posed_problem(name: str, given: dict[str, Given]) -> Problem:
+    """The problem of that name; what is not given is taken from the camera file, else left at its default.
 
+    Parameters
+    ----------
+    name : str
+        A key of `rootmatch.problems.PROBLEMS`.
+    given : dict
+        Of the options that not every problem has, as text or number; None where one is not given. An option sets the
+        field of its name.
+    """
+    from rootmatch.io import Calibration, parse_camera
 
-def posed_problem(name: ProblemName, camera: str, given: dict[str, str | float | None]) -> Problem:
-    """The problem of the options; what is not given is taken from the camera file, else left at its default."""
-    from rootmatch.io import parse_camera
-
+    problem = problem_class(name)
+    known = {field.name: field for field in fields(problem) if field.init}
     for option, asked in given.items():
-        if asked is not None and option not in OWN_OPTIONS[name]:
-            owner = next(one for one, options in OWN_OPTIONS.items() if option in options)
-            raise InputError(f"{flag(option)}: it belongs to --problem {owner}, not to {name}; leave it out")
-    calibration: Calibration = parse_camera(camera, "--camera")
+        if asked is not None and option not in known:
+            owners = " or ".join(_owners(option))
+            raise InputError(f"{flag(option)}: it belongs to --problem {owners}, not to {name}; leave it out")
+    calibration: Calibration | None = None
+    if given["camera"] is not None:
+        calibration = parse_camera(str(given["camera"]), "--camera")
     settings: dict[str, Any] = {}
-    for option in OWN_OPTIONS[name]:
-        asked = given[option]
-        value = getattr(calibration, option, None) if asked is None else _setting(option, asked)
+    for option, field in known.items():
+        asked = given.get(option)
+        value = getattr(calibration, option, None)
+        if asked is not None and option != "camera":
+            value = _setting(option, asked)
         if value is not None:
             settings[option] = tuple(value.tolist()) if hasattr(value, "tolist") else value  # problems stay hashable
-    if name is ProblemName.P3P:
-        from rootmatch.problems.p3p.problem import P3P
-
-        return P3P(calibration.camera)
-    if name is ProblemName.UP2P:
-        from rootmatch.problems.up2p.problem import UP2P
-
-        return UP2P(calibration.camera, **settings)
-    from rootmatch.problems.three_plus_one.problem import ThreePlusOne
-
-    return ThreePlusOne(calibration.camera, **settings)
+        elif field.default is MISSING:
+            raise InputError(f"{flag(option)}: missing; --problem {name} needs it")
+    posed: Problem = problem(**settings)
+    return posed
 
 
-def _setting(option: str, asked: str | float) -> Any:
-    """The value of an option that only one problem has."""
-    from rootmatch.io import parse_camera, parse_direction
+def _owners(option: str) -> list[str]:
+    """The problems that have an option."""
+    return [name for name in PROBLEMS if option in {field.name for field in fields(problem_class(name))}]
 
+
+def _setting(option: str, asked: str | float | int) -> Any:
+    """The value of an option that not every problem has."""
+    from rootmatch.io import parse_camera, parse_direction, parse_numbers
+
+    if isinstance(asked, int):
+        return asked
     if isinstance(asked, float):
         if not 0.0 <= asked <= 45.0:
             raise InputError(f"{flag(option)}: {asked:g} given; give degrees from 0 to 45")
         return math.radians(asked)
-    return parse_camera(asked, flag(option)).camera if option == "camera2" else parse_direction(asked, flag(option))
+    if option == "camera2":
+        return parse_camera(asked, flag(option)).camera
+    if option == "centre":
+        return tuple(parse_numbers(asked, 2, flag(option), "320,240"))
+    return parse_direction(asked, flag(option))
 
 
 def flag(name: str) -> str:

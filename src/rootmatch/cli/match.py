@@ -35,14 +35,19 @@ INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
 
 def match(
     model: Annotated[
-        Path, typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 x,y of the first image.")
+        Path,
+        typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
     ],
     image: Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")],
     problem: Annotated[ProblemName, typer.Option(help="What is known.", rich_help_panel=INPUT)],
     camera: Annotated[
-        str,
-        typer.Option(metavar="FX,FY,CX,CY", help="Camera in pixels, or a camera file (JSON).", rich_help_panel=INPUT),
-    ],
+        str | None,
+        typer.Option(
+            metavar="FX,FY,CX,CY",
+            help="p3p, up2p, 3p1, planar: camera in pixels, or a camera file (JSON).",
+            rich_help_panel=INPUT,
+        ),
+    ] = None,
     noise: Annotated[
         str,
         typer.Option(
@@ -52,13 +57,13 @@ def match(
     vertical_camera: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="up2p: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
+            metavar="X,Y,Z", help="up2p, up2pf: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
         ),
     ] = None,
     vertical_world: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="up2p: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
+            metavar="X,Y,Z", help="up2p, up2pf: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
         ),
     ] = None,
     vertical_noise: Annotated[
@@ -73,14 +78,17 @@ def match(
     camera2: Annotated[
         str | None,
         typer.Option(
-            metavar="FX,FY,CX,CY", help="3p1: the second camera.", show_default="as the first", rich_help_panel=INPUT
+            metavar="FX,FY,CX,CY",
+            help="3p1, planar: the second camera.",
+            show_default="as the first",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     axis: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="3p1: the common direction in the first camera.",
+            help="3p1, planar: the common direction in the first camera.",
             show_default="0,1,0",
             rich_help_panel=INPUT,
         ),
@@ -88,7 +96,10 @@ def match(
     axis2: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="3p1: the same in the second camera.", show_default="0,1,0", rich_help_panel=INPUT
+            metavar="X,Y,Z",
+            help="3p1, planar: the same in the second camera.",
+            show_default="0,1,0",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     axis_noise: Annotated[
@@ -98,6 +109,15 @@ def match(
             help="3p1: standard deviation of the measured directions.",
             show_default="0",
             rich_help_panel=INPUT,
+        ),
+    ] = None,
+    centre: Annotated[
+        str | None, typer.Option(metavar="CX,CY", help="up2pf: principal point in pixels.", rich_help_panel=INPUT)
+    ] = None,
+    dimension: Annotated[
+        int | None,
+        typer.Option(
+            metavar="2|3", help="similarity, rigid: of both point sets.", show_default="2", rich_help_panel=INPUT
         ),
     ] = None,
     normals: Annotated[
@@ -217,7 +237,8 @@ def match(
     Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input;
     130: interrupted.
     """
-    given: dict[str, str | float | None] = {
+    given: dict[str, str | float | int | None] = {
+        "camera": camera,
         "vertical_camera": vertical_camera,
         "vertical_world": vertical_world,
         "vertical_noise": vertical_noise,
@@ -225,9 +246,11 @@ def match(
         "axis": axis,
         "axis2": axis2,
         "axis_noise": axis_noise,
+        "centre": centre,
+        "dimension": dimension,
     }
     _check_outputs(output, plot, [model, image, *(path for path in (truth, candidates) if path)])
-    posed = posed_problem(problem, camera, given)
+    posed = posed_problem(str(problem), given)
     from rootmatch import io
 
     source = io.read_points(model, posed.source_dimension, posed.order)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shlex
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rootmatch.cli.geometry import ProblemName
 from rootmatch.cli.texts import in_words_of_the_command
 from rootmatch.errors import InputError
 
@@ -16,12 +16,20 @@ if TYPE_CHECKING:
     from rootmatch.simulation import Scene
 
 
+class SceneName(StrEnum):
+    """The scenes of the paper by the problem that they are for."""
+
+    P3P = "p3p"
+    UP2P = "up2p"
+    THREE_PLUS_ONE = "3p1"
+
+
 EXACT = 0.1
 """Noise in pixels that is stated for a scene without any: rounding alone would be measured against 0."""
 
 
 def simulate(
-    problem: Annotated[ProblemName, typer.Argument(help="Which scene of the paper.")],
+    problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.")],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
     points: Annotated[int, typer.Option(metavar="N", help="Source points that have an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
@@ -46,7 +54,7 @@ def simulate(
     check_output_folder(output, force)
     options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
     own = {"motions": motions, "baseline": baseline}
-    allowed = "baseline" if problem is ProblemName.THREE_PLUS_ONE else "motions"
+    allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
     for name, value in own.items():
         if value is not None:
             if name != allowed:
@@ -56,9 +64,9 @@ def simulate(
         from rootmatch import simulation
 
         make = {
-            ProblemName.P3P: simulation.p3p_scene,
-            ProblemName.UP2P: simulation.up2p_scene,
-            ProblemName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
+            SceneName.P3P: simulation.p3p_scene,
+            SceneName.UP2P: simulation.up2p_scene,
+            SceneName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
         }[problem]
         scene = make(points, **options)
     _write(scene, output, force)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.pose import Pose
 
 
 class Problem(ABC):
@@ -37,6 +38,8 @@ class Problem(ABC):
     """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
     fits_answers: ClassVar[bool] = False
     """Whether `fitted` is there."""
+    least_for_pose: ClassVar[int] = 0
+    """Matches that `pose` needs; 0 where there is none."""
     to_check: ClassVar[str] = "units and what the problem was given"
     """What to look at where no answer can be trusted, in the words of the status' advice; …"""
     to_tell: ClassVar[str] = "say by `candidates` which pairs are possible"
@@ -82,6 +85,10 @@ class Problem(ABC):
         Every answer needs ``minimal + 1`` matches; source, target and noise are as for `prepare`.
         """
         raise NotImplementedError(f"{self.name} cannot fit answers")
+
+    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+        """Pose of matched points (m, 3|2) and (m, 2|3), at least `least_for_pose` of them."""
+        raise NotImplementedError(f"{self.name} fits no poses")
 
     def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.

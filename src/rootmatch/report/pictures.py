@@ -35,6 +35,8 @@ LABELS_AT_MOST = 80
 """Points of one side above which names would only hide the picture."""
 ASIDE = np.deg2rad(20.0)
 """How far the 3D view is turned from the camera's, so that depth shows."""
+OWN_VIEW = (30.0, -60.0, 0.0)
+"""Matplotlib's own view of space: elevation, azimuth and roll in degrees."""
 
 
 def check_picture(path: Path) -> None:
@@ -69,8 +71,8 @@ def match_figure(
     ----------
     source : (n, 3) or (n, 2) array
         Points in space, drawn in perspective from near where the camera saw them, or pixels of the first image.
-    target : (n', 2) array
-        Pixels, x right and y down.
+    target : (n', 2) or (n', 3) array
+        Pixels, x right and y down, or points in space.
     assignment : (n,) array
         Index into the target, −1 where unmatched.
     motions : (n,) array, optional
@@ -106,41 +108,48 @@ def match_figure(
 
     figure = Figure(figsize=(12.0, 6.4), dpi=120)
     FigureCanvasAgg(figure)
-    in_space = source.shape[1] == 3
+    in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
     left: Any = figure.add_axes(
         (0.02, 0.09, 0.45, 0.82) if in_space else (0.06, 0.12, 0.41, 0.78), projection="3d" if in_space else None
     )
-    right = figure.add_axes((0.53, 0.12, 0.41, 0.78))
+    right: Any = figure.add_axes(
+        (0.53, 0.09, 0.45, 0.82) if to_space else (0.53, 0.12, 0.41, 0.78), projection="3d" if to_space else None
+    )
     if in_space:
         _show_space(left, source, _view(source, target, match, labels), unit)
     else:
         _show_image(left, source)
-    _show_image(right, target)
-    right.yaxis.tick_right()
-    right.yaxis.set_label_position("right")  # out of the way of the lines
+    if to_space:
+        _show_space(right, target, OWN_VIEW, unit)
+    else:
+        _show_image(right, target)
+        right.yaxis.tick_right()
+        right.yaxis.set_label_position("right")  # out of the way of the lines
     titles = ("model", "image") if in_space else ("first image", "second image")
+    if to_space:
+        titles = ("source", "target")
     for axes, name in zip((left, right), titles, strict=True):
         axes.set_title(name, fontsize=10)
     figure.suptitle(title, fontsize=11, y=0.975)
 
     figure.draw_without_rendering()  # settles the axes, hence where each point of space falls on the page
-    flat = _on_page(left, source)
+    flat, flat_target = _on_page(left, source), _on_page(right, target)
     groups = _groups(match, labels, wrong)
     for group in groups:
-        _join(figure, left.transData, right.transData, flat[group.members], target[match[group.members]], group)
+        _join(figure, left.transData, right.transData, flat[group.members], flat_target[match[group.members]], group)
         for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
     handles += _draw_unmatched((left, right), (source[match < 0], _lone(target, match)), titles)
     _draw_names(left, flat, _names(source_names, len(source)), towards=-1.0)
-    _draw_names(right, target, _names(target_names, len(target)), towards=1.0)
+    _draw_names(right, flat_target, _names(target_names, len(target)), towards=1.0)
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=9, frameon=False)
     return figure
 
 
 def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integers, true: Integers | None) -> None:
-    if source.ndim != 2 or source.shape[1] not in (2, 3) or target.ndim != 2 or target.shape[1] != 2:
-        raise InputError(f"picture: shapes {source.shape} and {target.shape} given, (n, 3|2) and (n', 2) expected")
+    if source.ndim != 2 or source.shape[1] not in (2, 3) or target.ndim != 2 or target.shape[1] not in (2, 3):
+        raise InputError(f"picture: shapes {source.shape} and {target.shape} given, (n, 3|2) and (n', 2|3) expected")
     for name, array in (("assignment", match), ("motions", labels), ("truth", true)):
         if array is not None and array.shape != (len(source),):
             raise InputError(f"picture: {name} of shape {array.shape} given, ({len(source)},) expected")
@@ -192,19 +201,21 @@ def _view(source: Floats, target: Floats, match: Integers, labels: Integers) -> 
     """Elevation, azimuth and roll in degrees of a view near the camera's, so that the lines cross little.
 
     An affine camera is fitted to the largest motion; its rows are the directions of space that run right and down in
-    the image. Without enough matches the view is matplotlib's own.
+    the image. Without enough matches, and for targets in space, the view is matplotlib's own.
     """
+    if target.shape[1] == 3:
+        return OWN_VIEW
     matched = match >= 0
     if matched.any():
         matched &= labels == np.bincount(labels[matched] - labels[matched].min()).argmax() + labels[matched].min()
     if matched.sum() < 4:
-        return 30.0, -60.0, 0.0
+        return OWN_VIEW
     centred = source[matched] - source[matched].mean(axis=0)
     rows = np.linalg.lstsq(centred, target[match[matched]], rcond=1e-6)[0].T
     right = rows[0] / max(float(np.linalg.norm(rows[0])), 1e-300)
     down = rows[1] - (rows[1] @ right) * right
     if np.linalg.norm(down) < 0.05 * np.linalg.norm(rows[0]) or not np.all(np.isfinite(rows)):
-        return 30.0, -60.0, 0.0
+        return OWN_VIEW
     down /= np.linalg.norm(down)
     towards = np.cross(down, right)  # from the points to the viewer
     towards = np.cos(ASIDE) * towards + np.sin(ASIDE) * right

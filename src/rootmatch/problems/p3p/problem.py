@@ -15,6 +15,7 @@ from rootmatch.problems.p3p.resultant import quartic_in_ratio
 from rootmatch.problems.p3p.tables import P3PTables
 from rootmatch.problems.pose_fit.absolute import absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class P3P(Problem):
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     paper_rho: ClassVar[float] = 1e-9
     fits_answers: ClassVar[bool] = True
+    least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
 
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
@@ -74,6 +76,10 @@ class P3P(Problem):
     ) -> Fit:
         """Answers fitted by a pose each; see `Problem.fitted`."""
         return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, None)
+
+    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+        """Camera pose; see `Problem.pose`."""
+        return absolute_pose(self.camera, source, target)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""

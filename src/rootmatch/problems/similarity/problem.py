@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.pose_fit.pose import Pose, point_set_pose
 from rootmatch.problems.similarity.tables import SimilarityTables
 
 
@@ -35,6 +36,9 @@ class Similarity(Problem):
     target, and their root mean square that of the source; a pair gives source and target apart (a model is exact:
     ``noise=(0.0, 0.1)``).
 
+    The pose is the least-squares motion of the source onto the target. In space it is a rotation, which does not fit a
+    mirrored set.
+
     Degenerate: three points on a line (their three equations depend; a large residual: nothing is said), two points
     nearer than the noise; symmetric sets, which match in several ways.
     """
@@ -48,6 +52,7 @@ class Similarity(Problem):
     constraints: ClassVar[int] = 2
     pair_count: ClassVar[int] = 3
     to_check: ClassVar[str] = "the units of points and noise"
+    least_for_pose: ClassVar[int] = 3
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
@@ -79,6 +84,10 @@ class Similarity(Problem):
             target_points=np.ascontiguousarray(second[:, :2].T) if oriented else np.zeros((2, len(second))),
             scale=np.array([self.scale]),
         )
+
+    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+        """Least-squares motion of the source onto the target; see `Problem.pose`."""
+        return point_set_pose(source, target, scaled=self.scale == 0.0, mirror=self.mirror and self.dimension == 2)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials d x − e (E, 2) of pairs of points (E, 2, dimension)."""

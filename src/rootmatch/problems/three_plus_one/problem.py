@@ -14,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_noise, check_points
 from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.pose import LEAST_RELATIVE, Pose, relative_pose
 from rootmatch.problems.pose_fit.relative import Views, relative_fit
 from rootmatch.problems.three_plus_one.resultant import quartic
 from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
@@ -63,6 +64,7 @@ class ThreePlusOne(Problem):
     source_dimension: ClassVar[int] = 2
     to_check: ClassVar[str] = "cameras and axes"
     fits_answers: ClassVar[bool] = True
+    least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
     def __post_init__(self) -> None:
         unit_direction(self.axis, "axis")
@@ -127,6 +129,10 @@ class ThreePlusOne(Problem):
         sigmas = _noises(noise, len(source), len(target))
         tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
         return relative_fit(Views.of(source, target, self.cameras, self.turns(), sigmas, tilt), answers)
+
+    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+        """Pose of the second view in the first; see `Problem.pose`. It makes no use of the axes."""
+        return relative_pose(self.cameras, source, target)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""

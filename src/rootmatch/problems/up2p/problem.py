@@ -15,6 +15,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_noise, check_normals, check_points
 from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.problems.up2p.resultant import quadratic
 from rootmatch.problems.up2p.tables import UP2PTables
@@ -63,6 +64,7 @@ class UP2P(Problem):
     paper_rho: ClassVar[float] = 1e-2
     fits_groups: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
+    least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
 
     def __post_init__(self) -> None:
         unit_direction(self.vertical_camera, "vertical_camera")
@@ -133,6 +135,10 @@ class UP2P(Problem):
             if count <= room:
                 return out[:count]
             room = count
+
+    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
+        """Camera pose; see `Problem.pose`."""
+        return absolute_pose(self.camera, source, target)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""

@@ -1,0 +1,52 @@
+"""What not every problem can do: who declares it, and the one error where it is asked for in vain.
+
+A problem declares what it can: by class attributes (`rootmatch.problems.base.Problem`) and by what its record of
+kernels holds (`rootmatch.problems.kernels.ProblemKernels`).
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from rootmatch.errors import InputError
+
+
+class Capability(Enum):
+    """Capabilities: the argument that asks for one, what a problem without it lacks, and what to do instead."""
+
+    NORMALS = "normals", "does not use them, as its source is not seen by one calibrated camera", "leave them out"
+    """Declared by `Problem.takes_normals`."""
+    SOURCE_NOISE = (
+        "noise",
+        "has exact source points, and a pair (source, target) was given",
+        "give one number, or one for each target point",
+    )
+    """Declared by `Problem.noisy_source`."""
+    POSE = "pose", "fits no poses", "estimate one from `assignment` with a solver of your own"
+    """Declared by `Problem.least_for_pose`."""
+    GUIDED = "hyperedges", "has no hypotheses to guide a search", 'use hyperedges="exhaustive" or "random"'
+    """Declared by `ProblemKernels.hypotheses`."""
+    COMPLETION = (
+        "hyperedges",
+        "has no predictions to complete minimal sets",
+        'use hyperedges="exhaustive" or "random"',
+    )
+    """Declared by `ProblemKernels.completion`."""
+
+    def require(self, declared: object, problem: str) -> None:
+        """Raise the one error unless the capability is declared.
+
+        Parameters
+        ----------
+        declared : object
+            What the problem declares; false where it lacks the capability.
+        problem : str
+            Name of the problem.
+
+        Raises
+        ------
+        InputError
+        """
+        if not declared:
+            argument, lacking, instead = self.value
+            raise InputError(f"{argument}: {problem} {lacking}; {instead}")
