@@ -179,8 +179,9 @@ def match(
     seed : int
         Of everything random.
     preset : "paper", optional
-        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, one ρ, ℓ¹ power iteration; every point
-        is matched. Other arguments override parts of it. Default: all hyper-edges, joint residual, multi-start ascent.
+        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, a ρ for each problem, power iteration
+        with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
+        better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler
         Which are looked at: all, random ones, or those that a search by prediction proposes
         (`rootmatch.samplers.guided.sampler.Guided` is such a sampler and has its options;
@@ -260,6 +261,8 @@ def match(
     road = Road(
         problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress,
         backend, scheduler,
+        # The order of the points decides which resultant a hyper-edge has; the paper prefers none. A search does.
+        as_given=paper and way in ("random", "exhaustive"),
     )  # fmt: skip
     weighed = road.tensor(way, samples)
 

@@ -41,6 +41,8 @@ class Road:
     progress: Progress | None = None
     backend: selection.Name = "auto"
     scheduler: str | None = None
+    as_given: bool = False
+    """Whether the source points are asked for in the caller's order, as the paper's residuals take them."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -50,7 +52,7 @@ class Road:
     @cached_property
     def order(self) -> NDArray[np.int64]:
         """In which the source points are asked for, (n,)."""
-        return edges.wide_first(self.points)
+        return np.arange(len(self.points)) if self.as_given else edges.wide_first(self.points)
 
     def request(self) -> SamplingTask:
         """What a choice of hyper-edges is asked for, the source points in their order."""

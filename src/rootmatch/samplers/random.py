@@ -12,7 +12,7 @@ from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Block
 from rootmatch.backends.strongest import Progress as Progress
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
+from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
@@ -33,18 +33,16 @@ def random_tensor(
 ) -> tuple[AffinityTensor, int]:
     """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
 
-    A hyper-edge drawn twice is one entry of the tensor. A residual in units of the noise is worked out with the source
-    points in increasing order, whatever the order that was drawn, as `exhaustive_residuals` does.
+    A hyper-edge has one residual, that with its source points in increasing order, as in `exhaustive_residuals`: H is
+    symmetric, so the order in which the points were drawn plays no part, and a hyper-edge drawn twice is one entry. The
+    tensors of growing samples tend to that of all hyper-edges.
     """
     n, n_target = shape
-    increasing = weigh.residual.kind in NOISE_KINDS
     stream = enumeration.random_hyperedges(n, n_target, order, samples, seed, mask=candidates)
 
     def blocks() -> Iterator[Block]:
         for source, target in stream:
-            if increasing:
-                source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
-            yield source, target
+            yield np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
 
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
     done = 0

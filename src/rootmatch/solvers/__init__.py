@@ -25,12 +25,16 @@ __all__ = [
 SOLVERS: dict[str, Solver] = {
     "ascent": MultiStartAscent(),
     "power-l1": PowerIteration("l1"),
+    "power-l1-balanced": PowerIteration("l1", normalise="smaller"),
     "power-dense": PowerIteration("l2"),
     "rrwhm": ReweightedWalk(),
     "hgm": KLProjection(),
     "bcagm": BlockCoordinateAscent(),
 }
-"""The common choices by name, with default options."""
+"""The common choices by name, with default options.
+
+``power-l1`` is the paper's, which normalises the rows; ``power-l1-balanced`` balances both sets where they are equal.
+"""
 
 
 def get_solver(solver: str | Solver) -> Solver:

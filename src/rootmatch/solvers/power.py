@@ -1,9 +1,9 @@
-"""Tensor power iteration, dense and with ℓ¹ rows: the solver of the paper."""
+"""Tensor power iteration, dense and with ℓ¹ constraints on rows (the solver of the paper) or on both sides."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.base import Solution, is_empty, neighbours, nothing
 
+Norm = Literal["l1", "l2"]
+Normalise = Literal["rows", "both", "smaller"]
+
 
 @dataclass(frozen=True)
 class PowerIteration:
@@ -21,18 +24,22 @@ class PowerIteration:
     With v_a(X) = Σ_{e∋a} h_e Π_{b∈e, b≠a} X_b (`AffinityTensor.contract`):
 
     * ``"l2"``, dense: X ← v(X) / ‖v(X)‖₂;
-    * ``"l1"``, sparse: X = Y∘Y with rows of Y of unit ℓ² norm, so that rows of X sum to 1:
-      Y ← Y ∘ v(X), then each row of Y is normalised. Rows are those of the smaller set: columns of Y when n > n',
-      rows and then columns when n = n'.
+    * ``"l1"``, sparse: X = Y∘Y, Y ← Y ∘ v(X), then lines of Y are normalised to unit ℓ² norm, so that those of X sum
+      to 1. Which lines, ``normalise`` says.
 
-    Both start from equal values. A row without any gain keeps its last values, so it stays finite.
+    Both start from equal values. A line without any gain keeps its last values, so it stays finite.
 
     Source: Duchenne, Bach, Kweon and Ponce, A tensor-based algorithm for high-order graph matching, PAMI 2011,
-    algorithms 1 and 2.
+    algorithms 1 and 2, which have the rows; ``"both"`` and ``"smaller"`` are not theirs.
 
     Parameters
     ----------
-    normalisation : "l1" or "l2"
+    norm : "l1" or "l2"
+    normalise : "rows", "both" or "smaller"
+        Lines that the ℓ¹ iteration normalises. ``"rows"``: those of the source points, whatever n and n' are.
+        ``"both"``: rows, then columns. ``"smaller"``: of the smaller set; where n = n', rows and then columns. The
+        letter constrains the source alone, so that several source points may gather on one target: with n = n' balancing
+        finds far more matches. Not used with ``"l2"``.
     bias : float
         This much of the start value is added to each iterate before it is normalised, as in the authors' own code; it
         revives rows without hyper-edges and makes the result depend on the scale of the weights. The equations have 0.
@@ -44,15 +51,18 @@ class PowerIteration:
         Alternatives to report: the best single changes of the answer.
     """
 
-    normalisation: Literal["l1", "l2"] = "l1"
+    norm: Norm = "l1"
+    normalise: Normalise = "rows"
     bias: float = 0.0
     iterations: int = 200
     tolerance: float = 1e-8
     keep: int = 16
 
     def __post_init__(self) -> None:
-        if self.normalisation not in ("l1", "l2"):
-            raise InputError(f"normalisation: got {self.normalisation!r}; expected 'l1' or 'l2'")
+        if self.norm not in get_args(Norm):
+            raise InputError(f"norm: got {self.norm!r}; expected 'l1' or 'l2'")
+        if self.normalise not in get_args(Normalise):
+            raise InputError(f"normalise: got {self.normalise!r}; expected 'rows', 'both' or 'smaller'")
         if not (self.bias >= 0 and self.tolerance >= 0 and self.iterations >= 1 and self.keep >= 0):
             raise InputError("PowerIteration: expected bias, tolerance, keep ≥ 0 and iterations ≥ 1")
 
@@ -60,8 +70,10 @@ class PowerIteration:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return nothing(tensor)
-        sparse = self.normalisation == "l1"
-        start = _unit_lines(np.ones(tensor.shape), np.ones(tensor.shape)) if sparse else _unit(np.ones(tensor.shape))
+        sparse = self.norm == "l1"
+        axes = _normalised_axes(self.normalise, tensor.shape)
+        ones = np.ones(tensor.shape)
+        start = _unit_lines(ones, ones, axes) if sparse else _unit(ones)
         y = start
         change, done = np.inf, 0
         while done < self.iterations and change > self.tolerance:
@@ -70,7 +82,7 @@ class PowerIteration:
                 # Only directions matter; this keeps products of tiny weights from underflow.
                 v /= v.max() if v.max() > 0 else 1.0
             if sparse:
-                new = _unit_lines(y * v + self.bias * start, y)
+                new = _unit_lines(y * v + self.bias * start, y, axes)
                 change = np.abs(new * new - y * y).max()
             else:
                 new = _unit(v + self.bias * start, y)
@@ -101,10 +113,19 @@ def _unit(v: NDArray[np.float64], last: NDArray[np.float64] | None = None) -> ND
     return v / norm if norm > 0 else (v if last is None else last)
 
 
-def _unit_lines(y: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows, columns, or rows and then columns (by n and n') of unit ℓ² norm; a line of zeros keeps its last values."""
-    n, n_target = y.shape
-    for axis in (1, 0) if n == n_target else (1,) if n < n_target else (0,):
+def _normalised_axes(normalise: Normalise, shape: tuple[int, int]) -> tuple[int, ...]:
+    """Axes along which norms are taken: 1 for the norms of rows, 0 for those of columns."""
+    n, n_target = shape
+    if normalise == "rows":
+        return (1,)
+    if normalise == "both" or n == n_target:
+        return (1, 0)
+    return (1,) if n < n_target else (0,)
+
+
+def _unit_lines(y: NDArray[np.float64], last: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
+    """Lines along these axes, one axis after another, of unit ℓ² norm; a line of zeros keeps its last values."""
+    for axis in axes:
         # A line of tiny values must not be lost to the squares in its norm.
         largest = y.max(axis=axis, keepdims=True)
         scaled = y / np.where(largest > 0, largest, 1.0)
