@@ -78,7 +78,9 @@ def test_iterates_of_the_named_solvers_are_those_of_the_papers_equations(bias, o
 def test_each_way_to_normalise_sums_its_own_lines_to_one(order, n, n_target):
     tensor, H = random_case(order, n, n_target)
     for steps in (1, 5):
-        ways = {w: PowerIteration("l1", normalise=w, iterations=steps)(tensor).soft for w in ("rows", "both", "smaller")}
+        ways = {
+            w: PowerIteration("l1", normalise=w, iterations=steps)(tensor).soft for w in ("rows", "both", "smaller")
+        }
         np.testing.assert_allclose(ways["rows"].sum(axis=1), 1.0, rtol=1e-12)
         np.testing.assert_allclose(ways["both"].sum(axis=0), 1.0, rtol=1e-12)
         if n == n_target:

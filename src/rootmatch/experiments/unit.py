@@ -209,9 +209,7 @@ def _residuals(
         return residual
     whole = np.resize(stream.indices, (count, order))
     starts = range(0, count, BLOCK)
-    return np.concatenate(
-        [cpu.residuals(tables, kernel, *np.divmod(whole[k : k + BLOCK], shape[1])) for k in starts]
-    )
+    return np.concatenate([cpu.residuals(tables, kernel, *np.divmod(whole[k : k + BLOCK], shape[1])) for k in starts])
 
 
 def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int, int]) -> Iterator[Row]:
