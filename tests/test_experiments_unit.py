@@ -87,7 +87,7 @@ def test_a_hyperedge_has_one_weight_whatever_order_it_was_drawn_in(residual):
     every, drawn = found["exhaustive"], found["random"]
     weight = dict(zip(map(tuple, every.indices.tolist()), every.weights.tolist(), strict=True))
     # 300,000 draws of 86,400 hyper-edges show 97 % of them
-    assert 0.95 * every.size < drawn.size <= every.size
+    assert 0.9 * every.size < drawn.size <= every.size
     assert_allclose(drawn.weights, [weight[tuple(row)] for row in drawn.indices.tolist()], rtol=1e-9)
 
 

@@ -32,8 +32,8 @@ BLOCK = 1 << 14
 begin at the same draws and are always whole: a residual then does not depend on how many are asked for."""
 
 MOST_SWEPT = 8_000_000
-"""Hyper-edges up to which all are evaluated for the default pipeline: neighbours share the roots of a minimal set, so that
-takes less time than a million in the order of the stream."""
+"""Hyper-edges up to which all are evaluated for the default pipeline: neighbours share the roots of a minimal set, so
+that takes less time than a million in the order of the stream."""
 
 NOISE_FLOOR = 0.01
 """σ in pixels told to the default road for noise-free scenes: with 0 it would weigh nothing but rounding errors."""
