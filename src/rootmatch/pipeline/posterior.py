@@ -1,4 +1,4 @@
-"""How probable each of several answers is, and what else is nearly as probable: every answer fitted by one pose."""
+"""Posterior probability of assignments: each is fitted by one pose, and their neighbours are searched as well."""
 
 from __future__ import annotations
 
@@ -7,30 +7,52 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.hypergraph.neighbourhood import one_change_neighbours
+from rootmatch.options import Options, option
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.clutter import CROWDING
 
 Integers = NDArray[np.int64]
 
-NEAR = 6.0
-"""Logarithm of the odds against an answer at which it is not looked at any more."""
-GIVEN = 20.0
-"""Degrees of freedom that σ as it is given counts for, where the points themselves say that it is larger."""
-FEWER = 2
-"""Degrees of freedom by which an answer may have less for that than the first: one point."""
-ROUNDS, LOOKED_AT, MOVES = 4, 6, 32
-"""Times that the neighbourhoods of answers are searched, answers in each, and changes of one answer that are tried."""
+
+@dataclass(frozen=True)
+class PosteriorOptions(Options):
+    """How far the neighbourhoods of assignments are searched, and how much a given σ is trusted."""
+
+    negligible_odds: float = option(6.0, above=0.0)
+    """Log-odds against an assignment at which it is dropped: e⁻⁶ is 0.25 %. A round value, not tuned."""
+    neighbour_odds: float = option(12.0, above=0.0)
+    """Log-odds, to first order, at which a change is not even fitted: twice `negligible_odds`, as a new pose may gain
+    as much again. Not tuned."""
+    noise_freedom: float = option(20.0, above=0.0)
+    """Degrees of freedom that the given σ counts for when the points say that it is larger. A round value; what it
+    gives is in ``benchmarks/accuracy.py`` and ``benchmarks/reliability.py``."""
+    freedom_slack: int = option(2, least=0)
+    """Degrees of freedom that an assignment may lack and still tell σ: one point. By construction."""
+    rounds: int = option(4, least=0)
+    """Rounds of neighbourhood search. A round value, not tuned."""
+    searched_per_round: int = option(6, least=1)
+    """Assignments whose neighbours are fitted in each round. A round value, not tuned."""
+    neighbours: int = option(32, least=1)
+    """Most probable changes of one assignment that are fitted. A round value, not tuned."""
+
+
+DEFAULT_OPTIONS = PosteriorOptions()
+HALF = 0.5
+"""A count is estimated as (k + ½) / (n + 1) (Krichevsky and Trofimov 1981), so that no probability is 0 or 1."""
+IMPOSSIBLE = -1e9
+"""Log-odds in the place of −∞, so that differences stay numbers."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known beside the answers.
+    """The points and what is known of them, as the posterior needs it.
 
     Attributes
     ----------
     problem : Problem
-        One that fits answers.
+        One that can fit assignments.
     source, target, noise
         As for `Problem.prepare`.
     allowed : (n, n') bool array, optional
@@ -49,16 +71,16 @@ class Evidence:
     normals: NDArray[np.float64] | None = None
 
     def odds(self, answer: Integers) -> NDArray[np.float64]:
-        """Logarithm of the prior odds of each match (n, n') against clutter, times pixel².
+        """Log prior odds of each correspondence (n, n') against clutter, times pixel².
 
-        A source point is seen as often as those of ``answer`` are; clutter is as dense as what it leaves.
+        A source point is visible as often as those of ``answer`` are; clutter is as dense as the detections it leaves.
         """
         n, n_target = len(self.source), len(self.target)
         matched = int((answer >= 0).sum())
         area = self._area()
-        density = CROWDING * (n_target - matched + 0.5) / area
-        seen = (matched + 0.5) / (n + 1.0)
-        odds = np.full((n, n_target), np.log(seen / (1.0 - seen)) - np.log(density))
+        density = CROWDING * (n_target - matched + HALF) / area
+        visible = (matched + HALF) / (n + 1.0)
+        odds = np.full((n, n_target), np.log(visible / (1.0 - visible)) - np.log(density))
         if self.prior is not None:
             with np.errstate(divide="ignore"):
                 odds += np.log(self.prior / max(float(self.prior.max(initial=0.0)), 1e-300))
@@ -67,57 +89,59 @@ class Evidence:
         return odds
 
     def against_none(self, answer: Integers) -> float:
-        """Logarithm of the odds of an answer's clutter and of what it leaves unseen, against clutter alone."""
+        """Log-odds of an assignment's clutter and invisible points against the hypothesis that all is clutter."""
         n, n_target, matched = len(self.source), len(self.target), int((answer >= 0).sum())
-        seen, left = (matched + 0.5) / (n + 1.0), n_target - matched
-        # two Poisson processes, each with the density that it would be given
-        clutter = left * np.log((left + 0.5) / self._area()) - n_target * np.log(n_target / self._area())
-        return float(matched * np.log(seen) + (n - matched) * np.log(1.0 - seen) + clutter + matched - 0.5)
+        visible, left = (matched + HALF) / (n + 1.0), n_target - matched
+        # two Poisson processes, each with the density estimated from its own count
+        clutter = left * np.log((left + HALF) / self._area()) - n_target * np.log(n_target / self._area())
+        return float(matched * np.log(visible) + (n - matched) * np.log(1.0 - visible) + clutter + matched - HALF)
 
     def _area(self) -> float:
-        """Of the image; the box around n' uniform points is smaller than what they were drawn from."""
+        """Area of the image in pixel²: the bounding box of n' uniform points, corrected for being too small."""
         n_target = len(self.target)
         return max(float(np.prod(np.ptp(self.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """Answers, the most probable first.
+    """Assignments, the most probable first.
 
     Attributes
     ----------
     answers : list of (n,) int64 arrays
     logarithms : (K,) array
-        Of their probabilities relative to the first.
+        Log-odds of each against the first.
     """
 
     answers: list[Integers]
     logarithms: NDArray[np.float64]
     beyond_chance: float
-    """Logarithm of the odds of the first answer against no answer, all detections clutter; NaN where not known."""
+    """Log-odds of the first assignment against none, all detections clutter; NaN where unknown."""
 
     @property
     def probability(self) -> float:
-        """Of the first answer, if one of them is right."""
+        """Posterior probability of the first assignment, given that one of them is right."""
         return self.probability_of(1)
 
     def probability_of(self, count: int) -> float:
-        """That the right answer is among the first ones."""
+        """Posterior probability that the right assignment is among the first ``count``."""
         shares = np.exp(self.logarithms)
         return float(shares[:count].sum() / shares.sum())
 
 
-def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
-    """Answers by their probability, and others near the most probable ones.
+def ranked(evidence: Evidence, answers: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
+    """Rank assignments, and those near the most probable ones, by posterior probability.
 
-    The probability of an answer is that of its detections about its best pose, the pose integrated out, against clutter
-    of uniform density. Near ones differ by a point left out, put in or moved to a free detection, or by two exchanged.
+    The posterior of an assignment is the likelihood of its detections about its best pose, the pose integrated out,
+    against clutter of uniform density. Neighbours differ by a point left out, added or moved to a free detection, or
+    by two points with exchanged detections.
 
     Parameters
     ----------
     evidence : Evidence
     answers : list of (n,) int64 arrays
         The best one first.
+    options : PosteriorOptions
     """
     least = evidence.problem.minimal + 1
     odds = evidence.odds(answers[0])
@@ -125,25 +149,28 @@ def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
     fits: dict[bytes, tuple[Fit, int]] = {}
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
-    for turn in range(ROUNDS + 1):
+    for turn in range(options.rounds + 1):
         fits |= _fits(evidence, [key for key in pool if key not in fits], pool)
-        inflation = _inflation(fits)
+        inflation = _inflation(fits, options)
         for key, (fit, k) in fits.items():
             matched = np.flatnonzero(pool[key] >= 0)
             total = float(fit.inflated(inflation)[k] + odds[matched, pool[key][matched]].sum())
             value[key] = total if np.isfinite(total) else -np.inf
-        if turn == ROUNDS or not value:
+        if turn == options.rounds or not value:
             break
-        best = max(value.values())
-        near = [key for key in sorted(value, key=lambda key: -value[key]) if value[key] > best - NEAR]
-        waiting = [key for key in near if key not in visited][:LOOKED_AT]
+        enough = max(value.values()) - options.negligible_odds
+        near = [key for key in sorted(value, key=lambda key: -value[key]) if value[key] > enough]
+        waiting = [key for key in near if key not in visited][: options.searched_per_round]
         if not waiting:
             break
         for key in waiting:
             visited.add(key)
             fit, k = fits[key]
-            for other, gain in _neighbours(evidence, odds + fit.densities(k, inflation), pool[key], fit, k):
-                if value[key] + gain > best - NEAR and (other >= 0).sum() >= least:
+            gains = odds + fit.densities(k, inflation)
+            if evidence.normals is not None:
+                gains[(pool[key] < 0) & fit.unseen(k, evidence.normals)] = -np.inf
+            for other, gain in _neighbours(gains, pool[key], options):
+                if value[key] + gain > enough and (other >= 0).sum() >= least:
                     pool.setdefault(other.tobytes(), other)
     order = sorted(value, key=lambda key: (-value[key], key))
     order = [key for key in order if value[key] > -np.inf]
@@ -156,7 +183,7 @@ def ranked(evidence: Evidence, answers: list[Integers]) -> Ranked:
 
 
 def _fits(evidence: Evidence, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:
-    """The fits of some answers of the pool, and their places in them."""
+    """Pose fits of some assignments of the pool, and their rows in them."""
     if not keys:
         return {}
     answers = np.array([pool[key] for key in keys])
@@ -164,50 +191,34 @@ def _fits(evidence: Evidence, keys: list[bytes], pool: dict[bytes, Integers]) ->
     return {key: (fit, k) for k, key in enumerate(keys)}
 
 
-def _inflation(fits: dict[bytes, tuple[Fit, int]]) -> float:
-    """Factor by which the variances are larger than given, by the best of some answers; 1 at the least.
+def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) -> float:
+    """Factor on the given variances that the best fitting assignment asks for; at least 1.
 
-    Only those count that match hardly fewer points than the first one: the fewer, the better they fit.
+    Only assignments count that match hardly fewer points than the first: the fewer, the better they fit.
     """
     found = [(float(fit.chi2[k]), int(fit.freedom[k])) for fit, k in fits.values()]
-    fair = [(GIVEN + chi2) / (GIVEN + freedom) for chi2, freedom in found if freedom >= found[0][1] - FEWER]
+    given = options.noise_freedom
+    fair = [
+        (given + chi2) / (given + freedom) for chi2, freedom in found if freedom >= found[0][1] - options.freedom_slack
+    ]
     return max(1.0, min(fair, default=1.0)) if np.isfinite(min(fair, default=1.0)) else 1.0
 
 
 def _neighbours(
-    evidence: Evidence, gain: NDArray[np.float64], answer: Integers, fit: Fit, k: int
+    gains: NDArray[np.float64], answer: Integers, options: PosteriorOptions
 ) -> list[tuple[Integers, float]]:
-    """The most probable changes of an answer, and the logarithms of their odds against it to first order.
+    """The most probable changes of an assignment, and their log-odds against it to first order.
 
-    ``gain`` (n, n') holds the logarithm of the odds of each match against none, as the others have it.
+    ``gains`` (n, n') holds the log-odds of each correspondence against none, given the rest of the assignment.
     """
-    n = len(answer)
-    every, matched = np.arange(n), answer >= 0
-    if evidence.normals is not None:
-        gain[~matched & fit.unseen(k, evidence.normals)] = -np.inf
-    own = np.where(matched, gain[every, np.maximum(answer, 0)], 0.0)
-    own = np.where(np.isfinite(own), own, -1e9)
-    free = np.ones(gain.shape[1], np.bool_)
-    free[answer[matched]] = False
-    to_free = np.where(free, gain - own[:, None], -np.inf)
-    left_out = np.where(matched, -own, -np.inf)
-    # theirs[i, j]: point i at the detection of j, which takes that of i, or none where i has none
-    theirs = np.where(matched, gain[:, answer], -np.inf)
-    back = np.where(matched[:, None], theirs.T, 0.0)
-    pairs = matched[None, :] & (~matched[:, None] | (every[:, None] < every))
-    exchanged = np.where(pairs, theirs + back - own[:, None] - own, -np.inf)
-    changes = np.concatenate([to_free.ravel(), left_out, exchanged.ravel()])
-    chosen = np.flatnonzero(changes > -2.0 * NEAR)
-    chosen = chosen[np.argsort(-changes[chosen], kind="stable")[:MOVES]]
-    out = []
-    for place in chosen.tolist():
-        other = answer.copy()
-        if place < to_free.size:
-            other[place // free.size] = place % free.size
-        elif place < to_free.size + n:
-            other[place - to_free.size] = -1
-        else:
-            i, j = divmod(place - to_free.size - n, n)
-            other[i], other[j] = answer[j], answer[i]
-        out.append((other, float(changes[place])))
-    return out
+    own = np.where(answer >= 0, gains[np.arange(len(answer)), np.maximum(answer, 0)], 0.0)
+    own = np.where(np.isfinite(own), own, IMPOSSIBLE)
+    changes = one_change_neighbours(answer, gains.shape[1], resize=True)
+    second = changes.other >= 0
+    change = np.where(changes.target >= 0, gains[changes.source, changes.target], 0.0)
+    change[second] += gains[changes.other[second], changes.other_target[second]]
+    change -= own[changes.source]
+    change[second] -= own[changes.other[second]]
+    chosen = np.flatnonzero(change > -options.neighbour_odds)
+    chosen = chosen[np.argsort(-change[chosen], kind="stable")[: options.neighbours]]
+    return list(zip(changes.take(chosen).applied_to(answer), change[chosen].tolist(), strict=True))
