@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import rootmatch as rm
 from rootmatch.cli import app
-from rootmatch.cli.texts import as_options
+from rootmatch.cli.error_messages import as_options
 from rootmatch.simulation import up2p_scene
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
@@ -487,7 +487,7 @@ class TestProgram:
             finally:
                 process.kill()
         assert process.returncode == 130
-        assert (stdout, stderr) == ("", "rootmatch: interrupted; nothing half-written is left\n")
+        assert (stdout, stderr) == ("", "rootmatch: interrupted; no partial output is left\n")
         assert list(out.iterdir()) == []
 
     @pytest.mark.skipif(os.name == "nt", reason="pipes end otherwise there")

@@ -1,6 +1,6 @@
-"""The application: its commands, its exit codes, and errors as one line on standard error.
+"""The application: commands, exit codes, and errors as one line on standard error.
 
-Exit codes: 0 success, 1 an answer that should not be trusted, 2 bad input, 130 interrupted.
+Exit codes: 0 success, 1 no trustworthy match or an ambiguous one, 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rootmatch.errors import RootmatchError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
-STOPPED = "interrupted; nothing half-written is left"
+STOPPED = "interrupted; no partial output is left"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "match": match,
@@ -30,14 +30,14 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "reproduce": reproduce,
     "benchmark": benchmark,
 }
-"""The commands by name. Their modules import what is heavy inside the function, so that help stays instant."""
+"""The commands by name. Their modules import heavy packages inside the function, so that help stays instant."""
 
 
 class OneLineErrors(TyperGroup):
-    """A group of commands that says every error in one line and never shows a traceback of a user's mistake."""
+    """A command group that reports every error in one line and shows no traceback for a user's mistake."""
 
     def main(self, *args: Any, **extra: Any) -> Any:
-        """Run, and leave with the exit code."""
+        """Run a command and exit with its code."""
         extra["standalone_mode"] = False
         try:
             code = super().main(*args, **extra)
@@ -47,21 +47,21 @@ class OneLineErrors(TyperGroup):
         except RootmatchError as error:
             sys.exit(_fail(str(error), BAD_INPUT))
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # whoever read it has gone; no more is said
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: stay silent
             sys.exit(BAD_INPUT)
         except Exception as error:
             if _interrupted(error):
                 sys.exit(_fail(STOPPED, INTERRUPTED))
-            # The parser's own errors of usage; everything else is a fault of the program and shows where it is.
+            # Usage errors come from the parser; anything else is a bug and keeps its traceback.
             if not hasattr(error, "format_message"):
                 raise
-            # Without a text the parser has shown the help instead.
+            # Without a message the parser has already printed the help.
             sys.exit(_fail(_usage(error), BAD_INPUT) if error.format_message() else BAD_INPUT)
         sys.exit(_fail(STOPPED, code) if code == INTERRUPTED else code or 0)
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C lies behind an error: met while a compiled function returns, it comes out as a SystemError."""
+    """Whether Ctrl-C caused an error: if it strikes while a compiled function returns, it surfaces as SystemError."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
             return True
@@ -70,14 +70,14 @@ def _interrupted(error: BaseException | None) -> bool:
 
 
 def _usage(error: Any) -> str:
-    """The text of an error of usage, with the command whose help says more."""
+    """Text of a usage error, with the command whose help says more."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rootmatch"
     return f"{error.format_message().rstrip('.')}; see {command} --help"
 
 
 def _fail(text: str, code: int) -> int:
-    """Say what is wrong, in one line however the text was made, and give back the exit code."""
+    """Print an error in one line, whatever its line breaks, and return the exit code."""
     print(f"rootmatch: {' '.join(text.split())}", file=sys.stderr)
     return code
 
@@ -95,7 +95,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Which point is which, when nothing but geometry is known.",
+    help="Point correspondences from geometry alone.",
 )
 for _name, _command in COMMANDS.items():
     app.command(_name)(_command)
@@ -104,10 +104,10 @@ for _name, _command in COMMANDS.items():
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Which point is which, when nothing but geometry is known."""
+    """Point correspondences from geometry alone."""
 
 
 def main() -> None:

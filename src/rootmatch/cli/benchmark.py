@@ -1,4 +1,4 @@
-"""The command ``rootmatch benchmark``: what this machine does in a second."""
+"""The command ``rootmatch benchmark``: speed and memory on this machine."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ if TYPE_CHECKING:
 
 
 def benchmark(
-    json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
-    tiny: Annotated[bool, typer.Option("--tiny", help="The least sizes: shows that all works, not how fast.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    tiny: Annotated[
+        bool, typer.Option("--tiny", help="Smallest sizes: checks that everything runs, not how fast.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
     """Measure kernels, contraction, whole matches and memory on this machine.
 
-    Kernels are set against batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
-    compiles, which takes minutes and is not timed; after that it takes about a minute of two cores.
+    Kernels are compared with batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
+    compiles, which takes minutes and is not timed; later runs take about a minute on two cores.
     """
     from rootmatch.benchmark import Plan, run
-    from rootmatch.cli.progress import shown
+    from rootmatch.cli.progress import progress_bar
 
-    with shown("benchmark", not quiet) as progress:
+    with progress_bar("benchmark", not quiet) as progress:
         results = run(Plan.tiny() if tiny else Plan(), progress)
     if json:
         from dataclasses import asdict
@@ -35,7 +37,7 @@ def benchmark(
 
 
 def _show(results: Results) -> None:
-    """Tables on standard output."""
+    """Print the tables on standard output."""
     from rich.console import Console
     from rich.table import Table
 
@@ -44,7 +46,7 @@ def _show(results: Results) -> None:
     console.print(results.note)
     console.print(f"peak {results.peak_operations / 1e9:.0f} G floating-point operations/s in float64")
     columns = "problem", "residual", "M hyper-edges/s", "M QR/s", "ratio", "operations", "of peak"
-    table = Table(*columns, title="Kernels, exhaustive, beside numpy.linalg.qr")
+    table = Table(*columns, title="Kernels, exhaustive, against numpy.linalg.qr")
     for row in results.kernels:
         table.add_row(
             row["problem"], row["kind"], f"{row['per_second'] / 1e6:.1f}", f"{row['qr_per_second'] / 1e6:.2f}",
@@ -56,15 +58,15 @@ def _show(results: Results) -> None:
         figures = f"{row['milliseconds']:.1f}", f"{row['accuracy']:.3f}", f"{row['evaluations']:.3g}"
         table.add_row(row["case"], str(row["scenes"]), *figures)
     console.print(table)
-    spent = results.contraction
+    times = results.contraction
     console.print(
-        f"contraction of {spent['hyperedges']:.3g} hyper-edges: {spent['milliseconds']:.2f} ms, one thread "
-        f"{spent['milliseconds_one_thread']:.2f} ms; numpy.add.at {spent['milliseconds_add_at']:.0f} ms, "
-        f"{spent['ratio']:.0f} times as long"
+        f"contraction of {times['hyperedges']:.3g} hyper-edges: {times['milliseconds']:.2f} ms, one thread "
+        f"{times['milliseconds_one_thread']:.2f} ms; numpy.add.at {times['milliseconds_add_at']:.0f} ms, "
+        f"{times['ratio']:.0f} times slower"
     )
-    room = results.memory
-    peak = "not known here" if room["peak_megabytes"] is None else f"{room['peak_megabytes']:.0f} MiB"
+    memory = results.memory
+    peak = "unknown on this system" if memory["peak_megabytes"] is None else f"{memory['peak_megabytes']:.0f} MiB"
     console.print(
-        f"{room['case']}: {room['hyperedges'] / 1e6:.3g} M hyper-edges, {room['kept']} kept at "
-        f"{room['bytes_each']:.0f} bytes; peak memory {peak}"
+        f"{memory['case']}: {memory['hyperedges'] / 1e6:.3g} M hyper-edges, {memory['kept']} kept at "
+        f"{memory['bytes_each']:.0f} bytes; peak memory {peak}"
     )

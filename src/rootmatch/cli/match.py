@@ -1,4 +1,4 @@
-"""``rootmatch match``: two files of points in, which point is which out."""
+"""The command ``rootmatch match``: two files of points in, their matches out."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rootmatch.cli.cold import compiled_beside
-from rootmatch.cli.geometry import ProblemName, flag, posed_problem
-from rootmatch.cli.progress import shown
-from rootmatch.cli.texts import in_words_of_the_command
+from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.problem_options import ProblemName, build_problem, flag
+from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from rootmatch.match import Match
 
 NOT_TRUSTED = 1
+"""Exit code of an untrusted or ambiguous match."""
 
 
 class Preset(StrEnum):
-    """Named settings."""
+    """Named sets of options."""
 
     PAPER = "paper"
 
@@ -39,7 +40,7 @@ def match(
         typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
     ],
     image: Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")],
-    problem: Annotated[ProblemName, typer.Option(help="What is known.", rich_help_panel=INPUT)],
+    problem: Annotated[ProblemName, typer.Option(help="Which minimal problem.", rich_help_panel=INPUT)],
     camera: Annotated[
         str | None,
         typer.Option(
@@ -51,7 +52,9 @@ def match(
     noise: Annotated[
         str,
         typer.Option(
-            metavar="PX|auto", help="Standard deviation of a pixel coordinate, or estimate it.", rich_help_panel=INPUT
+            metavar="PX|auto",
+            help="Standard deviation of a pixel coordinate, or auto to estimate it.",
+            rich_help_panel=INPUT,
         ),
     ] = "1",
     vertical_camera: Annotated[
@@ -97,7 +100,7 @@ def match(
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="3p1, planar: the same in the second camera.",
+            help="3p1, planar: the same direction in the second camera.",
             show_default="0,1,0",
             rich_help_panel=INPUT,
         ),
@@ -126,22 +129,24 @@ def match(
     candidates: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV", help="The only possible source,target, perhaps with a prior weight.", rich_help_panel=INPUT
+            metavar="CSV",
+            help="The possible source,target pairs, optionally with a prior weight.",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     motions: Annotated[
         str,
-        typer.Option(metavar="K|auto", help="Divide the matches into that many rigid motions.", rich_help_panel=METHOD),
+        typer.Option(metavar="K|auto", help="Number of rigid motions to find.", rich_help_panel=METHOD),
     ] = "1",
     preset: Annotated[
         Preset | None,
-        typer.Option(help="The method as the paper has it; other options override.", rich_help_panel=METHOD),
+        typer.Option(help="The method as published; other options override it.", rich_help_panel=METHOD),
     ] = None,
     hyperedges: Annotated[
         str | None,
         typer.Option(
             metavar="WHICH",
-            help="Which are looked at: auto, exhaustive, random, or (p3p, up2p) guided.",
+            help="Which to evaluate: auto, exhaustive, random, or (p3p, up2p) guided.",
             show_default="auto",
             rich_help_panel=METHOD,
         ),
@@ -149,7 +154,7 @@ def match(
     samples: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="How many random hyper-edges.", show_default="100000 if random", rich_help_panel=METHOD
+            metavar="N", help="Number of random hyper-edges.", show_default="100000 if random", rich_help_panel=METHOD
         ),
     ] = None,
     residual: Annotated[
@@ -163,7 +168,7 @@ def match(
         typer.Option(
             metavar="R",
             help="Spread of the affinity, in units of the residual.",
-            show_default="1 for joint and normalised, else one a problem",
+            show_default="1 for joint and normalised, else per problem",
             rich_help_panel=METHOD,
         ),
     ] = None,
@@ -171,7 +176,7 @@ def match(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="ascent, power-l1 or power-dense, among others.",
+            help="ascent, power-l1, power-dense and others.",
             show_default="ascent",
             rich_help_panel=METHOD,
         ),
@@ -180,7 +185,7 @@ def match(
         int | None,
         typer.Option(
             metavar="N",
-            help="Most hyper-edges that an exhaustive search may look at.",
+            help="Most hyper-edges that an exhaustive search may evaluate.",
             show_default="4e9, on a card 1e11",
             rich_help_panel=METHOD,
         ),
@@ -189,7 +194,7 @@ def match(
         int | None,
         typer.Option(
             metavar="N",
-            help="Most hyper-edges kept in memory, the strongest.",
+            help="Keep at most the N strongest hyper-edges in memory.",
             show_default="5000000",
             rich_help_panel=METHOD,
         ),
@@ -198,7 +203,7 @@ def match(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="What computes: auto, cpu, cuda or cuda-float32.",
+            help="Where to compute: auto, cpu, cuda or cuda-float32.",
             show_default="auto",
             rich_help_panel=METHOD,
         ),
@@ -206,10 +211,14 @@ def match(
     scheduler: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, whose workers evaluate.", rich_help_panel=METHOD
+            metavar="ADDRESS",
+            help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT.",
+            rich_help_panel=METHOD,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of everything random.", rich_help_panel=METHOD)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Random seed; the same seed gives the same match.", rich_help_panel=METHOD)
+    ] = 0,
     output: Annotated[
         Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion.", rich_help_panel=OUTPUT)
     ] = None,
@@ -222,22 +231,22 @@ def match(
     truth: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV", help="The true source,target: the answer is held against it.", rich_help_panel=OUTPUT
+            metavar="CSV", help="Ground truth source,target to compare the matches with.", rich_help_panel=OUTPUT
         ),
     ] = None,
     progress: Annotated[
         bool | None,
-        typer.Option(help="Show progress.", show_default="on long work in a terminal", rich_help_panel=OUTPUT),
+        typer.Option(help="Show progress.", show_default="for long work in a terminal", rich_help_panel=OUTPUT),
     ] = None,
 ) -> None:
-    """Find which point is which.
+    """Match points to image detections by geometry alone.
 
-    The image's x points right and y down, lens distortion removed; the camera looks along z.
+    Image x points right and y down, lens distortion removed; the camera looks along z.
 
-    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the answer is given all the same); 2: bad input;
-    130: interrupted.
+    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the best one is printed all the same); 2: bad
+    input; 130: interrupted.
     """
-    given: dict[str, str | float | int | None] = {
+    problem_options: dict[str, str | float | int | None] = {
         "camera": camera,
         "vertical_camera": vertical_camera,
         "vertical_world": vertical_world,
@@ -250,7 +259,7 @@ def match(
         "dimension": dimension,
     }
     _check_outputs(output, plot, [model, image, *(path for path in (truth, candidates) if path)])
-    posed = posed_problem(str(problem), given)
+    posed = build_problem(str(problem), problem_options)
     from rootmatch import io
 
     source = io.read_points(model, posed.source_dimension, posed.order)
@@ -272,8 +281,8 @@ def match(
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (
-        in_words_of_the_command({"source": str(model), "target": str(image), **subjects}),
-        shown("hyper-edges", progress) as show,
+        option_names_in_errors({"source": str(model), "target": str(image), **subjects}),
+        progress_bar("hyper-edges", progress) as show,
         ExitStack() as beside,
     ):
         from rootmatch.match import match as find
@@ -299,7 +308,7 @@ def match(
 
 
 def _check_outputs(output: Path | None, plot: Path | None, inputs: list[Path]) -> None:
-    """Refuse outputs that cannot be written, before any work."""
+    """Refuse unwritable outputs before any work is done."""
     from rootmatch.io import check_output
 
     if output is not None:
@@ -332,7 +341,7 @@ def _noise(text: str) -> Any:
 
 
 def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
-    """Write the files asked for: all of them, or none."""
+    """Write the requested files: all of them or none."""
     from rootmatch import io
     from rootmatch.report import text
 
@@ -358,7 +367,7 @@ def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: 
 
 
 def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
-    """The answer on standard output: a table, or one JSON object with the verdict's sentence on standard error."""
+    """Print the match on standard output: a table, or one JSON object with the advice on standard error."""
     from rootmatch.report import text
 
     if as_json:

@@ -1,4 +1,4 @@
-"""Progress of long work on standard error, so that standard output stays the answer alone."""
+"""Progress bars on standard error, so that standard output holds results only."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-AFTER = 2.0
-"""Seconds of work after which a bar shows unasked."""
+DELAY = 2.0
+"""Seconds of work after which a bar appears by default."""
 STEPS = 10
-"""Lines in all where there is no terminal to draw a bar in."""
+"""Progress lines in total where there is no terminal to draw a bar in."""
 
 Show = Callable[[int, int], None]
 
 
 @contextmanager
-def shown(what: str, wanted: bool | None) -> Iterator[Show | None]:
-    """Give a callback for (done, total), or None where nothing is to be shown.
+def progress_bar(what: str, wanted: bool | None) -> Iterator[Show | None]:
+    """Yield a callback for (done, total), or None where no progress is shown.
 
     Parameters
     ----------
     what : str
-        Named before the bar.
+        Label of the bar.
     wanted : bool, optional
-        Always or never; by default in a terminal only, and only once the work has taken a while.
+        Show it always or never; by default in a terminal only, once the work has taken `DELAY` seconds.
     """
     in_terminal = sys.stderr.isatty()
     if wanted is False or (wanted is None and not in_terminal):
         yield None
     elif in_terminal:
-        with _bar(what, 0.0 if wanted else AFTER) as show:
+        with _bar(what, 0.0 if wanted else DELAY) as show:
             yield show
     else:
         yield _lines(what)
 
 
 @contextmanager
-def _bar(what: str, after: float) -> Iterator[Show]:
-    """A bar with the time left, drawn from ``after`` seconds on."""
+def _bar(what: str, delay: float) -> Iterator[Show]:
+    """A bar with the remaining time, drawn after a delay in seconds."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -48,7 +48,7 @@ def _bar(what: str, after: float) -> Iterator[Show]:
     started = time.monotonic()
 
     def show(done: int, total: int) -> None:
-        if not bar.live.is_started and time.monotonic() - started >= after:
+        if not bar.live.is_started and time.monotonic() - started >= delay:
             bar.start()
         bar.update(task, completed=done, total=total)
 
@@ -61,13 +61,13 @@ def _bar(what: str, after: float) -> Iterator[Show]:
 
 def _lines(what: str) -> Show:
     """A line at the start and after each tenth of the work, for a file or a pipe."""
-    said = -1
+    reported = -1
 
     def show(done: int, total: int) -> None:
-        nonlocal said
+        nonlocal reported
         step = STEPS * done // max(total, 1)
-        if step > said:
-            said = step
+        if step > reported:
+            reported = step
             print(f"{what}: {100 * done // max(total, 1)} %", file=sys.stderr, flush=True)
 
     return show

@@ -10,7 +10,7 @@ import typer
 
 
 class Which(StrEnum):
-    """What is reproduced."""
+    """Experiments that can be reproduced."""
 
     P3P = "p3p"
     THREE_PLUS_ONE = "3p1"
@@ -22,28 +22,28 @@ class Which(StrEnum):
 def reproduce(
     which: Annotated[
         Which,
-        typer.Argument(help="A problem of the paper, all of them, or the public protocols of hypergraph matching."),
+        typer.Argument(help="One problem of the paper, all of them, or the public protocols of hypergraph matching."),
     ],
     output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; one that holds some is gone on with.")
+        Path, typer.Option(metavar="DIR", help="Folder of the results; unfinished work in it is resumed.")
     ],
-    instances: Annotated[int, typer.Option(metavar="N", help="Scenes of each setting.")] = 100,
+    instances: Annotated[int, typer.Option(metavar="N", help="Scenes per setting.")] = 100,
     seed: Annotated[int, typer.Option(help="Seed of the first scene.")] = 0,
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; -1 for one a processor.")] = -1,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; -1 for one per processor.")] = -1,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT, whose workers are used.")
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of a Dask scheduler, tcp://HOST:PORT.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
-    """Run the paper's experiments, draw its figures and judge its claims.
+    """Run the paper's experiments, draw its figures and check its claims.
 
     With `hypergraph`, all solvers run on the public protocols of hypergraph matching instead.
 
-    Results are kept as they come: after an interruption, however rough, the same command goes on. The same seed gives
-    the same results whatever the number of processes. All hundred scenes of each setting take 50 minutes of one core
-    (`hypergraph`: six minutes); `--instances 4` takes a few minutes.
+    Results are stored as they arrive: after any interruption the same command resumes. The same seed gives the same
+    results whatever the number of processes. A hundred scenes per setting take 50 minutes on one core (`hypergraph`:
+    six minutes); `--instances 4` takes a few minutes.
 
-    Exit code 0: done; 2: bad input; 130: interrupted, and what was done is kept.
+    Exit code 0: done; 2: bad input; 130: interrupted, finished work is kept.
     """
     from contextlib import nullcontext
 

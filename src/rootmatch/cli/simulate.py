@@ -1,4 +1,4 @@
-"""``rootmatch simulate``: a scene of the paper as the files that ``rootmatch match`` reads."""
+"""The command ``rootmatch simulate``: a scene of the paper as the files that ``rootmatch match`` reads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rootmatch.cli.texts import in_words_of_the_command
+from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,37 +17,37 @@ if TYPE_CHECKING:
 
 
 class SceneName(StrEnum):
-    """The scenes of the paper by the problem that they are for."""
+    """The paper's scenes, named after their problem."""
 
     P3P = "p3p"
     UP2P = "up2p"
     THREE_PLUS_ONE = "3p1"
 
 
-EXACT = 0.1
-"""Noise in pixels that is stated for a scene without any: rounding alone would be measured against 0."""
+NOISE_OF_EXACT_SCENES = 0.1
+"""Noise in pixels of the printed command for a noise-free scene: with 0, residuals would measure rounding errors."""
 
 
 def simulate(
     problem: Annotated[SceneName, typer.Argument(help="Which scene of the paper.")],
     output: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write.")],
-    points: Annotated[int, typer.Option(metavar="N", help="Source points that have an image.")] = 10,
+    points: Annotated[int, typer.Option(metavar="N", help="Source points with an image.")] = 10,
     outliers: Annotated[int, typer.Option(metavar="N", help="Image points without a source point.")] = 0,
-    hidden: Annotated[int, typer.Option(metavar="N", help="Further source points without an image.")] = 0,
+    hidden: Annotated[int, typer.Option(metavar="N", help="Additional source points without an image.")] = 0,
     noise: Annotated[float, typer.Option(metavar="PX", help="Standard deviation of a pixel coordinate.")] = 0.0,
     motions: Annotated[
         int | None, typer.Option(metavar="K", help="p3p, up2p: number of rigid motions.", show_default="1")
     ] = None,
     baseline: Annotated[
         float | None,
-        typer.Option(metavar="B", help="3p1: distance of the two cameras; the cube is 4 wide.", show_default="1"),
+        typer.Option(metavar="B", help="3p1: distance between the cameras; the cube is 4 wide.", show_default="1"),
     ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of a folder that is not empty.")] = False,
 ) -> None:
     """Write model.csv, image.csv, truth.csv and camera.json of a simulated scene.
 
-    The command that matches them is printed. Exit code 0: written; 2: bad input, nothing is written.
+    Prints the command that matches them. Exit code 0: written; 2: bad input, nothing is written.
     """
     from rootmatch.io import check_output_folder
 
@@ -58,9 +58,9 @@ def simulate(
     for name, value in own.items():
         if value is not None:
             if name != allowed:
-                raise InputError(f"--{name}: a scene of {problem} has no such choice; leave it out")
+                raise InputError(f"--{name}: a scene of {problem} has no such option; leave it out")
             options[name] = value
-    with in_words_of_the_command({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
+    with option_names_in_errors({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
         from rootmatch import simulation
 
         make = {
@@ -73,19 +73,26 @@ def simulate(
     typer.echo(f"{output}: {len(scene.source)} source points, {len(scene.target)} target points")
     folder = str(output)
     match = ["rootmatch", "match", f"{folder}/model.csv", f"{folder}/image.csv", "--problem", problem.value]
-    match += ["--camera", f"{folder}/camera.json", "--noise", f"{noise or EXACT:g}", "--truth", f"{folder}/truth.csv"]
+    match += [
+        "--camera",
+        f"{folder}/camera.json",
+        "--noise",
+        f"{noise or NOISE_OF_EXACT_SCENES:g}",
+        "--truth",
+        f"{folder}/truth.csv",
+    ]
     match += ["--motions", str(motions)] if motions and motions > 1 else []
     typer.echo(shlex.join(match))
 
 
 def _write(scene: Scene, output: Path, force: bool) -> None:
-    """The four files of a scene, all of them or none."""
+    """Write the four files of a scene, all of them or none."""
     from rootmatch import io
 
     settings = {name: getattr(scene.problem, name, None) for name in ("camera2", *io.DIRECTIONS)}
     with io.folder_written_whole(output, force) as folder:
         io.write_points(folder / "model.csv", io.PointSet(scene.source))
         io.write_points(folder / "image.csv", io.PointSet(scene.target))
-        seen = [(i, j, k) for i, (j, k) in enumerate(zip(scene.truth, scene.motions, strict=True)) if j >= 0]
-        io.write_table(folder / "truth.csv", ("source", "target", "motion"), seen)
+        visible = [(i, j, k) for i, (j, k) in enumerate(zip(scene.truth, scene.motions, strict=True)) if j >= 0]
+        io.write_table(folder / "truth.csv", ("source", "target", "motion"), visible)
         io.write_camera(folder / "camera.json", io.Calibration(scene.cameras[0], **settings))

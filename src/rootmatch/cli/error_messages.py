@@ -1,4 +1,4 @@
-"""The library's errors in the words of the command line: files instead of arrays, options instead of arguments."""
+"""The library's errors in command-line terms: files instead of arrays, options instead of arguments."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from rootmatch.errors import InputError
 
 
 @contextmanager
-def in_words_of_the_command(subjects: Mapping[str, str]) -> Iterator[None]:
+def option_names_in_errors(subjects: Mapping[str, str]) -> Iterator[None]:
     """Rewrite the `InputError` of a block.
 
     Parameters
     ----------
     subjects : mapping
-        What the user calls the subject that an error begins with (``"source: …"``), such as its file or option.
+        The user's name, a file or an option, of the argument that an error begins with (``"source: …"``).
     """
     try:
         yield
@@ -25,7 +25,7 @@ def in_words_of_the_command(subjects: Mapping[str, str]) -> Iterator[None]:
 
 
 def as_options(text: str, subjects: Mapping[str, str]) -> str:
-    """An error's text with its subject renamed and every ``name=`` or ``name="value"`` as the option ``--name``."""
+    """The error text with its subject renamed and every ``name=`` or ``name="value"`` as the option ``--name``."""
     text = re.sub(r'\b([a-z][a-z_0-9]*)="([^"]*)"', lambda found: f"--{_dashed(found[1])} {found[2]}", text)
     text = re.sub(r"\b([a-z][a-z_0-9]*)=(…|(?=\W|$))", lambda found: f"--{_dashed(found[1])}", text)
     for separator in (":", " is "):

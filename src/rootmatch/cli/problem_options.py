@@ -1,0 +1,83 @@
+"""The geometric problem of a command, built from its name, its options and a camera file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, fields
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+from rootmatch.errors import InputError
+from rootmatch.problems import PROBLEMS, problem_class
+
+if TYPE_CHECKING:
+    from rootmatch.problems.base import Problem
+
+    ProblemName = StrEnum
+else:
+    ProblemName = StrEnum("ProblemName", {name: name for name in PROBLEMS})
+
+Option = str | float | int | None
+
+
+def build_problem(name: str, options: dict[str, Option]) -> Problem:
+    """The problem of that name; options left out come from the camera file, else from the defaults.
+
+    Parameters
+    ----------
+    name : str
+        A key of `rootmatch.problems.PROBLEMS`.
+    options : dict
+        Values of the options that only some problems have, as text or number, None where left out. Each sets the field
+        of the same name.
+    """
+    from rootmatch.io import Calibration, parse_camera
+
+    problem = problem_class(name)
+    known = {field.name: field for field in fields(problem) if field.init}
+    for option, value in options.items():
+        if value is not None and option not in known:
+            owners = " or ".join(_owners(option))
+            raise InputError(f"{flag(option)}: it applies to --problem {owners}, not to {name}; leave it out")
+    calibration: Calibration | None = None
+    if options["camera"] is not None:
+        calibration = parse_camera(str(options["camera"]), "--camera")
+    settings: dict[str, Any] = {}
+    for option, field in known.items():
+        text = options.get(option)
+        setting = getattr(calibration, option, None)
+        if text is not None and option != "camera":
+            setting = _setting(option, text)
+        if setting is not None:
+            settings[option] = tuple(setting.tolist()) if hasattr(setting, "tolist") else setting  # hashable
+        elif field.default is MISSING:
+            raise InputError(f"{flag(option)}: missing; --problem {name} needs it")
+    built: Problem = problem(**settings)
+    return built
+
+
+def _owners(option: str) -> list[str]:
+    """The problems that have an option."""
+    return [name for name in PROBLEMS if option in {field.name for field in fields(problem_class(name))}]
+
+
+def _setting(option: str, text: str | float | int) -> Any:
+    """The parsed value of an option that only some problems have."""
+    from rootmatch.io import parse_camera, parse_direction, parse_numbers
+
+    if isinstance(text, int):
+        return text
+    if isinstance(text, float):
+        if not 0.0 <= text <= 45.0:
+            raise InputError(f"{flag(option)}: {text:g} given; give degrees from 0 to 45")
+        return math.radians(text)
+    if option == "camera2":
+        return parse_camera(text, flag(option)).camera
+    if option == "centre":
+        return tuple(parse_numbers(text, 2, flag(option), "320,240"))
+    return parse_direction(text, flag(option))
+
+
+def flag(name: str) -> str:
+    """The command-line option of a keyword argument: ``max_hyperedges`` is ``--max-hyperedges``."""
+    return f"--{name.replace('_', '-')}"
