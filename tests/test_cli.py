@@ -159,7 +159,7 @@ class TestMatch:
         result = run(*arguments, "--noise", 0.5)
         assert result.exit_code == 1, result.output
         assert "ambiguous: " in result.stdout
-        assert "other answer 1, score" in result.stdout
+        assert "alternative 1, score" in result.stdout
 
     def test_progress_goes_to_standard_error(self, scene: Path) -> None:
         result = run(*of(scene, "--json", "--progress"))
@@ -547,7 +547,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     assert "c 0 0.250 1 WRONG, has no image" in lines
     assert "unmatched source points: b" in lines
     assert "truth: 1 of 2 right, 1 wrong, 1 missed" in lines
-    assert "other answer 1, score inf: a→0, c→1" in lines
+    assert "alternative 1, score inf: a→0, c→1" in lines
     assert any("1,234,567 hyper-edges" in line for line in lines)
 
 

@@ -159,8 +159,8 @@ def test_a_truth_that_names_no_point_or_one_twice_is_refused(tmp_path: Path) -> 
     write_table(path, ("source", "target"), [(0, 1), (1, "")])
     np.testing.assert_array_equal(read_truth(path, source, target), [1, -1])
     for rows, words in [
-        ([(0, 2)], "row 2: no target point is called '2'"),
-        ([(0, 1), (5, 0)], "row 3: no source point is called '5'"),
+        ([(0, 2)], "row 2: no target point is named '2'"),
+        ([(0, 1), (5, 0)], "row 3: no source point is named '5'"),
         ([(0, 1), (1, 1)], "row 3: the same target as in row 2"),
         ([(0, 1), (0, 0)], "row 3: the same source as in row 2"),
     ]:
@@ -182,7 +182,7 @@ def test_candidates_are_a_mask_or_weights(tmp_path: Path) -> None:
         ([(1, "a", 2), (1, "a", 2)], "row 3: the same correspondence as in row 2"),
         ([(-1, "a", 2)], "row 2: weight is -1"),
         ([("much", "a", 2)], "row 2: weight is 'much'"),
-        ([(1, "c", 2)], "row 2: no source point is called 'c'"),
+        ([(1, "c", 2)], "row 2: no source point is named 'c'"),
     ]:
         write_table(path, ("weight", "source", "target"), rows)
         with pytest.raises(InputError, match=words):

@@ -1,11 +1,11 @@
-"""The errors that rootmatch raises on purpose."""
+"""The exceptions of rootmatch."""
 
 from __future__ import annotations
 
 
 class RootmatchError(Exception):
-    """Base of every error that rootmatch raises on purpose."""
+    """Base class of every error that rootmatch raises deliberately."""
 
 
 class InputError(RootmatchError, ValueError):
-    """The input cannot be used: the text says what was given, what was expected and what to do."""
+    """Unusable input: the text says what was given, what was expected and what to do."""

@@ -1,12 +1,12 @@
-"""The paper's simulated scenes, seeded, with their ground truth (section "Experiments" of the paper).
+"""Simulated scenes of the paper's section "Experiments", seeded, with ground truth.
 
 World frame: y points down, so that the vertical is (0, 1, 0) in the world and, for a levelled camera, in the camera
 too.  Camera frame: x right, y down, z forward, ``x_cam = R X + t``.  Lengths are in the units of the cube (side 4),
 image coordinates in pixels.
 
-Every ingredient of a scene (points, camera, motions, outliers, noise, order) draws from a stream of its own, derived
-from the seed.  So scenes with the same seed differ only in what was asked to differ: the noise at σ = 1 is ten times
-the noise at σ = 0.1, and five outliers are the first five of ten.
+Each ingredient of a scene (points, camera, motions, outliers, noise, order) draws from a random stream of its own,
+derived from the seed.  Scenes with the same seed therefore differ only where their parameters do: the noise at σ = 1 is
+ten times the noise at σ = 0.1, and five outliers are the first five of ten.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ class Scene:
     truth : (n,) int64 array
         Index into ``target`` of each source point; −1 for one that has no image.
     motions : (n,) int64 array
-        Label of the rigid motion which each source point follows; −1 for one that has no image.
+        Rigid motion of each source point; −1 for one that has no image.
     noise : float
         σ of the Gaussian noise of each image coordinate, in pixels.
     poses : tuple of (R, t)
-        One a motion, ``x_cam = R X + t`` with X of ``points``; R (3, 3), t (3,).
+        One per motion, ``x_cam = R X + t`` with X of ``points``; R (3, 3), t (3,).
     cameras : tuple of Camera
         The camera, or both for 3P1.
     points : (n, 3) array
-        The exact 3D points which ``poses`` act on: ``source`` itself, or for 3P1 the points in the frame of the
+        The exact 3D points that ``poses`` act on: ``source`` itself, or for 3P1 the points in the frame of the
         first camera.
     seed : int
-        What the scene was drawn from.
+        Seed of the scene.
     """
 
     problem: Problem
@@ -74,13 +74,13 @@ class Scene:
     seed: int
 
     def accuracy(self, assignment: NDArray[np.integer]) -> float:
-        """Share of the source points with an image that ``assignment`` (n,) matches rightly, 0 to 1."""
-        seen = self.truth >= 0
-        return float(np.mean(np.asarray(assignment)[seen] == self.truth[seen]))
+        """Fraction of the source points with an image that ``assignment`` (n,) matches correctly, 0 to 1."""
+        visible = self.truth >= 0
+        return float(np.mean(np.asarray(assignment)[visible] == self.truth[visible]))
 
 
 class _Streams:
-    """Independent generators of one seed, one for each ingredient of a scene."""
+    """Independent random generators from one seed, one per ingredient of a scene."""
 
     INGREDIENTS = (
         "points",
@@ -108,13 +108,13 @@ def p3p_scene(
     """3D points and their image from anywhere on the sphere (paper, "P3P Simulation").
 
     The camera centre is uniform on the sphere of radius 12 and its optical axis passes through the origin; the roll
-    about that axis is uniform.  The points of every motion but the first are turned by a uniformly random rotation
-    about the origin and moved by a random unit vector.
+    about that axis is uniform.  The points of every motion but the first are rotated about the origin by a uniformly
+    random rotation and translated by a random unit vector.
 
     Parameters
     ----------
     n : int
-        Number of source points that have an image, uniform in the cube of side 4 centred at the origin.
+        Number of source points with an image, uniform in the cube of side 4 centred at the origin.
     outliers : int
         Image points without a source point, uniform in the 640 × 480 image.
     noise : float
@@ -122,9 +122,9 @@ def p3p_scene(
     seed : int
         Non-negative; the same seed gives the same scene.
     motions : int
-        Number of rigid motions; the points are divided into that many equal groups.
+        Number of rigid motions; the points are split into that many equal groups.
     hidden : int
-        Further source points, drawn likewise, that have no image (``truth`` −1).
+        Additional source points, drawn likewise, without an image (``truth`` −1).
 
     Returns
     -------
@@ -142,7 +142,7 @@ def p3p_scene(
     rng = streams["camera"]
     pose = _look_at_origin(CAMERA_RADIUS * _unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
-    moves = [(np.eye(3), np.zeros(3))] + [(_rotation(rng), _unit(rng)) for _ in range(motions - 1)]
+    moves = [(np.eye(3), np.zeros(3))] + [(_random_rotation(rng), _unit(rng)) for _ in range(motions - 1)]
     return _absolute(P3P(camera), camera, pose, moves, streams, n, outliers, noise, seed, hidden)
 
 
@@ -152,7 +152,7 @@ def up2p_scene(
     """3D points and their image from a levelled camera on the equator (paper, "Up2p Simulation").
 
     As `p3p_scene`, but the camera centre is uniform on the equator (the plane y = 0), the camera's y axis is the
-    vertical, and the motions turn about the vertical only.
+    vertical, and the motions rotate about the vertical only.
     """
     from rootmatch.problems.up2p.problem import UP2P
 
@@ -161,7 +161,7 @@ def up2p_scene(
     pose = _look_at_origin(CAMERA_RADIUS * _horizontal(streams["camera"]))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))]
-    moves += [(_turn(rng.uniform(0.0, 2.0 * np.pi)), _unit(rng)) for _ in range(motions - 1)]
+    moves += [(_rotation_about_vertical(rng.uniform(0.0, 2.0 * np.pi)), _unit(rng)) for _ in range(motions - 1)]
     problem = UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN)
     return _absolute(problem, camera, pose, moves, streams, n, outliers, noise, seed, hidden)
 
@@ -171,12 +171,12 @@ def three_plus_one_scene(
 ) -> Scene:
     """Two images from levelled cameras in the equatorial plane (paper, "3P1 Simulation").
 
-    The first camera centre is uniform on the equator of the sphere of radius 12, the second lies at the distance
-    ``baseline`` from it in a uniformly random direction of the equatorial plane; both optical axes pass through the
-    origin.  Both images are noisy, the outliers are in the second.  The one pose takes the frame of the first camera
-    to that of the second; its translation has the length ``baseline``.
+    The first camera centre is uniform on the equator of the sphere of radius 12; the second lies at distance
+    ``baseline`` in a uniformly random direction of the equatorial plane; both optical axes pass through the origin.
+    Both images are noisy, the outliers are in the second.  The one pose maps the frame of the first camera to that of
+    the second; its translation has length ``baseline``.
 
-    Other parameters and errors as `p3p_scene`; ``baseline`` lies strictly between 0 and the radius less the half
+    Other parameters and errors as in `p3p_scene`.  ``baseline`` lies strictly between 0 and the radius minus half the
     diagonal of the cube, beyond which points may fall behind the camera.
     """
     from rootmatch.problems.three_plus_one.problem import ThreePlusOne
@@ -184,7 +184,7 @@ def three_plus_one_scene(
     _check(n, outliers, noise, seed, 1, hidden)
     limit = CAMERA_RADIUS - CUBE_SIDE / np.sqrt(2.0)
     if not 0.0 < baseline < limit:
-        raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: choose another one")
+        raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: give such a number")
     streams, camera = _Streams(seed), _camera()
     rng = streams["camera"]
     centre = CAMERA_RADIUS * _horizontal(rng)
@@ -211,25 +211,25 @@ def _absolute(
     seed: int,
     hidden: int,
 ) -> Scene:
-    """Scene of 3D points, each group moved by one of ``moves`` and then seen by the camera at ``pose``."""
+    """Scene of 3D points: each group moved by one of ``moves``, then imaged by the camera at ``pose``."""
     labels = np.arange(n) * len(moves) // n
     points, motions = _points(streams, n, hidden, labels)
     R, t = pose
-    poses = tuple((R @ turn, R @ shift + t) for turn, shift in moves)
+    poses = tuple((R @ rotation, R @ translation + t) for rotation, translation in moves)
     target, truth = _image(camera, points, motions, poses, streams, outliers, noise)
     return Scene(problem, points, target, truth, motions, noise, poses, (camera,), points, seed)
 
 
 def _points(streams: _Streams, n: int, hidden: int, labels: Integers) -> tuple[Floats, Integers]:
-    """World points (n + hidden, 3), the hidden ones strewn among the others, and their labels."""
+    """World points (n + hidden, 3), the hidden ones at random positions among the others, and their labels."""
     half = CUBE_SIDE / 2.0
-    seen = streams["points"].uniform(-half, half, (n, 3))
+    visible = streams["points"].uniform(-half, half, (n, 3))
     rng = streams["hidden"]
-    unseen = rng.uniform(-half, half, (hidden, 3))
-    places = np.sort(rng.permutation(n + hidden)[:n])
+    invisible = rng.uniform(-half, half, (hidden, 3))
+    positions = np.sort(rng.permutation(n + hidden)[:n])
     points, motions = np.empty((n + hidden, 3)), np.full(n + hidden, -1, dtype=np.int64)
-    points[places], motions[places] = seen, labels
-    points[motions < 0] = unseen
+    points[positions], motions[positions] = visible, labels
+    points[motions < 0] = invisible
     return points, motions
 
 
@@ -242,15 +242,15 @@ def _image(
     outliers: int,
     noise: float,
 ) -> tuple[Floats, Integers]:
-    """Shuffled noisy image points (n', 2) of the seen points and the outliers, and the truth (n + hidden,)."""
-    seen = np.flatnonzero(motions >= 0)
-    moved = np.stack([poses[motions[i]][0] @ points[i] + poses[motions[i]][1] for i in seen])
-    image = camera.project(moved) + noise * streams["noise"].standard_normal((len(seen), 2))
+    """Shuffled noisy image points (n', 2) of the visible points and the outliers, and the truth (n + hidden,)."""
+    visible = np.flatnonzero(motions >= 0)
+    moved = np.stack([poses[motions[i]][0] @ points[i] + poses[motions[i]][1] for i in visible])
+    image = camera.project(moved) + noise * streams["noise"].standard_normal((len(visible), 2))
     clutter = streams["outliers"].uniform((0.0, 0.0), (WIDTH, HEIGHT), (outliers, 2))
     clutter = clutter + noise * streams["outlier noise"].standard_normal((outliers, 2))
-    order = streams["order"].permutation(len(seen) + outliers)
+    order = streams["order"].permutation(len(visible) + outliers)
     truth = np.full(len(points), -1, dtype=np.int64)
-    truth[seen] = np.argsort(order)[: len(seen)]
+    truth[visible] = np.argsort(order)[: len(visible)]
     return np.concatenate([image, clutter])[order], truth
 
 
@@ -283,13 +283,13 @@ def _horizontal(rng: np.random.Generator) -> Floats:
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
 
 
-def _turn(angle: float) -> Floats:
+def _rotation_about_vertical(angle: float) -> Floats:
     """Rotation about the vertical (the y axis) by ``angle`` radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _rotation(rng: np.random.Generator) -> Floats:
+def _random_rotation(rng: np.random.Generator) -> Floats:
     """Rotation uniform over SO(3): a unit quaternion uniform on the 3-sphere."""
     from scipy.spatial.transform import Rotation
 
@@ -308,6 +308,8 @@ def _check(n: int, outliers: int, noise: float, seed: int, motions: int, hidden:
         if int(value) != value or value < least:
             raise InputError(f"{name} is {value!r}; expected a whole number of at least {least}: give such a number")
     if motions > n:
-        raise InputError(f"{motions} motions for {n} points; expected at least one point each: ask for fewer motions")
+        raise InputError(
+            f"{motions} motions for {n} points; expected at least one point per motion: give fewer motions"
+        )
     if not (np.isfinite(noise) and noise >= 0.0):
         raise InputError(f"noise is {noise!r}; expected a finite σ ≥ 0 in pixels: give such a number")

@@ -1,4 +1,4 @@
-"""Points, matches, truths and calibrations as files: errors name the row, outputs are written whole or not at all."""
+"""Files of points, matches, ground truth and cameras: errors name the row, outputs are written whole or not at all."""
 
 from __future__ import annotations
 

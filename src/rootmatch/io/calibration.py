@@ -1,4 +1,4 @@
-"""Cameras and measured directions as text on the command line and as JSON files."""
+"""Cameras and measured directions, from command-line text and JSON camera files."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a camera file holds: one or two cameras and, where they were measured, the common directions.
+    """Contents of a camera file: one or two cameras and the measured common directions.
 
-    Each direction is three numbers; None stands for a direction that the file does not give.
+    Directions are unit vectors (3,); None where the file gives none.
     """
 
     camera: Camera
@@ -44,8 +44,8 @@ class Calibration:
 def read_camera(path: Path) -> Calibration:
     """Read a JSON object with ``fx, fy, cx, cy`` or ``K``, and optionally ``camera2`` and the measured directions.
 
-    Other keys are ignored, but for two kinds: a lens distortion that is not 0, which would spoil every residual, and a
-    key so near a known one that it is probably a slip of the pen.
+    Other keys are ignored, with two exceptions: a nonzero lens distortion, which would spoil every residual, and a key
+    so close to a known one that it is probably a typo.
     """
     try:
         content = json.loads(read_text(path))
@@ -64,7 +64,7 @@ def read_camera(path: Path) -> Calibration:
 
 
 def write_camera(path: Path, calibration: Calibration) -> None:
-    """Write a calibration so that :func:`read_camera` gives it back."""
+    """Write a calibration that `read_camera` reads back unchanged."""
     content: dict[str, Any] = {name: getattr(calibration.camera, name) for name in NUMBERS}
     if calibration.camera2 is not None:
         content["camera2"] = {name: getattr(calibration.camera2, name) for name in NUMBERS}
@@ -76,7 +76,7 @@ def write_camera(path: Path, calibration: Calibration) -> None:
 
 
 def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]:
-    """The ``count`` finite numbers of a text such as ``"0,1,0"``; ``name`` and ``example`` are for the error."""
+    """Parse ``count`` finite numbers from text such as ``"0,1,0"``; ``name`` and ``example`` go into the error."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -87,12 +87,12 @@ def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]
 
 
 def parse_direction(text: str, name: str) -> NDArray[np.float64]:
-    """The unit vector (3,) of a text ``"x,y,z"``."""
+    """Parse ``"x,y,z"`` as a unit vector (3,)."""
     return unit_direction(parse_numbers(text, 3, name, "0,1,0"), name)
 
 
 def parse_camera(text: str, name: str) -> Calibration:
-    """The calibration of a text: ``"FX,FY,CX,CY"`` in pixels, or the path of a camera file (JSON)."""
+    """Parse ``"FX,FY,CX,CY"`` in pixels, or read the camera file (JSON) of that name."""
     if text.lower().endswith(".json") or os.path.exists(text):  # unlike Path.exists, no error for over-long texts
         return read_camera(Path(text))
     try:
@@ -103,7 +103,7 @@ def parse_camera(text: str, name: str) -> Calibration:
 
 
 def _camera(path: Path, content: Any, more: Sequence[str]) -> Camera:
-    """The camera of a JSON object whose other keys may only be ``more``."""
+    """The camera of a JSON object; ``more`` lists its other known keys."""
     if not isinstance(content, dict):
         raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
     known = (*NUMBERS, "K", *more)

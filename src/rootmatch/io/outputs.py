@@ -1,4 +1,4 @@
-"""Outputs that are written whole or not at all: under a temporary name beside their place, then moved there."""
+"""Atomic output: files and folders are written under a temporary name next to their destination, then moved there."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rootmatch.errors import InputError
 
 
 def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
-    """Refuse, before any work, an output whose folder is missing, which is a folder, or which is one of ``others``."""
+    """Refuse, before any work, an output that is a folder, has no folder to go to, or is one of ``others``."""
     if path.is_dir():
         raise InputError(f"{name}: {path} is a folder; give the name of a file")
     if not path.parent.is_dir():
-        raise InputError(f"{name}: the folder {path.parent} does not exist; make it first")
+        raise InputError(f"{name}: the folder {path.parent} does not exist; create it first")
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"{name}: the folder {path.parent} cannot be written to; choose another")
     for other in others:
@@ -27,32 +27,32 @@ def check_output(path: Path, name: str, others: Iterable[Path] = ()) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside ``path``; what was written there is moved to ``path``, or removed on any error."""
+    """Yield a temporary path next to ``path``; its file is moved to ``path``, or removed on any error."""
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another location") from None
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def check_output_folder(path: Path, force: bool = False) -> None:
-    """Refuse, before any work, a folder that cannot be made, or that is not empty unless ``force``."""
+    """Refuse, before any work, a folder that cannot be created or, unless ``force``, is not empty."""
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: it is a file; give the name of a folder")
     if path.is_dir() and any(path.iterdir()) and not force:
         raise InputError(f"{path}: the folder is not empty; choose another, or replace its files with --force")
     if not path.resolve().parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first")
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
 
 
 @contextmanager
 def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
-    """Give a temporary folder beside ``path``, moved there at the end, or removed on any error.
+    """Yield a temporary folder next to ``path``, moved there at the end, or removed on any error.
 
-    A folder that exists is kept: its files of the same names are replaced, one after another, and no other is touched.
+    An existing folder is kept: files of the same name are replaced one by one, others are left alone.
     """
     check_output_folder(path, force)
     place = path.resolve()
@@ -66,6 +66,6 @@ def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
         else:
             os.replace(temporary, place)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another location") from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Points, matches and truths as CSV files."""
+"""CSV files of points, matches, ground truth and candidates."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class PointSet:
     points : (m, 3) or (m, 2) array
         Coordinates: any unit in space, pixels (x right, y down) in an image.
     ids : tuple of str, optional
-        The names of the points where the file has a column ``id``.
+        Names of the points, where the file has a column ``id``.
     normals : (m, 3) array, optional
-        Outward normals where the file has columns ``nx,ny,nz``.
+        Outward normals, where the file has columns ``nx,ny,nz``.
     """
 
     points: NDArray[np.float64]
@@ -37,7 +37,7 @@ class PointSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The ids, or the zero-based row numbers where there are none."""
+        """The ids, or zero-based row numbers where there are none."""
         return self.ids if self.ids is not None else tuple(str(row) for row in range(len(self.points)))
 
 
@@ -51,12 +51,12 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
     dimension : int
         3 for points in space, 2 for an image.
     least : int
-        How many points are needed.
+        Least number of points.
 
     Raises
     ------
     InputError
-        If the file cannot be used; the text names the file, the row and what to do.
+        If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = COORDINATES[:dimension]
     known = ("id", *needed, *(NORMALS if dimension == 3 else ()))
@@ -79,7 +79,9 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
             if not cells["id"]:
                 raise InputError(f"{path}, row {row}: the id is empty; name every point, or leave the column out")
             if not cells["id"].isprintable():
-                raise InputError(f"{path}, row {row}: the id {cells['id']!r} holds a line break or the like; remove it")
+                raise InputError(
+                    f"{path}, row {row}: the id {cells['id']!r} has a line break or control character; remove it"
+                )
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
         ids = tuple(cells["id"] for _, cells in rows)
     if len(points) < least:
@@ -88,7 +90,7 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
 
 
 def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int64]:
-    """Read the true match of a CSV file with columns ``source,target`` (ids, or zero-based row numbers).
+    """Read the true assignment from a CSV file with columns ``source,target`` (ids, or zero-based row numbers).
 
     Returns
     -------
@@ -98,15 +100,15 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int
     truth = np.full(len(source.points), -1, dtype=np.int64)
     rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion"))
     refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
-    seen = [(row, cells) for row, cells in rows if cells["target"]]
-    refuse_repeats(path, [(row, cells["target"]) for row, cells in seen], "target")
-    for i, j in _places(path, seen, source, target):
+    visible = [(row, cells) for row, cells in rows if cells["target"]]
+    refuse_repeats(path, [(row, cells["target"]) for row, cells in visible], "target")
+    for i, j in _indices(path, visible, source, target):
         truth[i] = j
     return truth
 
 
 def read_candidates(path: Path, source: PointSet, target: PointSet) -> NDArray[np.bool_] | NDArray[np.float64]:
-    """Read which correspondences are possible: columns ``source,target`` and optionally ``weight``, a row each.
+    """Read the possible correspondences, one per row: columns ``source,target`` and optionally ``weight``.
 
     Returns
     -------
@@ -117,30 +119,30 @@ def read_candidates(path: Path, source: PointSet, target: PointSet) -> NDArray[n
     refuse_repeats(path, [(row, (cells["source"], cells["target"])) for row, cells in rows], "correspondence")
     weighted = "weight" in rows[0][1]
     weights = np.zeros((len(source.points), len(target.points)))
-    for (i, j), (row, cells) in zip(_places(path, rows, source, target), rows, strict=True):
+    for (i, j), (row, cells) in zip(_indices(path, rows, source, target), rows, strict=True):
         weights[i, j] = number(path, row, "weight", cells["weight"]) if weighted else 1.0
         if weights[i, j] < 0.0:
             raise InputError(f"{path}, row {row}: weight is {cells['weight']}; give a positive number, or 0 to forbid")
     return weights if weighted else weights > 0.0
 
 
-def _places(
+def _indices(
     path: Path, rows: Sequence[tuple[int, dict[str, str]]], source: PointSet, target: PointSet
 ) -> list[tuple[int, int]]:
-    """Indices of the source and the target point that each row names."""
+    """Indices of the source and target points that each row names."""
     sides = {
         "source": {name: i for i, name in enumerate(source.names)},
         "target": {name: j for j, name in enumerate(target.names)},
     }
     for row, cells in rows:
-        for side, places in sides.items():
-            if cells[side] not in places:
-                raise InputError(f"{path}, row {row}: no {side} point is called {cells[side]!r}; give its id or number")
+        for side, indices in sides.items():
+            if cells[side] not in indices:
+                raise InputError(f"{path}, row {row}: no {side} point is named {cells[side]!r}; give its id or number")
     return [(sides["source"][cells["source"]], sides["target"][cells["target"]]) for _, cells in rows]
 
 
 def write_points(path: Path, points: PointSet) -> None:
-    """Write points so that :func:`read_points` gives back the very same numbers."""
+    """Write points that `read_points` reads back bit for bit."""
     header = [*(() if points.ids is None else ("id",)), *COORDINATES[: points.points.shape[1]]]
     columns: list[Sequence[Any]] = [] if points.ids is None else [points.ids]
     columns += points.points.T.tolist()
@@ -158,12 +160,12 @@ def write_matches(
     source: PointSet,
     target: PointSet,
 ) -> None:
-    """Write ``source,target,weight,motion``, one row a matched source point.
+    """Write ``source,target,weight,motion``, one row per matched source point.
 
     Parameters
     ----------
     assignment, weights, motions : (n,) arrays
-        Index into the target (−1 unmatched), weight and label of the motion of each source point.
+        Index into the target (−1 unmatched), weight and motion label of each source point.
     """
     write_table(
         path,

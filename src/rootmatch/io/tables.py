@@ -1,7 +1,7 @@
-"""Comma-separated tables whose first row names the columns, with errors that name the file, the row and what to do.
+"""CSV tables whose first row names the columns, with errors that name the file, the row and the remedy.
 
-Rows are counted as an editor counts lines, the header being row 1. The text is UTF-8, with or without a byte-order
-mark and with any line ends; blank lines are ignored.
+Rows are counted as an editor counts lines: the header is row 1. The text is UTF-8, with or without a byte-order mark
+and with any line endings; blank lines are ignored.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rootmatch.io.outputs import written_whole
 
 
 def read_text(path: Path) -> str:
-    """The whole text of a file, without a byte-order mark, its line ends as they are."""
+    """The text of a file without a byte-order mark, line endings unchanged."""
     if path.is_dir():
         raise InputError(f"{path}: it is a folder; give the name of a file")
     try:
@@ -57,14 +57,14 @@ def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[
         where = f"{path}, row {reader.line_num}"
         raise InputError(f"{where}: not comma-separated values ({error}); check the quotes") from None
     if header is None:
-        raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row a point")
+        raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row per point")
     if not rows:
-        raise InputError(f"{path}: no row follows the header; give one row a point")
+        raise InputError(f"{path}: no row follows the header; give one row per point")
     return rows
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a CSV table in UTF-8, moved into place when it is whole."""
+    """Write a CSV table in UTF-8, moved into place when complete."""
     with written_whole(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(header)
@@ -72,12 +72,12 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]
 
 
 def number(path: Path, row: int, column: str, text: str) -> float:
-    """The finite number of a cell, or an error that names it."""
+    """Parse the finite number of a cell, or raise an error that names it."""
     where = f"{path}, row {row}"
     if not text:
         raise InputError(f"{where}: {column} is empty; give a number, or remove the row")
     if not _is_number(text) or "_" in text:
-        raise InputError(f"{where}: {column} is {text!r}, which is not a number; write one such as 12.5")
+        raise InputError(f"{where}: {column} is {text!r}, which is not a number; give one such as 12.5")
     value = float(text)
     if not math.isfinite(value):
         raise InputError(f"{where}: {column} is {text}; give a finite number, or remove the row")
@@ -85,7 +85,7 @@ def number(path: Path, row: int, column: str, text: str) -> float:
 
 
 def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str) -> None:
-    """Refuse a value that stands in two rows."""
+    """Refuse a value that occurs in two rows."""
     first: dict[Hashable, int] = {}
     for row, value in values:
         if value in first:
@@ -94,14 +94,14 @@ def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str
 
 
 def _check_header(path: Path, row: int, header: list[str], needed: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a header with missing, unknown or repeated columns, and say what was probably meant."""
+    """Refuse a header with missing, unknown or repeated columns, and suggest what was probably meant."""
     where = f"{path}, row {row}"
     expected = ",".join(needed)
-    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
-            raise InputError(f"{where}: {called} between the columns; save with commas, and decimal points in numbers")
+            raise InputError(f"{where}: {name} between the columns; save with commas, and decimal points in numbers")
     if all(_is_number(cell) for cell in header):
-        raise InputError(f"{where}: numbers where the names of the columns should be; add a first row {expected}")
+        raise InputError(f"{where}: numbers instead of column names; add a header row {expected}")
     repeated = [name for name in header if header.count(name) > 1]
     if repeated:
         raise InputError(f"{where}: the column {repeated[0]!r} is named twice; name each column once")

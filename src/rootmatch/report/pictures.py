@@ -27,27 +27,27 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SUFFIXES = (".png", ".svg", ".pdf")
-# Okabe and Ito's colours, told apart in every common kind of colour blindness; their vermilion is kept for errors.
+# Okabe and Ito's palette, distinguishable in every common kind of colour blindness; its vermilion is kept for errors.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
 LABELS_AT_MOST = 80
-"""Points of one side above which names would only hide the picture."""
+"""Points per side above which labels would only clutter the picture."""
 ASIDE = np.deg2rad(20.0)
-"""How far the 3D view is turned from the camera's, so that depth shows."""
-OWN_VIEW = (30.0, -60.0, 0.0)
-"""Matplotlib's own view of space: elevation, azimuth and roll in degrees."""
+"""Rotation of the 3D view away from the camera's, so that depth shows."""
+DEFAULT_VIEW = (30.0, -60.0, 0.0)
+"""Matplotlib's default 3D view: elevation, azimuth and roll in degrees."""
 
 
 def check_picture(path: Path) -> None:
-    """Refuse, before any work, a picture whose suffix names no format that can be drawn."""
+    """Refuse, before any work, a picture whose suffix names no supported format."""
     if path.suffix.lower() not in SUFFIXES:
         given = f"ends in {path.suffix!r}" if path.suffix else "has no suffix"
-        raise InputError(f"picture {path}: it {given}; choose {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+        raise InputError(f"picture {path}: it {given}; use {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF by the suffix of ``path``, whole or not at all."""
+    """Save a figure as PNG, SVG or PDF, by the suffix of ``path``, whole or not at all."""
     check_picture(path)
     with written_whole(path) as temporary:
         figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=figure.dpi)
@@ -78,13 +78,13 @@ def match_figure(
     motions : (n,) array, optional
         Label of the rigid motion of each source point; each has its own colour and marker.
     truth : (n,) array, optional
-        The true assignment: lines that part from it are drawn red and dashed.
+        The true assignment: wrong matches are drawn red and dashed.
     source_names, target_names : sequences of str, optional
-        Written beside the points; by default their indices.
+        Labels of the points; by default their indices.
     title : str
-        Printed above the picture.
+        Title of the picture.
     unit : str
-        Unit of the points in space.
+        Length unit of the points in space.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def match_figure(
     Raises
     ------
     InputError
-        If the arrays do not belong together.
+        If the shapes of the arrays do not fit together.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ def match_figure(
     else:
         _show_image(left, source)
     if to_space:
-        _show_space(right, target, OWN_VIEW, unit)
+        _show_space(right, target, DEFAULT_VIEW, unit)
     else:
         _show_image(right, target)
         right.yaxis.tick_right()
@@ -132,15 +132,15 @@ def match_figure(
         axes.set_title(name, fontsize=10)
     figure.suptitle(title, fontsize=11, y=0.975)
 
-    figure.draw_without_rendering()  # settles the axes, hence where each point of space falls on the page
-    flat, flat_target = _on_page(left, source), _on_page(right, target)
+    figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points
+    flat, flat_target = _to_axes_plane(left, source), _to_axes_plane(right, target)
     groups = _groups(match, labels, wrong)
     for group in groups:
-        _join(figure, left.transData, right.transData, flat[group.members], flat_target[match[group.members]], group)
+        _connect(figure, left.transData, right.transData, flat[group.members], flat_target[match[group.members]], group)
         for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
-    handles += _draw_unmatched((left, right), (source[match < 0], _lone(target, match)), titles)
+    handles += _draw_unmatched((left, right), (source[match < 0], _unmatched_targets(target, match)), titles)
     _draw_names(left, flat, _names(source_names, len(source)), towards=-1.0)
     _draw_names(right, flat_target, _names(target_names, len(target)), towards=1.0)
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=9, frameon=False)
@@ -162,7 +162,7 @@ def _names(names: Sequence[str] | None, count: int) -> Sequence[str]:
 
 
 def _show_image(axes: Axes, pixels: Floats) -> None:
-    """Pixels with y down and square pixels, a margin around them for the names."""
+    """An image's points with y down and equal scales, and a margin for the labels."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     margin = 0.08 * max(float(np.max(high - low)), 1.0)
     axes.set_xlim(low[0] - margin, high[0] + margin)
@@ -176,10 +176,10 @@ def _show_image(axes: Axes, pixels: Floats) -> None:
 
 
 def _show_space(axes: Any, points: Floats, view: tuple[float, float, float], unit: str) -> None:
-    """Points in space at one scale on all axes, seen along ``view`` (elevation, azimuth, roll in degrees)."""
+    """Points in space with equal scales, viewed from ``view`` (elevation, azimuth, roll in degrees)."""
     low, high = points.min(axis=0), points.max(axis=0)
     widest = max(float(np.max(high - low)), 1e-12)
-    size = np.maximum(high - low, 0.12 * widest)  # a plane keeps some thickness, so that its axis can be read
+    size = np.maximum(high - low, 0.12 * widest)  # give a plane some thickness, so that its axis is legible
     middle = (low + high) / 2.0
     for name, centre, width in zip("xyz", middle, size, strict=True):
         getattr(axes, f"set_{name}lim")(centre - 0.54 * width, centre + 0.54 * width)
@@ -190,7 +190,7 @@ def _show_space(axes: Any, points: Floats, view: tuple[float, float, float], uni
         if width > 0.4 * widest:
             axis.get_major_locator().set_params(nbins=5)
         else:
-            axis.set_ticks([centre])  # no room for more
+            axis.set_ticks([centre])  # no space for more
     axes.set_box_aspect(size, zoom=0.95)
     axes.tick_params(labelsize=7, pad=0)
     axes.view_init(elev=view[0], azim=view[1], roll=view[2])
@@ -204,31 +204,31 @@ def _view(source: Floats, target: Floats, match: Integers, labels: Integers) -> 
     the image. Without enough matches, and for targets in space, the view is matplotlib's own.
     """
     if target.shape[1] == 3:
-        return OWN_VIEW
+        return DEFAULT_VIEW
     matched = match >= 0
     if matched.any():
         matched &= labels == np.bincount(labels[matched] - labels[matched].min()).argmax() + labels[matched].min()
     if matched.sum() < 4:
-        return OWN_VIEW
+        return DEFAULT_VIEW
     centred = source[matched] - source[matched].mean(axis=0)
     rows = np.linalg.lstsq(centred, target[match[matched]], rcond=1e-6)[0].T
     right = rows[0] / max(float(np.linalg.norm(rows[0])), 1e-300)
     down = rows[1] - (rows[1] @ right) * right
     if np.linalg.norm(down) < 0.05 * np.linalg.norm(rows[0]) or not np.all(np.isfinite(rows)):
-        return OWN_VIEW
+        return DEFAULT_VIEW
     down /= np.linalg.norm(down)
     towards = np.cross(down, right)  # from the points to the viewer
     towards = np.cos(ASIDE) * towards + np.sin(ASIDE) * right
     right = np.cross(towards, down)
     elevation, azimuth = np.arcsin(np.clip(towards[2], -1.0, 1.0)), np.arctan2(towards[1], towards[0])
-    # matplotlib's own right-hand direction at no roll; the roll turns it onto ours.
+    # matplotlib's own right-hand direction without roll; the roll rotates it onto ours.
     level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     roll = -np.arctan2(np.cross(level, right) @ towards, level @ right)
     return float(np.rad2deg(elevation)), float(np.rad2deg(azimuth)), float(np.rad2deg(roll))
 
 
-def _on_page(axes: Any, points: Floats) -> Floats:
-    """Points in the plane of the axes (n, 2): themselves in an image, projected in a view of space."""
+def _to_axes_plane(axes: Any, points: Floats) -> Floats:
+    """Points in axes coordinates (n, 2): image points as they are, 3D points projected."""
     if points.shape[1] == 2:
         return points
     from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped,unused-ignore]
@@ -239,7 +239,7 @@ def _on_page(axes: Any, points: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class _Group:
-    """Matches that are drawn alike."""
+    """Matches drawn in one style."""
 
     name: str
     colour: str
@@ -256,7 +256,7 @@ class _Group:
         return "--" if self.dashes else "-"
 
     def handle(self) -> Line2D:
-        """Its entry of the legend."""
+        """Its legend entry."""
         from matplotlib.lines import Line2D
 
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)
@@ -279,27 +279,27 @@ def _groups(match: Integers, labels: Integers, wrong: NDArray[np.bool_]) -> list
     return [group for group in groups if len(group.members)]
 
 
-def _lone(target: Floats, match: Integers) -> Floats:
+def _unmatched_targets(target: Floats, match: Integers) -> Floats:
     """The targets (k, 2) that no source point is matched to."""
     return np.delete(target, match[match >= 0], axis=0)
 
 
 def _draw_unmatched(axes: Sequence[Axes], points: Sequence[Floats], titles: Sequence[str]) -> list[Line2D]:
-    """Grey hollow circles on the left and crosses on the right; their entries of the legend."""
+    """Draw grey hollow circles on the left and crosses on the right; returns their legend entries."""
     from matplotlib.lines import Line2D
 
     handles = []
-    for one, lone, title, symbol in zip(axes, points, titles, ("o", "x"), strict=True):
-        if len(lone):
+    for one, unmatched, title, symbol in zip(axes, points, titles, ("o", "x"), strict=True):
+        if len(unmatched):
             style: dict[str, Any] = {"color": UNMATCHED, "markerfacecolor": "none", "markersize": 5.5, "marker": symbol}
-            one.plot(*lone.T, linestyle="none", clip_on=False, **style)
-            label = f"unmatched in the {title} ({len(lone)})"
+            one.plot(*unmatched.T, linestyle="none", clip_on=False, **style)
+            label = f"unmatched in the {title} ({len(unmatched)})"
             handles.append(Line2D([], [], linestyle="none", label=label, **style))
     return handles
 
 
-def _join(figure: Figure, left: Transform, right: Transform, starts: Floats, ends: Floats, group: _Group) -> None:
-    """Lines from the left axes to the right ones, beneath both."""
+def _connect(figure: Figure, left: Transform, right: Transform, starts: Floats, ends: Floats, group: _Group) -> None:
+    """Draw lines from the left axes to the right ones, beneath both."""
     from matplotlib.patches import ConnectionPatch
 
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
@@ -318,9 +318,9 @@ def _join(figure: Figure, left: Transform, right: Transform, starts: Floats, end
 
 
 def _draw_names(axes: Any, points: Floats, names: Sequence[str], towards: float) -> None:
-    """Names beside the points, each where it covers the fewest points and other names.
+    """Label the points, each where the label covers the fewest points and other labels.
 
-    ``towards`` is −1 to try the left first and 1 to try the right first: the side from which no line comes.
+    ``towards`` is −1 to try the left first and 1 to try the right first: the side without connecting lines.
     """
     if len(points) > LABELS_AT_MOST:
         return

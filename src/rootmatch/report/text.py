@@ -1,4 +1,4 @@
-"""A match as words and as a record: the table that people read, the object that programs read."""
+"""A match as text and as a JSON record: a table for people, an object for programs."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Integers = NDArray[np.int64]
 
 ALTERNATIVES_SHOWN = 5
 NAMES_SHOWN = 40
-"""Unmatched points that are named one by one."""
+"""Unmatched points listed by name; the rest are counted."""
 
 
 def match_record(match: Match) -> dict[str, Any]:
-    """The match as numbers, lists and texts that JSON can hold.
+    """The match as numbers, lists and strings that JSON can hold.
 
     Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``alternatives`` (objects
     with ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
@@ -54,7 +54,7 @@ def match_weights(match: Match) -> NDArray[np.float64]:
 
 
 def summary(match: Match) -> str:
-    """One line: how many are matched, the score and its lead."""
+    """One line: the number of matches, the score and the margin."""
     matched = int(np.sum(match.assignment >= 0))
     return f"{matched} of {len(match.assignment)} matched, score {match.score:.4g}, margin {match.margin:.2f}"
 
@@ -68,7 +68,7 @@ def print_match(
     truth: Integers | None = None,
     estimated: bool = False,
 ) -> None:
-    """Print the table of matches, what stayed unmatched, the figures, the verdict and, in doubt, other answers.
+    """Print the table of matches, unmatched points, figures, advice and, unless matched, the alternatives.
 
     Parameters
     ----------
@@ -78,42 +78,44 @@ def print_match(
     source_names, target_names : sequences of str, optional
         Names of the points; by default their zero-based row numbers.
     truth : (n,) array, optional
-        The true assignment, −1 for points without an image; each match is then called right or wrong.
+        The true assignment, −1 for points without an image; each match is then marked right or wrong.
     estimated : bool
-        Whether σ was estimated, and is to be told.
+        Whether σ was estimated; if so it is printed.
     """
     sources = source_names or [str(row) for row in range(match.soft.shape[0])]
     targets = target_names or [str(row) for row in range(match.soft.shape[1])]
     console.print(_table(match, sources, targets, truth))
-    lone_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
-    lone_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
-    for side, lone in (("source", lone_sources), ("target", lone_targets)):
-        if lone:
-            _say(console, f"unmatched {side} points: {_listed(lone)}")
+    unmatched_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
+    unmatched_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
+    for side, unmatched in (("source", unmatched_sources), ("target", unmatched_targets)):
+        if unmatched:
+            _print_line(console, f"unmatched {side} points: {_join_names(unmatched)}")
     if truth is not None:
-        _say(console, _judgement(match.assignment, truth))
-    _say(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
+        _print_line(console, _compare_with_truth(match.assignment, truth))
+    _print_line(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
     if estimated:
-        _say(console, f"noise: {match.noise:.3g} px, estimated")
-    _say(console, match.advice)
+        _print_line(console, f"noise: {match.noise:.3g} px, estimated")
+    _print_line(console, match.advice)
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
-            _say(console, f"  other answer {rank}, score {score:.4g}: {_difference(other, match, sources, targets)}")
+            _print_line(
+                console, f"  alternative {rank}, score {score:.4g}: {_difference(other, match, sources, targets)}"
+            )
 
 
 def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
-    """The matched points: source, target, weight and, where they say something, motion and truth."""
+    """The matched points: source, target, weight and, where they apply, motion and truth."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
-    several = len(np.unique(match.motions[match.assignment >= 0])) > 1
+    multi_motion = len(np.unique(match.motions[match.assignment >= 0])) > 1
     table = Table(box=SIMPLE_HEAD)
     for name in (
         "source",
         "target",
         "weight",
-        *(["motion"] if several else []),
+        *(["motion"] if multi_motion else []),
         *(["truth"] if truth is not None else []),
     ):
         table.add_column(name, justify="left" if name == "truth" else "right")
@@ -122,7 +124,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
         if j < 0:
             continue
         cells = [Text(sources[i]), Text(targets[j]), Text(f"{weights[i]:.3f}")]
-        if several:
+        if multi_motion:
             cells.append(Text(str(match.motions[i])))
         if truth is not None:
             expected = f"should be {targets[truth[i]]}" if truth[i] >= 0 else "has no image"
@@ -131,7 +133,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
     return table
 
 
-def _judgement(assignment: Integers, truth: Integers) -> str:
+def _compare_with_truth(assignment: Integers, truth: Integers) -> str:
     right = int(np.sum((assignment == truth) & (truth >= 0)))
     wrong = int(np.sum((assignment >= 0) & (assignment != truth)))
     missed = int(np.sum((assignment < 0) & (truth >= 0)))
@@ -139,21 +141,21 @@ def _judgement(assignment: Integers, truth: Integers) -> str:
 
 
 def _difference(other: Integers, match: Match, sources: Sequence[str], targets: Sequence[str]) -> str:
-    """Where another answer parts from the first, as ``source→target``."""
+    """Where an alternative differs from the assignment, as ``source→target``."""
     parts = [
         f"{sources[i]}→{targets[other[i]] if other[i] >= 0 else '–'}"
         for i in np.flatnonzero(other != match.assignment).tolist()
     ]
-    return _listed(parts)
+    return _join_names(parts)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     more = len(names) - NAMES_SHOWN
     return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def _say(console: Console, text: str) -> None:
-    """Print a sentence as it is: no markup, no colour of numbers, no wrapping that a script would have to undo."""
+def _print_line(console: Console, text: str) -> None:
+    """Print a line verbatim: no markup, no highlighted numbers, no wrapping that a script would have to undo."""
     console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
