@@ -99,7 +99,7 @@ def test_tolerated_writings(tmp_path: Path, content: bytes) -> None:
         (2, "x,y,x\n1,2,3\n", 1, "'x' is named twice"),
         (2, "x;y\n1,5;2,5\n", 1, "semicolons"),
         (2, "x\ty\n1\t2\n", 1, "tabs"),
-        (2, "1,2\n3,4\n", 1, "add a first row x,y"),
+        (2, "1,2\n3,4\n", 1, "add a header row x,y"),
         (2, "x,y\n1,2\n3,abc\n", 3, "y is 'abc'"),
         (2, "x,y\n1,2\n\n1_0,4\n", 4, "x is '1_0'"),
         (2, "x,y\n1,\n", 2, "y is empty"),

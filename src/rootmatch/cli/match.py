@@ -120,7 +120,7 @@ def match(
     dimension: Annotated[
         int | None,
         typer.Option(
-            metavar="2|3", help="similarity, rigid: of both point sets.", show_default="2", rich_help_panel=INPUT
+            metavar="2|3", help="similarity, rigid: dimension of the points.", show_default="2", rich_help_panel=INPUT
         ),
     ] = None,
     normals: Annotated[

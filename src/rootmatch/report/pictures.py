@@ -1,7 +1,7 @@
-"""The picture of a match: both point sets side by side, and a line from each matched point to its partner.
+"""The picture of a match: both point sets side by side, and a line from each matched point to its counterpart.
 
-Figures are made with matplotlib's objects alone; no global state of pyplot is touched, so the functions may be called
-from any thread and beside a user's own plots.
+Figures use matplotlib's objects only, never the global state of pyplot, so the functions may be called from any thread
+and next to a user's own plots.
 """
 
 from __future__ import annotations
