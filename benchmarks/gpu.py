@@ -150,7 +150,7 @@ def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: f
 
 def operations(rows: list[dict[str, Any]]) -> None:
     """Add to each row the operations of a hyper-edge, counted by running the kernel on numbers that count."""
-    from rootmatch.benchmark.operations import operations as counted
+    from rootmatch.benchmark.operation_count import operations as counted
 
     cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
     for row, count in zip(rows, counted(cases), strict=True):

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from rootmatch.benchmark import Plan, run
 from rootmatch.benchmark.memory import peak_megabytes
-from rootmatch.benchmark.operations import Counted, operations
+from rootmatch.benchmark.operation_count import Counted, operations
 from rootmatch.cli.app import app
 
 

@@ -15,9 +15,9 @@ EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "interoperation" / 
 def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(EXAMPLE), run_name="__main__")
     lines = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"brought: \d+ edges from \d+ entries, 100% right", lines[0])
+    assert re.fullmatch(r"imported: \d+ edges from \d+ entries, 100% right", lines[0])
     assert lines[1].endswith("100% right")
-    assert re.fullmatch(r"taken: \d+ entries, 100% right by the leading eigenvector", lines[2])
+    assert re.fullmatch(r"exported: \d+ entries, 100% right by the leading eigenvector", lines[2])
     assert "max_bytes" in lines[3]
 
 

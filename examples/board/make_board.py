@@ -2,12 +2,12 @@
 
     python examples/board/make_board.py FOLDER
 
-FOLDER holds left01.jpg ... left14.jpg; Debian's package ``opencv-doc`` (``apt install opencv-doc``) puts them into
+FOLDER holds left01.jpg ... left14.jpg; Debian's package ``opencv-doc`` (``apt install opencv-doc``) installs them in
 /usr/share/doc/opencv-doc/examples/data. OpenCV comes with ``pip install 'rootmatch[test]'``.
 
-What is written (README.md beside this file says more): ``model.csv``, ``image.csv``, ``truth.csv``, ``camera.json``
-and ``calibration.json``. The model is a subset of the board's corners without any symmetry, so that there is one
-answer only; the image has the same corners and, as clutter, corners that OpenCV finds elsewhere in the photograph.
+Writes ``model.csv``, ``image.csv``, ``truth.csv``, ``camera.json`` and ``calibration.json`` (README.md next to this file
+describes them). The model is a subset of the board's corners without any symmetry: only one assignment is right;
+the image has the same corners and, as clutter, corners that OpenCV finds elsewhere in the photograph.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 COLUMNS, ROWS = 9, 6  # inner corners of the board
 SQUARE = 25.0  # millimetres; the size that OpenCV's left_intrinsics.yml states
-PLACES = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}  # in the intrinsic matrix
+ENTRIES = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}  # in the intrinsic matrix
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
 
 Floats = NDArray[np.float64]
@@ -37,19 +37,19 @@ def lattice() -> NDArray[np.int64]:
 
 
 def refine(photograph: NDArray[np.uint8], corners: NDArray, half_window: int) -> NDArray[np.float32]:
-    """Corners (m, 2) moved to where the grey values' gradient puts them, to a part of a pixel."""
+    """Corners (m, 2) refined to subpixel accuracy from the image gradient."""
     start = np.ascontiguousarray(np.reshape(corners, (-1, 1, 2)), dtype=np.float32)
     return cv2.cornerSubPix(photograph, start, (half_window, half_window), (-1, -1), STOP).reshape(-1, 2)
 
 
 def detect(photograph: NDArray[np.uint8]) -> NDArray[np.float32] | None:
-    """All inner corners of the board, (54, 2) in distorted pixels, or None where not all are seen."""
+    """All inner corners of the board, (54, 2) in distorted pixels, or None where not all are visible."""
     found, corners = cv2.findChessboardCorners(photograph, (COLUMNS, ROWS))
     if not found:
         return None
     grid = corners.reshape(ROWS, COLUMNS, 2)
     spacing = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
-    # A window that reaches the next corner would be drawn to it.
+    # A window that reaches the next corner would be attracted to it.
     return refine(photograph, corners, int(np.clip(0.4 * spacing, 3, 11)))
 
 
@@ -62,18 +62,18 @@ def calibrate(boards: list[NDArray[np.float32]], size: tuple[int, int]) -> tuple
 
 
 def largest_overlap(points: NDArray[np.int64]) -> int:
-    """How many points of a lattice subset (n, 2) fall on the subset under the most nearly symmetric map.
+    """Number of points of a lattice subset (n, 2) that its most nearly symmetric map sends to points of the subset.
 
-    All rotations, reflections and translations of the square lattice but the identity are tried. A symmetric subset
+    Tries all rotations, reflections and translations of the square lattice except the identity. A symmetric subset
     gives n.
     """
     own = {(int(x), int(y)) for x, y in points}
     most = 0
     for swap, sx, sy in itertools.product((False, True), (1, -1), (1, -1)):
-        turned = (points[:, ::-1] if swap else points) * (sx, sy)
+        rotated = (points[:, ::-1] if swap else points) * (sx, sy)
         shifts: dict[tuple[int, int], int] = {}
         for x, y in own:
-            for u, v in turned:
+            for u, v in rotated:
                 shift = (x - int(u), y - int(v))
                 shifts[shift] = shifts.get(shift, 0) + 1
         if not swap and sx == sy == 1:
@@ -83,7 +83,7 @@ def largest_overlap(points: NDArray[np.int64]) -> int:
 
 
 def collinear_triples(points: NDArray[np.int64]) -> int:
-    """How many triples of points (n, 2) lie on a line."""
+    """Number of collinear triples among points (n, 2)."""
     count = 0
     for (ax, ay), (bx, by), (cx, cy) in itertools.combinations(points.tolist(), 3):
         count += (bx - ax) * (cy - ay) == (by - ay) * (cx - ax)
@@ -91,14 +91,14 @@ def collinear_triples(points: NDArray[np.int64]) -> int:
 
 
 def choose_corners(count: int, rng: np.random.Generator, tries: int = 3000) -> NDArray[np.int64]:
-    """Indices of ``count`` corners, as far from any symmetry and with as few on one line as chance offers."""
+    """Indices of ``count`` corners: of many random subsets, the least symmetric with the fewest collinear triples."""
     everything = lattice()
     best, best_fault = None, (np.inf, np.inf)
     for _ in range(tries):
         chosen = np.sort(rng.choice(len(everything), count, replace=False))
         points = everything[chosen]
         if np.any(np.ptp(points, axis=0) < (COLUMNS - 2, ROWS - 2)):
-            continue  # spread over the board: a far-off camera sees a small patch poorly
+            continue  # spread over the board: a distant camera resolves a small patch poorly
         fault = (largest_overlap(points), collinear_triples(points))
         if fault < best_fault:
             best, best_fault = chosen, fault
@@ -110,19 +110,19 @@ def clutter(photograph: NDArray[np.uint8], board: NDArray[np.float32], count: in
     """The ``count`` strongest corners outside the board, (count, 2) in distorted pixels."""
     outline = cv2.convexHull(board).reshape(-1, 2)
     centre = outline.mean(axis=0)
-    # The outer squares and the rim reach about two squares beyond the inner corners.
+    # The outer squares and the border reach about two squares beyond the inner corners.
     wide = np.round(centre + (outline - centre) * (1.0 + 4.0 / (ROWS - 1))).astype(np.int32)
     mask = np.full(photograph.shape, 255, np.uint8)
     cv2.fillConvexPoly(mask, wide, 0)
     mask[:10], mask[-10:], mask[:, :10], mask[:, -10:] = 0, 0, 0, 0
     corners = cv2.goodFeaturesToTrack(photograph, count, 0.05, 25, mask=mask)
     if corners is None or len(corners) < count:
-        raise SystemExit(f"only {0 if corners is None else len(corners)} clutter corners found, {count} wanted")
+        raise SystemExit(f"only {0 if corners is None else len(corners)} clutter corners found, {count} needed")
     return refine(photograph, corners, 3)
 
 
 def write_together(folder: Path, files: dict[str, str]) -> None:
-    """Write texts to their names in ``folder``: all of them beside it first, so that none is ever seen half."""
+    """Write files into ``folder``: to a temporary folder first, so that no partial file ever appears."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as beside:
         for name, text in files.items():
@@ -155,13 +155,13 @@ def make(folder: Path, photograph_name: str, count: int, clutter_count: int, see
     rng = np.random.default_rng(seed)
     chosen = rng.permutation(choose_corners(count, rng))
     model = np.column_stack([lattice()[chosen] * SQUARE, np.zeros(count)])
-    seen = np.concatenate([board[chosen], clutter(photograph, board, clutter_count)]).astype(np.float64)
-    pixels = cv2.undistortPoints(seen.reshape(-1, 1, 2), K, distortion, P=K).reshape(-1, 2)
+    visible = np.concatenate([board[chosen], clutter(photograph, board, clutter_count)]).astype(np.float64)
+    pixels = cv2.undistortPoints(visible.reshape(-1, 1, 2), K, distortion, P=K).reshape(-1, 2)
     order = rng.permutation(len(pixels))  # image point k is detection order[k]
-    place = np.argsort(order)
+    index = np.argsort(order)
 
     camera = {
-        **{name: round(float(K[place]), 4) for name, place in PLACES.items()},
+        **{name: round(float(K[entry]), 4) for name, entry in ENTRIES.items()},
         "width": width,
         "height": height,
     }
@@ -179,7 +179,7 @@ def make(folder: Path, photograph_name: str, count: int, clutter_count: int, see
     return {
         "model.csv": table(["id", "x", "y", "z"], points),
         "image.csv": table(["id", "x", "y"], detections),
-        "truth.csv": table(["source", "target"], [[i, int(place[i])] for i in range(count)]),
+        "truth.csv": table(["source", "target"], [[i, int(index[i])] for i in range(count)]),
         "camera.json": json.dumps(camera, indent=2) + "\n",
         "calibration.json": json.dumps(calibration, indent=2) + "\n",
     }
@@ -193,7 +193,7 @@ def main() -> int:
     parser.add_argument("--corners", type=int, default=14, help="board corners of the model (default %(default)s)")
     parser.add_argument("--clutter", type=int, default=8, help="corners from elsewhere (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="choice and order of the points (default %(default)s)")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent, help="default: beside this script")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent, help="default: next to this script")
     arguments = parser.parse_args()
     if not arguments.folder.is_dir():
         raise SystemExit(f"{arguments.folder}: no such folder; install Debian's opencv-doc or give its examples/data")

@@ -1,4 +1,4 @@
-"""The perspective three-point problem from three cosine laws: stated, derived, matched."""
+"""The perspective three-point problem from three cosine laws: state, derive, match."""
 
 import sympy as sp
 
@@ -9,7 +9,7 @@ a, b, c, x = sp.symbols("a b c x")
 
 
 def cosine_laws(X, u):
-    """Depths a, b, c of three points X seen along the rays u, and the ratio of the first two."""
+    """Equations of the depths a, b, c of three points X observed along the rays u, and the ratio of the first two."""
 
     def law(i, j, s, t):
         return s**2 + t**2 - 2 * s * t * u[i].dot(u[j]) - (X[i] - X[j]).dot(X[i] - X[j])

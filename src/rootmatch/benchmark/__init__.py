@@ -1,4 +1,4 @@
-"""What this machine does in a second: kernels, contraction, whole matches and memory, for ``rootmatch benchmark``."""
+"""Speed and memory on this machine: kernels, contraction and whole matches, for ``rootmatch benchmark``."""
 
 from rootmatch.benchmark.run import NOTE, Plan, Results, run
 

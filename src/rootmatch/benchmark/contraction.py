@@ -1,4 +1,4 @@
-"""Contraction of a tensor beside the NumPy version of it."""
+"""Contraction of a tensor, timed against its NumPy version."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BLOCK = 500_000
 
 
 def random_pairs(rng: np.random.Generator, n: int, n_target: int, order: int, count: int) -> NDArray[np.int32]:
-    """Random hyper-edges as flat indices, in blocks to bound the memory of the shuffles."""
+    """Random hyper-edges as flat indices, drawn in blocks to bound the memory."""
     blocks = []
     for first in range(0, count, BLOCK):
         size = min(BLOCK, count - first)
@@ -26,7 +26,7 @@ def random_pairs(rng: np.random.Generator, n: int, n_target: int, order: int, co
 
 
 def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[AffinityTensor, NDArray[np.int64]]:
-    """Tensor of ``count`` hyper-edges, those of the true assignment (n,) among them."""
+    """Tensor of ``count`` hyper-edges, including all of the true assignment (n,)."""
     rng = np.random.default_rng(seed)
     truth = rng.permutation(n_target)[:n]
     source = np.array(list(itertools.combinations(range(n), order)))
@@ -38,7 +38,7 @@ def planted(seed: int, n: int, n_target: int, order: int, count: int) -> tuple[A
 
 
 def add_at(tensor: AffinityTensor, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The contraction as one would write it in NumPy."""
+    """The contraction as one would write it in NumPy, with ``np.add.at``."""
     v, values = np.zeros(x.size), x.ravel()[tensor.indices]
     for p in range(tensor.order):
         np.add.at(v, tensor.indices[:, p], tensor.weights * np.delete(values, p, axis=1).prod(axis=1))
@@ -46,7 +46,7 @@ def add_at(tensor: AffinityTensor, x: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def contraction(hyperedges: int, n: int, repeats: int) -> dict[str, float]:
-    """A planted tensor of order 3 with n = n', on one thread and on all."""
+    """Contract a planted tensor of order 3 with n = n', on one thread and on all."""
     tensor, _ = planted(0, n, n, 3, hyperedges)
     x = np.random.default_rng(0).random(tensor.shape)
     np.testing.assert_allclose(tensor.contract(x), add_at(tensor, x), rtol=1e-9)

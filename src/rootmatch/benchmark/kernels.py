@@ -1,4 +1,4 @@
-"""Hyper-edges a second of an exhaustive sweep, and factorisations a second of the matrices that it does without."""
+"""Hyper-edges per second of an exhaustive sweep, and QR factorisations per second of the matrices that it avoids."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.benchmark.scenes import prepared
+from rootmatch.benchmark.scenes import scene_and_tables
 from rootmatch.benchmark.timing import least_seconds
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 NARROW = 0.3
-"""Gate in units of the noise: kernels and screening are timed, not the selection of what passes."""
+"""Gate in units of the noise: narrow, to time kernels and screening rather than the selection of survivors."""
 KEPT = 100_000
 
 
 class Rate(NamedTuple):
-    """A second's work of a kernel, and of the factorisations that it does without."""
+    """Throughput of a kernel, and of the factorisations that it avoids."""
 
     hyperedges: int
     per_second: float
@@ -41,17 +41,20 @@ def sylvester_matrices(degree: int, batch: int) -> NDArray[np.float64]:
 
 
 def rates(problem: str, kinds: Sequence[str], points: int, outliers: int, batch: int, repeats: int) -> list[Rate]:
-    """Rates of exhaustive sweeps, selection included, one of each kind in turn with batched ``numpy.linalg.qr``."""
-    scene, tables = prepared(problem, points, outliers)
+    """Rates of exhaustive sweeps, selection included, of each kind alternating with batched ``numpy.linalg.qr``."""
+    scene, tables = scene_and_tables(problem, points, outliers)
     matrices = sylvester_matrices(scene.problem.degree, batch)
     shape = (len(scene.source), len(scene.target))
-    looked = {}
+    evaluated = {}
 
     def sweep(kind: str) -> None:
         weigh = affinity(Residual(kind), gate=NARROW if kind in NOISE_KINDS else 1e-3 * scene.problem.paper_rho)
         residual = weigh.residual.kernel_kind(scene.problem.pair_count)
-        _, looked[kind] = exhaustive_tensor(tables, residual, weigh, shape, scene.problem.order, max_hyperedges=KEPT)
+        _, evaluated[kind] = exhaustive_tensor(tables, residual, weigh, shape, scene.problem.order, max_hyperedges=KEPT)
 
     works: list[Callable[[], object]] = [lambda: np.linalg.qr(matrices, mode="r"), *(partial(sweep, k) for k in kinds)]
     reference, *spent = least_seconds(works, repeats)
-    return [Rate(looked[kind], looked[kind] / each, batch / reference) for kind, each in zip(kinds, spent, strict=True)]
+    return [
+        Rate(evaluated[kind], evaluated[kind] / each, batch / reference)
+        for kind, each in zip(kinds, spent, strict=True)
+    ]

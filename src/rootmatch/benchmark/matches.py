@@ -1,4 +1,4 @@
-"""Whole matches: time, accuracy and evaluations."""
+"""Whole matches: time, accuracy and number of evaluations."""
 
 from __future__ import annotations
 
@@ -6,41 +6,41 @@ import statistics
 import time
 from typing import Any
 
-from rootmatch.benchmark.scenes import NOISE, made
+from rootmatch.benchmark.scenes import NOISE, make_scene
 from rootmatch.match import match
 from rootmatch.matcher import Matcher
 
 FRAMES = 9
-"""Frames of a tracked scene, after a first that is not counted."""
+"""Frames of a tracked scene, after a warm-up frame."""
 
 
 def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
-    """Medians over scenes."""
+    """Median time and evaluations and mean accuracy over scenes, after a warm-up scene."""
     spent, accuracy, evaluations = [], [], []
     for seed in (seeds[0], *seeds):
-        scene = made(problem, points, outliers, seed)
-        answer = match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed)
-        spent.append(answer.seconds)
-        accuracy.append(scene.accuracy(answer.assignment))
-        evaluations.append(answer.hyperedges)
+        scene = make_scene(problem, points, outliers, seed)
+        result = match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed)
+        spent.append(result.seconds)
+        accuracy.append(scene.accuracy(result.assignment))
+        evaluations.append(result.hyperedges)
     return _row(f"{problem} {points} + {outliers}", spent[1:], accuracy[1:], evaluations[1:])
 
 
 def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
-    """Medians over scenes of the median frame of a `Matcher`."""
+    """The same for the median frame of a `Matcher`."""
     spent, accuracy, evaluations = [], [], []
     for seed in seeds:
-        scene = made(problem, points, outliers, seed)
+        scene = make_scene(problem, points, outliers, seed)
         matcher = Matcher(scene.source, scene.problem, noise=NOISE, seed=seed)
-        answer = matcher.match(scene.target)
+        result = matcher.match(scene.target)
         times = []
         for _ in range(FRAMES):
             started = time.perf_counter()
             matcher.match(scene.target)
             times.append(time.perf_counter() - started)
         spent.append(statistics.median(times))
-        accuracy.append(scene.accuracy(answer.assignment))
-        evaluations.append(answer.hyperedges)
+        accuracy.append(scene.accuracy(result.assignment))
+        evaluations.append(result.hyperedges)
     return _row(f"{problem} {points} + {outliers}, tracked", spent, accuracy, evaluations)
 
 

@@ -1,4 +1,4 @@
-"""Memory of an exhaustive build, measured in a process of its own."""
+"""Peak memory of an exhaustive sweep, measured in a process of its own."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rootmatch.benchmark.scenes import prepared
+from rootmatch.benchmark.scenes import scene_and_tables
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 
 def peak_megabytes() -> float | None:
-    """Most memory that this process has had at once; None where the system does not tell."""
+    """Peak memory of this process in MiB; None where the system does not report it."""
     status = Path("/proc/self/status")
-    if status.is_file():  # Linux hands the resources used on from the process that started this one
+    if status.is_file():  # on Linux, getrusage inherits the parent's peak
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) / 2.0**10
@@ -29,7 +29,7 @@ def peak_megabytes() -> float | None:
 
 
 def memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
-    """Peak memory of an exhaustive build, and that of the library alone, in MiB; bytes of a kept hyper-edge."""
+    """Peak memory of an exhaustive sweep and of the library alone, in MiB, and bytes per kept hyper-edge."""
     program = "from rootmatch.benchmark.memory import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", program, problem, str(points), str(outliers)],
@@ -40,9 +40,9 @@ def memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Build the tensor of the scene that is named on the command line and print what it took."""
+    """Build the tensor of the scene named on the command line and print its memory use."""
     problem, points, outliers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    scene, tables = prepared(problem, points, outliers)
+    scene, tables = scene_and_tables(problem, points, outliers)
     before = peak_megabytes()
     weigh = affinity("joint")
     shape = (len(scene.source), len(scene.target))

@@ -1,4 +1,4 @@
-"""The whole measurement, in one run on one machine."""
+"""All measurements of ``rootmatch benchmark``, in one run on one machine."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rootmatch.benchmark.contraction import contraction
 from rootmatch.benchmark.kernels import rates
 from rootmatch.benchmark.matches import tracked, whole_match
 from rootmatch.benchmark.memory import memory
-from rootmatch.benchmark.operations import operations
-from rootmatch.benchmark.peak import peak
+from rootmatch.benchmark.operation_count import operations
+from rootmatch.benchmark.peak_flops import peak
 
 NOTE = (
-    "Ratios within one run are what counts: rates depend on the machine and on what else it does. "
+    "Only ratios within one run are meaningful: rates depend on the machine and its load. "
     "The first run compiles, which takes minutes and is not timed."
 )
 
@@ -30,13 +30,13 @@ ALL_KINDS = ("joint", "normalised", "qr", "qr-both")
 
 @dataclass(frozen=True)
 class Plan:
-    """What is measured, and how large."""
+    """What to measure, and at which sizes."""
 
     kernels: tuple[Case, ...] = (("p3p", 10, 10), ("up2p", 20, 20), ("3p1", 8, 7))
     """24.4, 67.5 and 2.3 million hyper-edges."""
     kinds: tuple[str, ...] = ALL_KINDS
     batch: int = 20_000
-    """Matrices that are factorised at once."""
+    """Matrices factorised per call."""
     contraction: tuple[int, int] = (1_000_000, 20)
     """Hyper-edges, and n = n'."""
     matches: tuple[Case, ...] = (
@@ -51,14 +51,14 @@ class Plan:
     memory: Case = ("p3p", 12, 20)
     """Exhaustive 12 × 32: 427 million hyper-edges."""
     rounds: int = 500_000
-    """Of the loop that finds the machine's peak."""
+    """Rounds of the loop that measures the machine's peak."""
     samples: int = 3
-    """Panels for each count of operations."""
+    """Random panels per operation count."""
     repeats: int = 5
 
     @classmethod
     def tiny(cls) -> Plan:
-        """As small as it runs: shows that everything works, not how fast."""
+        """The smallest sizes that run: checks that everything works, not how fast."""
         return cls(
             kernels=(("p3p", 5, 1), ("up2p", 5, 1)), kinds=("joint",), batch=50, contraction=(2_000, 8),
             matches=(("up2p", 6, 2),), tracked=("p3p", 5, 3), scenes=1, memory=("p3p", 5, 3), rounds=10, samples=1,
@@ -67,13 +67,13 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """Measurements in all."""
+        """Total number of measurements."""
         return len(self.kernels) + len(self.matches) + 5
 
 
 @dataclass
 class Results:
-    """What was measured; rates are per second."""
+    """The measurements; rates are per second."""
 
     note: str = NOTE
     version: str = __version__
@@ -87,7 +87,7 @@ class Results:
 
 
 def run(plan: Plan, progress: Progress | None = None) -> Results:
-    """Measure all of a plan; ``progress`` is called with (measurements done, in all)."""
+    """Carry out a plan; ``progress`` is called with (measurements done, total)."""
     done = 0
 
     def step() -> None:
@@ -103,8 +103,8 @@ def run(plan: Plan, progress: Progress | None = None) -> Results:
     counts = dict(zip(cases, operations(cases, plan.samples), strict=True))
     step()
     for problem, points, outliers in plan.kernels:
-        found = rates(problem, plan.kinds, points, outliers, plan.batch, plan.repeats)
-        for kind, rate in zip(plan.kinds, found, strict=True):
+        measured = rates(problem, plan.kinds, points, outliers, plan.batch, plan.repeats)
+        for kind, rate in zip(plan.kinds, measured, strict=True):
             each = counts[problem, kind, points, outliers]
             results.kernels.append(
                 {

@@ -1,4 +1,4 @@
-"""The scenes that are measured: the paper's, with clutter, at one pixel of noise."""
+"""Benchmark scenes: the paper's, with clutter, at one pixel of noise."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene,
 NOISE = 1.0
 
 
-def made(problem: str, points: int, outliers: int, seed: int = 0) -> Scene:
-    """A scene of a problem."""
+def make_scene(problem: str, points: int, outliers: int, seed: int = 0) -> Scene:
+    """A simulated scene of a problem."""
     return SCENES[problem](n=points, outliers=outliers, noise=NOISE, seed=seed)
 
 
-def prepared(problem: str, points: int, outliers: int) -> tuple[Scene, Any]:
+def scene_and_tables(problem: str, points: int, outliers: int) -> tuple[Scene, Any]:
     """A scene and the tables of its exhaustive sweep."""
-    scene = made(problem, points, outliers)
+    scene = make_scene(problem, points, outliers)
     return scene, scene.problem.prepare(scene.source[wide_first(scene.source)], scene.target, NOISE)

@@ -1,4 +1,4 @@
-"""How long a call takes."""
+"""Timing of calls."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median time of a call in seconds, after one that is not counted."""
+    """Median time of a call in seconds, after a warm-up call."""
     work()
     times = []
     for _ in range(repeats):
@@ -20,10 +20,10 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
 
 
 def least_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
-    """Least time of each call in seconds, taken in turn, after a first round that is not counted.
+    """Shortest time of each call in seconds, measured alternately, after a warm-up round.
 
-    In turn, so that what slows the machine for a while slows all; the least, because nothing
-    makes a call faster than it is.
+    Alternately, so that a temporary slowdown of the machine affects all of them; the shortest, because disturbances only
+    ever slow a call down.
     """
     least = [np.inf] * len(works)
     for turn in range(repeats + 1):

@@ -1,4 +1,4 @@
-"""The most floating-point operations a second that this machine reaches, by fused products that stay in registers."""
+"""Peak floating-point rate of this machine, measured with fused multiply-adds that stay in registers."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from rootmatch.benchmark.timing import least_seconds
 from rootmatch.jit.threads import in_threads
 
 CHAIN = 16
-"""Fused products one after the other on each number, between its load and its store."""
+"""Consecutive multiply-adds on each number between its load and its store."""
 ROWS, NUMBERS = 8, 64
-"""Numbers of a thread: four kilobytes, which the nearest cache holds."""
+"""Numbers per thread: four kilobytes, which fit in the L1 cache."""
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
@@ -21,7 +21,7 @@ def _fused(line, factor, term, repeats):  # type: ignore[no-untyped-def]
     """Apply x ← factor · x + term to the numbers (ROWS, NUMBERS), CHAIN times each and all ``repeats`` times."""
     for _ in range(repeats):
         for k in range(line.shape[1]):
-            # eight and more side by side: a product must wait for the one before it
+            # eight independent chains, since each multiply-add waits for its predecessor
             a, b, c, d = line[0, k], line[1, k], line[2, k], line[3, k]
             e, f, g, h = line[4, k], line[5, k], line[6, k], line[7, k]
             for _ in range(CHAIN):
@@ -32,7 +32,7 @@ def _fused(line, factor, term, repeats):  # type: ignore[no-untyped-def]
 
 
 def peak(rounds: int, repeats: int) -> float:
-    """Operations a second of all threads in float64; a fused product is two."""
+    """Operations per second of all threads in float64; a multiply-add counts as two."""
     threads = numba.get_num_threads()
     numbers: NDArray[np.float64] = np.ones((threads, ROWS, NUMBERS))
 

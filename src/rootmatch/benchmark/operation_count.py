@@ -1,10 +1,10 @@
-"""Floating-point operations that a hyper-edge costs, counted.
+"""Floating-point operations per hyper-edge, counted.
 
-The kernels' own Python source runs, compilation switched off, on numbers that count what is done with them: sums,
-products, quotients and square roots, each as one; comparisons and choices are free. That is how the kernel is written.
-The compiler fuses products and sums, which changes nothing here, and takes what is fixed out of loops, which makes the
-share of the machine's peak that follows from this an upper one, by a tenth or so. Compilation is switched off
-for a process as a whole, so `operations` asks another one.
+The kernels' own Python source runs uncompiled on numbers that count the operations done on them: additions,
+multiplications, divisions and square roots count as one each; comparisons and selections are free. This counts the
+kernel as written. The compiler fuses multiplications and additions, which changes nothing here, and hoists invariants out
+of loops, so the share of the machine's peak that follows is an upper bound, by a tenth or so. Compilation can only be
+disabled for a whole process, so `operations` runs another one.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.benchmark.scenes import prepared
+from rootmatch.benchmark.scenes import scene_and_tables
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import KINDS
 from rootmatch.problems.residual_dispatch import PANEL_ROWS, SCRATCH_COLUMNS, SCRATCH_ROWS, fill_panel, slab_residual
 
 SAMPLES = 3
-"""Panels drawn at random for each count; each has about n' slabs."""
+"""Random panels per count; each has about n' slabs."""
 _done = 0
 _root = math.sqrt
 
@@ -38,7 +38,7 @@ def _counted(value: float) -> Counted:
 
 
 class Counted(float):
-    """A number that counts operations; as in the compiled kernels nothing raises."""
+    """A number that counts the operations done on it; as in the compiled kernels, nothing raises."""
 
     def __add__(self, other: float) -> Counted:
         return _counted(float(self) + float(other))
@@ -79,16 +79,16 @@ def _square_root(x: float) -> Counted:
 
 
 def _countable(field: NDArray[Any]) -> NDArray[Any]:
-    """The array with its numbers replaced by counting ones."""
+    """The array with counting numbers as elements."""
     out = np.empty(field.shape, object)
     out.ravel()[:] = [Counted(value) for value in field.ravel()]
     return out
 
 
 def count(problem: str, kind: str, points: int, outliers: int, samples: int = SAMPLES) -> float:
-    """Operations for each hyper-edge of an exhaustive sweep, by random panels; with compilation switched off only."""
+    """Operations per hyper-edge of an exhaustive sweep, from random panels; needs compilation to be disabled."""
     global _done
-    scene, tables = prepared(problem, points, outliers)
+    scene, tables = scene_and_tables(problem, points, outliers)
     order, (n, n_target) = scene.problem.order, (len(scene.source), len(scene.target))
     tables = type(tables)(*map(_countable, tables))
     residual = KINDS[kind](pairs=1)
@@ -96,14 +96,14 @@ def count(problem: str, kind: str, points: int, outliers: int, samples: int = SA
     bases = enumeration.source_bases(n, order)
     _done = 0
     with patch.object(math, "sqrt", _square_root), patch.object(np, "sqrt", _square_root):
-        looked = sum(_panel(tables, residual, order, bases, rng, n, n_target) for _ in range(samples))
-    return _done / looked
+        evaluated = sum(_panel(tables, residual, order, bases, rng, n, n_target) for _ in range(samples))
+    return _done / evaluated
 
 
 def _panel(
     tables: Any, residual: Any, order: int, bases: NDArray[np.int64], rng: np.random.Generator, n: int, n_target: int
 ) -> int:
-    """Run a random panel and all of its slabs; how many hyper-edges they have."""
+    """Run a random panel and all of its slabs; returns their number of hyper-edges."""
     panel, scratch = np.empty((PANEL_ROWS, n_target), object), np.empty((SCRATCH_ROWS, max(n, SCRATCH_COLUMNS)), object)
     i = np.append(bases[rng.integers(len(bases))], 0)
     j = np.append(rng.choice(n_target, order - 2, replace=False), (0, 0))
@@ -117,11 +117,11 @@ def _panel(
 
 
 def operations(cases: list[tuple[str, str, int, int]], samples: int = SAMPLES) -> list[float]:
-    """`count` of each of the cases (problem, kind, points, outliers), in a process without compilation."""
+    """`count` for each case (problem, kind, points, outliers), in a process with compilation disabled."""
     work = json.dumps({"cases": cases, "samples": samples})
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", "from rootmatch.benchmark.operations import main; main()"],
+        [sys.executable, "-c", "from rootmatch.benchmark.operation_count import main; main()"],
         input=work, text=True, env=environment, stdout=subprocess.PIPE, check=True,
     )  # fmt: skip
     counts: list[float] = json.loads(done.stdout)
