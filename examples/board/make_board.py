@@ -5,8 +5,8 @@
 FOLDER holds left01.jpg ... left14.jpg; Debian's package ``opencv-doc`` (``apt install opencv-doc``) installs them in
 /usr/share/doc/opencv-doc/examples/data. OpenCV comes with ``pip install 'rootmatch[test]'``.
 
-Writes ``model.csv``, ``image.csv``, ``truth.csv``, ``camera.json`` and ``calibration.json`` (README.md next to this file
-describes them). The model is a subset of the board's corners without any symmetry: only one assignment is right;
+Writes ``model.csv``, ``image.csv``, ``truth.csv``, ``camera.json`` and ``calibration.json``, which README.md describes.
+The model is a subset of the board's corners without any symmetry: only one assignment is right;
 the image has the same corners and, as clutter, corners that OpenCV finds elsewhere in the photograph.
 """
 

@@ -2,9 +2,9 @@
 
 The kernels' own Python source runs uncompiled on numbers that count the operations done on them: additions,
 multiplications, divisions and square roots count as one each; comparisons and selections are free. This counts the
-kernel as written. The compiler fuses multiplications and additions, which changes nothing here, and hoists invariants out
-of loops, so the share of the machine's peak that follows is an upper bound, by a tenth or so. Compilation can only be
-disabled for a whole process, so `operations` runs another one.
+kernel as written. The compiler fuses multiplications and additions, which changes nothing here, and hoists invariants
+out of loops, so the share of the machine's peak that follows is an upper bound, by a tenth or so. Compilation can only
+be disabled for a whole process, so `operations` runs another one.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ def seconds(work: Callable[[], object], repeats: int) -> float:
 def least_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
     """Shortest time of each call in seconds, measured alternately, after a warm-up round.
 
-    Alternately, so that a temporary slowdown of the machine affects all of them; the shortest, because disturbances only
-    ever slow a call down.
+    Alternately, so that a temporary slowdown of the machine affects all of them; the shortest, because disturbances
+    only ever slow a call down.
     """
     least = [np.inf] * len(works)
     for turn in range(repeats + 1):
