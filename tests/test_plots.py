@@ -164,7 +164,8 @@ def test_arrays_that_do_not_belong_together_are_refused(source: Floats, target: 
 
 def test_no_global_state_is_touched() -> None:
     code = (
-        "import sys, numpy as np; from rootmatch.report.pictures import match_figure; assert 'matplotlib' not in sys.modules; "
+        "import sys, numpy as np; from rootmatch.report.pictures import match_figure; "
+        "assert 'matplotlib' not in sys.modules; "
         "match_figure(np.random.rand(5, 3), np.random.rand(5, 2), range(5)); "
         "assert 'matplotlib.figure' in sys.modules and 'matplotlib.pyplot' not in sys.modules"
     )
