@@ -34,6 +34,18 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     return direction / length
 
 
+def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
+    """A checked direction as plain numbers, of its own length: a problem that holds it can be compared and hashed.
+
+    Raises
+    ------
+    InputError
+        As `unit_direction`.
+    """
+    unit_direction(vector, name)
+    return tuple(float(value) for value in np.asarray(vector, dtype=float))
+
+
 def turn_to_y(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
     """The smallest rotation (3, 3) that turns ``direction`` onto (0, 1, 0); half a turn about x for (0, −1, 0)."""
     d = unit_direction(direction, name)

@@ -15,7 +15,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +36,9 @@ _OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub)
 _NAME = re.compile(r"[a-z][a-zA-Z0-9_]*\Z")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Generated:
-    """A vetted generated module; itself alone is equal to it, so that what is made of it can be kept.
+    """A vetted generated module, equal to every one of the same text.
 
     Attributes
     ----------
@@ -51,8 +51,8 @@ class Generated:
     """
 
     text: str
-    plan: dict[str, Any]
-    functions: dict[str, Callable[..., Any]]
+    plan: dict[str, Any] = field(compare=False)
+    functions: dict[str, Callable[..., Any]] = field(compare=False)
 
 
 def vetted(text: str, where: str = "generated") -> Generated:

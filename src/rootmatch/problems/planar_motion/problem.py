@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Bearings
 from rootmatch.problems.derived.problem import DerivedProblem
@@ -65,8 +65,10 @@ class PlanarMotion(Problem):
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
     def __post_init__(self) -> None:
-        unit_direction(self.axis, "axis")
-        unit_direction(self.axis2, "axis2")
+        self.__dict__.update(
+            axis=plain_direction(self.axis, "axis"),
+            axis2=plain_direction(self.axis2, "axis2"),
+        )
 
     @property
     def derived(self) -> DerivedProblem:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_noise, check_points
@@ -67,8 +67,10 @@ class ThreePlusOne(Problem):
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
     def __post_init__(self) -> None:
-        unit_direction(self.axis, "axis")
-        unit_direction(self.axis2, "axis2")
+        self.__dict__.update(
+            axis=plain_direction(self.axis, "axis"),
+            axis2=plain_direction(self.axis2, "axis2"),
+        )
         if not (0.0 <= self.axis_noise < 1.0):
             raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
         if not (0.0 <= self.small_baseline < float("inf")):

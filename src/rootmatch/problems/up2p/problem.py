@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_noise, check_normals, check_points
@@ -67,8 +67,10 @@ class UP2P(Problem):
     least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
 
     def __post_init__(self) -> None:
-        unit_direction(self.vertical_camera, "vertical_camera")
-        unit_direction(self.vertical_world, "vertical_world")
+        self.__dict__.update(
+            vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
+            vertical_world=plain_direction(self.vertical_world, "vertical_world"),
+        )
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
 

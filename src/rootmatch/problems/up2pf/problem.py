@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.vertical import Vector, turn_to_y, unit_direction
+from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Points, Uncalibrated
@@ -60,11 +60,14 @@ class UP2PF(Problem):
     to_tell: ClassVar[str] = "give the focal length to `UP2P` where it is known"
 
     def __post_init__(self) -> None:
-        unit_direction(self.vertical_camera, "vertical_camera")
-        unit_direction(self.vertical_world, "vertical_world")
+        self.__dict__.update(
+            vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
+            vertical_world=plain_direction(self.vertical_world, "vertical_world"),
+        )
         centre = np.asarray(self.centre, dtype=float)
         if centre.shape != (2,) or not np.all(np.isfinite(centre)):
             raise InputError(f"centre: {self.centre!r} given; give the principal point, two numbers of pixels")
+        self.__dict__.update(centre=(float(centre[0]), float(centre[1])))
 
     @property
     def derived(self) -> DerivedProblem:
@@ -80,7 +83,7 @@ class UP2PF(Problem):
             self.name,
             shipped("up2pf", FORMULAS),
             Points(3),
-            Uncalibrated((float(self.centre[0]), float(self.centre[1])), nested(camera)),
+            Uncalibrated(self.centre, nested(camera)),
         )
 
     def prepare(
