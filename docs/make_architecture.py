@@ -4,7 +4,7 @@
     python docs/make_architecture.py --check    # exit code 1 if the committed file is out of date
 
 Rows are the layers of `pyproject.toml`; arrows are read from the import statements of `src`. An import that others
-imply (A → C beside A → B → C) is left out, and so are `errors` and `_version`, which every package may import.
+imply (A → C beside A → B → C) is left out, and so are `errors`, `options` and `_version`, which every package may import.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rootmatch"
 PICTURE = ROOT / "docs" / "architecture.svg"
-HIDDEN = {"__main__", "__init__", "_version", "errors"}
+HIDDEN = {"__main__", "__init__", "_version", "errors", "options"}
 
 GROUPS = {
     "interface": ("cli", "io", "report"),
@@ -30,7 +30,7 @@ GROUPS = {
     "matching": ("matcher", "match", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
-    "compilation": ("jit",),
+    "foundation": ("jit",),
 }
 CAPTIONS = {
     "cli": "commands, options, exit codes",
@@ -50,7 +50,7 @@ CAPTIONS = {
     "problems": "a folder per problem",
     "cameras": "pinhole, bearings",
     "algebra": "polynomials, resultants",
-    "jit": "all that knows Numba's insides",
+    "jit": "all that knows Numba's internals",
 }
 LIGHT = {
     "interface": ("#e8eefc", "#4a6fd0"),
@@ -58,7 +58,7 @@ LIGHT = {
     "matching": ("#fdeee2", "#cf6a1e"),
     "hypergraph": ("#e3f5ee", "#1f8f68"),
     "geometry": ("#fdf6dc", "#a98408"),
-    "compilation": ("#eceef1", "#6b7380"),
+    "foundation": ("#eceef1", "#6b7380"),
 }
 DARK = {
     "interface": ("#1b2745", "#86a6f5"),
@@ -66,7 +66,7 @@ DARK = {
     "matching": ("#3b2413", "#f0a062"),
     "hypergraph": ("#11332a", "#5ccba2"),
     "geometry": ("#352c0b", "#dfc05a"),
-    "compilation": ("#262b33", "#a5aebb"),
+    "foundation": ("#262b33", "#a5aebb"),
 }
 
 BOX_HEIGHT, ROW_HEIGHT, GAP, MARGIN, LEGEND = 46, 80, 34, 28, 44
