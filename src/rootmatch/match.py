@@ -1,9 +1,10 @@
-"""The road: points to tables to hyper-edges to affinities to a tensor to an assignment."""
+"""`match`: the pipeline on one screen, from the caller's points to a `Match`."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -12,23 +13,21 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
+from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline import validation
-from rootmatch.pipeline.assessment import Status, of_all, of_groups
-from rootmatch.pipeline.motion_labels import check_motions, label_motions
-from rootmatch.pipeline.multi_motion import several
-from rootmatch.pipeline.noise_estimation import first_guess, with_estimated_noise
+from rootmatch.pipeline.assessment import Status, assess, probability_of
+from rootmatch.pipeline.motion_labels import label_motions
+from rootmatch.pipeline.multi_motion import pack_motions
+from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.poses import Pose, poses_of
-from rootmatch.pipeline.posterior import Evidence
-from rootmatch.pipeline.road import Road
-from rootmatch.pipeline.sampling import WAYS, Way
+from rootmatch.pipeline.sampling import sample
+from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
+from rootmatch.pipeline.validation import checked_indices
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_normals, check_points
 from rootmatch.samplers.base import Sampler
-from rootmatch.solvers import Solver, get_solver
+from rootmatch.solvers import Solver
 
-__all__ = ["Match", "Status", "match", "residuals"]
+__all__ = ["Match", "Status", "match", "residuals", "solve"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +36,22 @@ class Match:
 
     Attributes
     ----------
+    task : MatchingTask
+        What was matched: problem, points with their noise, options.
     assignment : (n,) int64
         Index into the target points; −1 where unmatched.
     score : float
         Total weight of the hyper-edges inside the assignment.
     margin : float
-        Lead over all other answers, 0 (a tie) to 1: 1 − (1 − p) / p with the answer's probability p. Where problem or
-        residual have none (derived problems, several motions, residuals of the paper), and where nothing comes near:
-        lead in score over the best different answer.
+        Lead in score over the best different assignment: 1 − second / best, 0 for a tie (or where another one scores
+        more, but is less probable), 1 where no other scores. With several motions the score is the evidence of the
+        packing, and the lead that over the best packing without one of its groups.
+    probability : float or None
+        Of the assignment being right, given that one of those considered is: each is fitted by its best pose. None
+        where the problem cannot fit poses, for residuals of the paper and with several motions. Computed when first
+        asked for where the status did not need it.
     alternatives : list of ((n,) int64, float)
-        The best other answers and their scores, the most probable first.
+        The best other assignments and their scores, the most probable first where probabilities are known.
     soft : (n, n') float64
         Soft assignment of the solver.
     tensor : AffinityTensor
@@ -54,15 +59,18 @@ class Match:
     motions : (n,) int64
         Label of the rigid motion, −1 where unmatched.
     status : Status
-        Whether to believe it; `advice` says what to do.
+        Whether to believe it, by one rule (`rootmatch.pipeline.assessment.judged`); `advice` says what to do.
+    converged : bool
+        Whether the solver stopped by its own criterion rather than at a limit.
     hyperedges : int
         How many hyper-edges were evaluated.
     seconds : float
         Wall-clock time.
-    noise : float, array or pair
-        σ that was used, estimated where that was asked for.
+    fitted_probability : float or None
+        The probability as far as the status needed it.
     """
 
+    task: MatchingTask
     assignment: NDArray[np.int64]
     score: float
     margin: float
@@ -71,12 +79,37 @@ class Match:
     tensor: AffinityTensor
     motions: NDArray[np.int64]
     status: Status
+    converged: bool
     hyperedges: int
     seconds: float
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    problem: Problem
-    noise: Any
+    fitted_probability: float | None = None
+
+    @cached_property
+    def probability(self) -> float | None:
+        """Of the assignment being right; see `Match`."""
+        if self.fitted_probability is not None:
+            return self.fitted_probability
+        return probability_of(self.task, self.assignment, self.alternatives)
+
+    @property
+    def source(self) -> NDArray[np.float64]:
+        """The source points, (n, 3) or (n, 2)."""
+        return self.task.points.source
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """The target points, (n', 2) or (n', 3)."""
+        return self.task.points.target
+
+    @property
+    def problem(self) -> Problem:
+        """The problem."""
+        return self.task.problem
+
+    @property
+    def noise(self) -> Any:
+        """σ as it was given (a number, an array or a pair), or as it was estimated."""
+        return self.task.noise
 
     @property
     def advice(self) -> str:
@@ -131,8 +164,8 @@ def residuals(
     """
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
-    first = validation.checked_indices(source_index, n, problem.order, "source_index")
-    second = validation.checked_indices(target_index, n_target, problem.order, "target_index")
+    first = checked_indices(source_index, n, problem.order, "source_index")
+    second = checked_indices(target_index, n_target, problem.order, "target_index")
     if first.shape != second.shape:
         raise InputError(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
@@ -149,7 +182,7 @@ def match(
     noise: ArrayLike | Literal["auto"] = 1.0,
     seed: int = 0,
     preset: Literal["paper"] | None = None,
-    hyperedges: Way | Sampler | None = None,
+    hyperedges: Hyperedges | Sampler | None = None,
     samples: int | None = None,
     residual: str | Residual | None = None,
     rho: float | None = None,
@@ -172,7 +205,7 @@ def match(
     target : (n', 2) array
         Pixels, in any order, clutter among them.
     problem : Problem
-        `P3P`, `UP2P` or `ThreePlusOne`.
+        `P3P`, `UP2P`, `ThreePlusOne`, or another one.
     noise : float, (n',) array or "auto"
         Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the answer, by matching a few
         times.
@@ -183,18 +216,17 @@ def match(
         with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
         better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler
-        Which are looked at: all, random ones, or those that a search by prediction proposes
-        (`rootmatch.samplers.guided.sampler.Guided` is such a sampler and has its options;
-        `rootmatch.samplers.completion.Completion` is another; one of your own takes a
-        `rootmatch.samplers.base.SamplingTask`). ``"auto"`` is ``"guided"`` where there are more than two million. With
+        Which are evaluated: all, random ones, or those that a guided search finds. A sampler can be given instead:
+        `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own, which takes
+        a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` where there are more than two million. With
         several motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found
         by completing minimal sets.
     samples : int
         How many random hyper-edges.
     residual : str or Residual
     rho : float
-        Spread of the affinity; see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of the
-        noise, else `Problem.paper_rho`.
+        Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of σ, else
+        `Problem.paper_rho`.
     solver : str or Solver
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.
@@ -229,66 +261,53 @@ def match(
         If the input cannot be used or is larger than the limits; the text says what to do.
     """
     started = time.perf_counter()
-    if isinstance(noise, str):
-        validation.check_choice("noise", noise, ("auto",))
-        guess = first_guess(check_points(target, problem.target_dimension, "target", problem.order))
+    options = MatchOptions(
+        seed=seed,
+        preset=preset,
+        hyperedges=hyperedges,
+        samples=samples,
+        residual=residual,
+        rho=rho,
+        solver=solver,
+        motions=motions,
+        backend=backend,
+        max_hyperedges=max_hyperedges,
+        limit=limit,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    task = MatchingTask.of(
+        problem, source, target, noise=noise, normals=normals, candidates=candidates, options=options
+    )
+    found = solve_with_estimated_noise(task, solve) if task.estimates_noise else solve(task)
+    return replace(found, seconds=time.perf_counter() - started)
 
-        def attempt(sigma: float) -> Match:
-            return match(
-                source, target, problem, noise=guess if np.isnan(sigma) else sigma, seed=seed, preset=preset,
-                hyperedges=hyperedges, samples=samples, residual=residual, rho=rho, solver=solver, normals=normals,
-                candidates=candidates, motions=motions, backend=backend, max_hyperedges=max_hyperedges, limit=limit,
-                scheduler=scheduler, progress=progress,
-            )  # fmt: skip
 
-        return replace(with_estimated_noise(attempt), seconds=time.perf_counter() - started)
-    paper = validation.is_paper(preset)
-    check_motions(motions)
-    validation.check_choice("backend", backend, selection.NAMES)
-    points = check_points(source, problem.source_dimension, "source", problem.order)
-    pixels = check_points(target, problem.target_dimension, "target", problem.order)
-    n, n_target = len(points), len(pixels)
-    residual = residual or ("qr" if paper else "joint")
-    in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
-    weigh = affinity(residual, rho if rho is not None or in_noise else problem.paper_rho)
-    weigh.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
-    solve = get_solver(solver or ("power-l1" if paper else "ascent"))
-    allowed, unary = validation.split_candidates(candidates, n, n_target)
-    way = hyperedges or ("random" if paper or samples is not None else "auto")
-    if not callable(way):
-        validation.check_choice("hyperedges", way, WAYS)
-    facing = None if normals is None else check_normals(normals, n)
-    road = Road(
-        problem, points, pixels, noise, weigh, facing, allowed, unary, motions, max_hyperedges, limit, seed, progress,
-        backend, scheduler,
-        # The order of the points decides which resultant a hyper-edge has; the paper prefers none. A search does.
-        as_given=paper and way in ("random", "exhaustive"),
-    )  # fmt: skip
-    weighed = road.tensor(way, samples)
-
-    if motions != 1 and solver is None and not paper:
-        solution, weighed = several(road, weighed)
-        verdict = of_groups(solution, (n, n_target))
+def solve(task: MatchingTask) -> Match:
+    """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
+    started = time.perf_counter()
+    options = task.options
+    sampled = sample(task)
+    if options.packs_motions:
+        solution, sampled = pack_motions(task, sampled)
     else:
-        solution = solve(weighed.tensor, seed=seed)
-        evidence = Evidence(problem, points, pixels, noise, allowed, unary, facing)
-        verdict = of_all(solution, weighed, problem, weigh, paper, evidence)
-    labels = solution.groups
-    if labels is None:
-        labels = label_motions(verdict.assignment, weighed.tensor, motions)
+        solution = options.chosen_solver(sampled.tensor, seed=options.seed)
+    assessed = assess(task, solution, sampled)
+    motions = solution.groups
+    if motions is None:
+        motions = label_motions(assessed.assignment, sampled.tensor, options.motions)
     return Match(
-        assignment=verdict.assignment,
-        score=verdict.score,
-        margin=verdict.margin,
-        alternatives=verdict.alternatives,
+        task=task,
+        assignment=assessed.assignment,
+        score=assessed.score,
+        margin=assessed.margin,
+        alternatives=assessed.alternatives,
         soft=solution.soft,
-        tensor=weighed.tensor,
-        motions=labels,
-        status=verdict.status,
-        hyperedges=weighed.evaluated,
+        tensor=sampled.tensor,
+        motions=motions,
+        status=assessed.status,
+        converged=solution.converged,
+        hyperedges=sampled.evaluated,
         seconds=time.perf_counter() - started,
-        source=points,
-        target=pixels,
-        problem=problem,
-        noise=noise,
+        fitted_probability=assessed.probability,
     )

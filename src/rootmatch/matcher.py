@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from dataclasses import replace
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import at_most
-from rootmatch.match import Match, match
+from rootmatch.match import Match, solve
+from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
+from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_points
-from rootmatch.problems.padding import padded
-from rootmatch.samplers.base import SampledTensor, SamplingTask
-
-SMALL = 100_000
-"""Hyper-edges up to which one thread looks at all of them in a millisecond."""
-FIRST_CAPACITY = 1_024
-"""Hyper-edges below the gate that there is room for at first."""
-
-
-class SmallSweep:
-    """All hyper-edges of a small problem, on the calling thread, with enumerations that are made once.
-
-    What it finds is what `rootmatch.samplers.exhaustive.exhaustive_tensor` finds, in the same order.
-    """
-
-    def __init__(self) -> None:
-        self.bases: dict[tuple[int, int], NDArray[np.int64]] = {}
-        self.arrangements: dict[tuple[int, int], NDArray[np.int32]] = {}
-        self.capacity = FIRST_CAPACITY
-
-    def __call__(self, task: SamplingTask) -> SampledTensor:
-        """Tensor of all hyper-edges below the gate."""
-        (n, n_target), order, kind, weigh = task.shape, task.order, task.kind, task.affinity
-        tables, allowed = padded(task.tables, n_target), task.allowed
-        if (n, order) not in self.bases:
-            self.bases[n, order] = enumeration.source_bases(n, order)
-        if (n_target, order) not in self.arrangements:
-            self.arrangements[n_target, order] = enumeration.target_arrangements(n_target, order - 1)
-        bases, arrangements = self.bases[n, order], self.arrangements[n_target, order]
-        total = len(bases) * len(arrangements)
-        with at_most(1):
-            while True:
-                codes, residuals, counts, looked = cpu.sweep(
-                    tables, kind, bases, 0, total, arrangements, weigh.gate, allowed, self.capacity, n_target, n, 1
-                )
-                if counts[0] <= self.capacity:
-                    break
-                self.capacity = 2 * int(counts[0])
-        indices = cpu.decode(codes[0, : counts[0]], bases, arrangements, n_target, n)
-        weights = weigh.weights(residuals[0, : counts[0]])
-        return SampledTensor(AffinityTensor.unchecked(indices, weights, task.shape), int(looked[0]))
+from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
 
 class Matcher:
@@ -80,24 +40,41 @@ class Matcher:
         If the source cannot be used.
     """
 
-    def __init__(self, source: ArrayLike, problem: Problem, *, noise: ArrayLike = 1.0, **options: Any) -> None:
-        for name in ("target", "candidates"):
-            if name in options:
+    def __init__(
+        self,
+        source: ArrayLike,
+        problem: Problem,
+        *,
+        noise: ArrayLike | Literal["auto"] = 1.0,
+        normals: ArrayLike | None = None,
+        **options: Any,
+    ) -> None:
+        for name in options:
+            if name in ("target", "candidates"):
                 raise InputError(f"Matcher: {name} belongs to a frame; give it to match()")
+            if name not in OPTIONS:
+                raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
         self.source = check_points(source, problem.source_dimension, "source", problem.order).copy()
         self.problem = problem
         self.noise = noise
-        self.options = options
+        self.normals = normals
+        self.options = MatchOptions(**options)
         self._sweep = SmallSweep()
 
-    def match(self, target: ArrayLike, *, noise: ArrayLike | None = None, candidates: ArrayLike | None = None) -> Match:
+    def match(
+        self,
+        target: ArrayLike,
+        *,
+        noise: ArrayLike | Literal["auto"] | None = None,
+        candidates: ArrayLike | None = None,
+    ) -> Match:
         """The match of one frame.
 
         Parameters
         ----------
         target : (n', 2) array
             Pixels, in any order, clutter among them; n' may change from frame to frame.
-        noise : float or (n',) array, optional
+        noise : float, (n',) array or "auto", optional
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
@@ -107,11 +84,22 @@ class Matcher:
         InputError
             As `rootmatch.match`.
         """
-        options = self.options
-        if self._is_small(np.shape(target)) and not {"hyperedges", "preset", "samples"} & options.keys():
-            options = {**options, "hyperedges": self._sweep}
-        sigma = self.noise if noise is None else noise
-        return match(self.source, target, self.problem, noise=sigma, candidates=candidates, **options)
+        started = time.perf_counter()
+        task = MatchingTask.of(
+            self.problem,
+            self.source,
+            target,
+            noise=self.noise if noise is None else noise,
+            normals=self.normals,
+            candidates=candidates,
+            options=self.options,
+        )
+        if self._sweeps(task):
+            task = replace(task, options=replace(self.options, hyperedges=self._sweep))
+        found = solve_with_estimated_noise(task, solve) if task.estimates_noise else solve(task)
+        return replace(found, seconds=time.perf_counter() - started)
 
-    def _is_small(self, shape: tuple[int, ...]) -> bool:
-        return len(shape) == 2 and enumeration.exhaustive_count(len(self.source), shape[0], self.problem.order) <= SMALL
+    def _sweeps(self, task: MatchingTask) -> bool:
+        """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
+        count = enumeration.exhaustive_count(*task.shape, self.problem.order)
+        return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL

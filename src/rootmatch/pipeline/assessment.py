@@ -1,4 +1,4 @@
-"""What an answer is worth: points that nothing supports are left out, and the status says whether to believe it."""
+"""Assessment: unsupported points are unmatched, probability and margin found, and the status follows by one rule."""
 
 from __future__ import annotations
 
@@ -9,155 +9,217 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
-from rootmatch.hypergraph.assignment import margin as lead
-from rootmatch.hypergraph.assignment import one_hot
+from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of, supported_answers
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
-from rootmatch.pipeline.multi_motion import log10_by_chance
-from rootmatch.pipeline.posterior import Evidence, ranked
+from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
+from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
 
-AMBIGUOUS_MARGIN = 0.2
-"""Lead in score below which a different answer is nearly as good, for problems that cannot fit answers."""
-SURE = 0.9
-"""Probability from which an answer is sure: of those above, 99 in 100 are right (docs/comparison.md)."""
-CLEAR, CLEAR_SUPPORT, CLEAR_RIVAL = 0.5, 0.4, 0.05
-"""Lead in score, least support of a matched point and most support of any other match, both over the median support,
-with which nothing is left to be asked: no answer like that was wrong in the scenes of docs/comparison.md."""
-BEYOND_CHANCE = math.log(100.0)
-"""Logarithm of the odds against clutter alone from which an answer is trusted whatever its score, …"""
-SHOWN, SHOWN_IN = 5, 0.95
-"""… if the right one is among it and so many alternatives with that probability."""
-KEPT = 16
-"""Alternatives that are told."""
-SUPPORT, SUPPORT_OF_LAST = 0.25, 0.1
-"""Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3, and
-those that meet clutter by chance seldom more than 0.2; …"""
-LAST = 4
-"""… and the share where no more than so many pairs would be left over, which chance could hardly have chosen from."""
-TRUSTED_FALSE_ALARMS = -2.0
-"""Decimal logarithm of the number of answers as good that chance may be expected to find in a trusted match."""
+
+@dataclass(frozen=True)
+class TrustOptions:
+    """Thresholds of the status. Set on the development scenes of docs/comparison.md (`benchmarks/accuracy.py`).
+
+    Parameters
+    ----------
+    probability : float
+        Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
+    margin : float
+        Least lead in score of a matched assignment where no probability is known.
+    false_alarms : float
+        Decimal logarithm of the number of assignments as good that chance may be expected to find.
+    beyond_clutter : float
+        Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, …
+    listed, listed_probability : int, float
+        … if the right one is among it and so many alternatives with that probability.
+    alternatives : int
+        Most alternatives that are kept.
+    support : float
+        Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3,
+        and those that meet clutter by accident seldom more than 0.2.
+    last_support, last_pairs : float, int
+        That share where no more than so many pairs would be left over, which chance could hardly have chosen from.
+    clear_margin, clear_support, clear_rival : float
+        Lead in score, least support of a matched point and most support of any other match, both over the median
+        support, with which an assignment is clear and is not fitted: of 2050 such on the development seeds none was
+        wrong.
+    """
+
+    probability: float = 0.9
+    margin: float = 0.2
+    false_alarms: float = -2.0
+    beyond_clutter: float = math.log(100.0)
+    listed: int = 5
+    listed_probability: float = 0.95
+    alternatives: int = 16
+    support: float = 0.25
+    last_support: float = 0.1
+    last_pairs: int = 4
+    clear_margin: float = 0.5
+    clear_support: float = 0.4
+    clear_rival: float = 0.05
+
+
+TRUST = TrustOptions()
 
 
 class Status(Enum):
-    """What became of a match; `advice` says what to do in the words of a problem."""
+    """Whether to believe a match; `advice` says what to do in the words of its problem.
 
-    MATCHED = "matched: the answer is well supported and leads over every other"
+    One rule, see `judged`: UNTRUSTED where chance alone could have found an assignment as good; else AMBIGUOUS where
+    the assignment is not sure: its probability below 0.9 or, where there is none, its margin below 0.2; else MATCHED. A
+    `clear` assignment, with a margin of 0.5 and no other match supported, is judged by its margin: of those all had a
+    probability above 0.9 when that was looked into, and fitting them would double the time of a small match.
+    """
+
+    MATCHED = "matched: the assignment is well supported and no other explains the points nearly as well"
     AMBIGUOUS = (
-        "ambiguous: another answer explains the points nearly as well; look at `alternatives`, tell more of the scene, "
+        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
         "or add points that break the symmetry"
     )
     UNTRUSTED = (
-        "no trustworthy match: too few hyper-edges agree; check what the problem was given, raise the noise, "
-        "or look at more hyper-edges"
+        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
+        "or evaluate more hyper-edges"
     )
 
     def __str__(self) -> str:
-        return self.value
+        return self.value.format(to_tell=Problem.to_tell, to_check=Problem.to_check)
 
     def advice(self, problem: Problem) -> str:
-        """The text with what there is to check, and to tell, where this problem is solved."""
-        return self.value.replace("what the problem was given", problem.to_check).replace(
-            "tell more of the scene", problem.to_tell
-        )
+        """The text with what to check, and what to add, where this problem is solved."""
+        return self.value.format(to_tell=problem.to_tell, to_check=problem.to_check)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What is told of an answer; see `rootmatch.match.Match`."""
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What is reported of a solution; see `rootmatch.match.Match`."""
 
     assignment: NDArray[np.int64]
     score: float
     margin: float
+    probability: float | None
     alternatives: Alternatives
     status: Status
 
 
-def of_all(
-    solution: Solution, weighed: SampledTensor, problem: Problem, weigh: Affinity, keep_all: bool, evidence: Evidence
-) -> Verdict:
-    """Of a solution that is one group; ``keep_all``: points without support stay matched."""
+def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment:
+    """The solution without unsupported points, the most probable assignment near it, and whether to believe it."""
+    if task.options.packs_motions:
+        return _of_motions(solution, task.shape)
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
-    if not keep_all:
-        assignment, score, alternatives = supported(assignment, alternatives, weighed.tensor)
-    lead_over, least = lead(score, alternatives, assignment), AMBIGUOUS_MARGIN
-    found = None
-    known = [score, *(value for _, value in alternatives)]
-    # a prior for views from one place is no part of the fits
-    likely = not keep_all and weigh.residual.kind in NOISE_KINDS and problem.fits_answers
-    likely = likely and problem.small_baseline == 0.0
-    if likely and (assignment >= 0).sum() > problem.minimal and not clear(assignment, lead_over, weighed.tensor):
-        found = ranked(evidence, [assignment, *(other for other, _ in alternatives)])
+    if not task.options.is_paper:
+        assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor)
+    scores = [score, *(value for _, value in alternatives)]
+    lead = margin(score, alternatives, assignment)
+    obvious = clear(assignment, lead, sampled.tensor)
+    probability, trusted = None, False
+    if not obvious and fits(task, assignment):
+        found = ranked(task, [assignment, *(other for other, _ in alternatives)])
         if found.answers:
-            lead_over, least = max(0.0, 2.0 - 1.0 / found.probability), 2.0 - 1.0 / SURE
-            told = np.array(found.answers[: KEPT + 1])
-            scores = scores_of(
-                weighed.tensor.indices, weighed.tensor.weights, weighed.tensor.unary, told, weighed.tensor.shape[1]
-            )
-            assignment, score = told[0], float(scores[0])
-            alternatives = list(zip(told[1:], scores[1:].tolist(), strict=True))
-    alarms = false_alarms(problem, score, known, weighed, weigh)
-    if found is not None and found.beyond_chance > BEYOND_CHANCE and found.probability_of(1 + SHOWN) > SHOWN_IN:
-        alarms = -math.inf
-    return Verdict(assignment, score, lead_over, alternatives, judged(score, lead_over, alarms, least))
+            kept = np.array(found.answers[: TRUST.alternatives + 1])
+            tensor = sampled.tensor
+            values = scores_of(tensor.indices, tensor.weights, tensor.unary, kept, tensor.shape[1])
+            assignment, score = kept[0], float(values[0])
+            alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
+            lead, probability = margin(score, alternatives, assignment), found.probability
+            listed = found.probability_of(1 + TRUST.listed)
+            trusted = found.beyond_chance > TRUST.beyond_clutter and listed > TRUST.listed_probability
+    alarms = -math.inf if trusted else false_alarms(task, score, scores, sampled)
+    status = judged(score, alarms, lead, probability)
+    return Assessment(assignment, score, lead, probability, alternatives, status=status)
 
 
-def clear(assignment: NDArray[np.int64], lead_over: float, tensor: AffinityTensor) -> bool:
-    """Whether every match is well supported and no other one is, nor another answer."""
-    if lead_over < CLEAR:
+def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
+    """Whether an assignment has a probability: where the problem fits poses, and residuals are in units of σ."""
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    # a prior for views from one position is no part of the fits
+    able = task.problem.fits_answers and in_noise and task.problem.small_baseline == 0.0
+    alone = not task.options.is_paper and not task.options.packs_motions
+    return able and alone and int((assignment >= 0).sum()) > task.problem.minimal
+
+
+def probability_of(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> float | None:
+    """Probability of a clear assignment, whose fit the status had no need of; None where there is none."""
+    if not fits(task, assignment):
+        return None
+    found = ranked(task, [assignment, *(other for other, _ in alternatives)])
+    return found.probability_of_assignment(assignment) if found.answers else None
+
+
+def judged(score: float, alarms: float, lead: float, probability: float | None = None) -> Status:
+    """The status of an assignment: could chance have found one as good, and is it sure.
+
+    Parameters
+    ----------
+    score : float
+    alarms : float
+        Decimal logarithm of the expected number of assignments as good by chance.
+    lead : float
+        Lead in score over the best different assignment.
+    probability : float, optional
+        Of the assignment; it decides instead of the lead where it is known.
+    """
+    if score <= 0.0 or alarms > TRUST.false_alarms:
+        return Status.UNTRUSTED
+    sure = lead >= TRUST.margin if probability is None else probability >= TRUST.probability
+    return Status.MATCHED if sure else Status.AMBIGUOUS
+
+
+def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) -> bool:
+    """Whether every match is well supported and no other one is, nor another assignment."""
+    if lead < TRUST.clear_margin:
         return False
     support = tensor.contract(one_hot(assignment, tensor.shape[1]))
     matched = np.flatnonzero(assignment >= 0)
     own = support[matched, assignment[matched]]
     support[matched, assignment[matched]] = 0.0
     median = float(np.median(own))
-    return bool(own.min() >= CLEAR_SUPPORT * median and support.max() <= CLEAR_RIVAL * median)
+    return bool(own.min() >= TRUST.clear_support * median and support.max() <= TRUST.clear_rival * median)
 
 
-def of_groups(solution: Solution, shape: tuple[int, int]) -> Verdict:
-    """Of a solution that is several groups, each supported for itself."""
-    lead_over = solution.statistics.get("lead", 0.0)
-    status = judged(solution.score, lead_over, log10_by_chance(solution, shape))
-    return Verdict(solution.assignment, solution.score, lead_over, solution.alternatives, status)
+def _of_motions(solution: Solution, shape: tuple[int, int]) -> Assessment:
+    """Of groups of one motion each, every one supported by itself; its score is the evidence of the packing."""
+    lead = solution.statistics.get("lead", 0.0)
+    alarms = log10_false_alarms_of_groups(solution, shape)
+    status = judged(solution.score, alarms, lead)
+    return Assessment(solution.assignment, solution.score, lead, None, solution.alternatives, status)
 
 
-def judged(score: float, margin: float, alarms: float, least: float = AMBIGUOUS_MARGIN) -> Status:
-    """Whether chance could have found as good an answer, and whether another answer is nearly as good."""
-    if score <= 0.0 or alarms > TRUSTED_FALSE_ALARMS:
-        return Status.UNTRUSTED
-    return Status.AMBIGUOUS if margin < least else Status.MATCHED
+def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:
+    """Decimal logarithm of the number of assignments as good that chance is expected to find.
 
-
-def false_alarms(problem: Problem, score: float, known: list[float], weighed: SampledTensor, weigh: Affinity) -> float:
-    """Decimal logarithm of the number of answers as good that chance is expected to find.
-
-    ``known`` are the scores of the answers that were found.
-    The mean weight of a random hyper-edge is that of those outside of the answer where it is not known.
+    ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
+    outside of the assignment where it is not known.
     """
-    tensor, evaluated, share, chance = weighed[:4]
-    true_weight = TRUE_WEIGHT[problem.constraints] if weigh.residual.kind in NOISE_KINDS else 1.0
-    # what answers of nearly this score share out is structure (a symmetric object), not chance
-    explained = sum(value for value in known if value >= (1.0 - AMBIGUOUS_MARGIN) * score)
+    tensor, evaluated, share, chance = sampled[:4]
+    problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS
+    true_weight = TRUE_WEIGHT[problem.constraints] if in_noise else 1.0
+    # what assignments of nearly this score share out is structure (a symmetric object), not chance
+    explained = sum(value for value in known if value >= (1.0 - TRUST.margin) * score)
     others = max(float(tensor.weights.sum()) - explained, true_weight)
     random = others / evaluated if chance is None else chance
-    return log10_false_alarms(problem, *tensor.shape, score / max(share, 1e-300), true_weight, random / true_weight)
+    return log10_false_alarms(
+        problem, tensor.shape, score=score / max(share, 1e-300), true_weight=true_weight, chance=random / true_weight
+    )
 
 
 def supported(
-    assignment: NDArray[np.int64], alternatives: list[tuple[NDArray[np.int64], float]], tensor: AffinityTensor
-) -> tuple[NDArray[np.int64], float, list[tuple[NDArray[np.int64], float]]]:
-    """Answers without the points that nothing supports, distinct, best first."""
+    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor
+) -> tuple[NDArray[np.int64], float, Alternatives]:
+    """Assignments without the points that nothing supports, distinct, best first."""
     asked = np.array([assignment, *(other for other, _ in alternatives)])
     of = tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked
-    kept, scores = supported_answers(*of, SUPPORT)
+    kept, scores = supported_answers(*of, TRUST.support)
     matched = (kept >= 0).sum(axis=1)
-    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= LAST
+    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
     if last.any():
-        more, more_scores = supported_answers(*of, SUPPORT_OF_LAST)
+        more, more_scores = supported_answers(*of, TRUST.last_support)
         kept[last], scores[last] = more[last], more_scores[last]
     answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
     ranked = sorted(answers.values(), key=lambda pair: -pair[1])

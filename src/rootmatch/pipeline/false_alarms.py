@@ -32,7 +32,7 @@ def supported_points(score: float, order: int, true_weight: float) -> float:
 
 
 def log10_false_alarms(
-    problem: Problem, n: int, n_target: int, score: float, true_weight: float, chance: float
+    problem: Problem, shape: tuple[int, int], *, score: float, true_weight: float, chance: float
 ) -> float:
     """Decimal logarithm of how many answers as good chance is expected to find (Desolneux et al. 2000, a contrario).
 
@@ -42,7 +42,7 @@ def log10_false_alarms(
     Parameters
     ----------
     problem : Problem
-    n, n_target : int
+    shape : (n, n')
     score : float
         Of the answer, with all hyper-edges among its points evaluated.
     true_weight : float
@@ -50,6 +50,7 @@ def log10_false_alarms(
     chance : float
         Mean weight of a random hyper-edge over ``true_weight``.
     """
+    n, n_target = shape
     m = min(supported_points(score, problem.order, true_weight), float(n), float(n_target))
 
     def log_factorial(x: float) -> float:

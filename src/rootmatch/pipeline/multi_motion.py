@@ -1,20 +1,19 @@
-"""Several motions: groups packed from the tensor, what is left looked at in full, and packed again."""
+"""Multi-motion: groups packed from the tensor, the rest swept exhaustively, and packed again."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.road import Road
-from rootmatch.pipeline.sampling import Way
-from rootmatch.problems.checks import check_noise
+from rootmatch.pipeline.sampling import sample
+from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.completion import Completion
@@ -23,50 +22,45 @@ from rootmatch.solvers.packing.fitted_groups import GroupFit
 from rootmatch.solvers.packing.solver import GroupPacking
 
 REST = 50_000_000
-"""Most hyper-edges among what is left that are looked at one by one."""
+"""Most hyper-edges among the rest that are swept exhaustively (benchmarks/matches.py --only motions)."""
 
 
-def several(road: Road, weighed: SampledTensor) -> tuple[Solution, SampledTensor]:
+def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each, and the tensor that they were found in.
 
     A guided search may never have proposed a small motion. Where it leaves points and detections unexplained, all
-    hyper-edges among those are looked at and the packing is made again.
+    hyper-edges among those are evaluated and the packing is made again.
     """
-    solution = _packed(road, weighed)
-    if not weighed.partial or solution.groups is None:
-        return solution, weighed
+    solution = _packed(task, sampled)
+    if not sampled.partial or solution.groups is None:
+        return solution, sampled
+    order = task.problem.order
     sizes = np.bincount(solution.groups[solution.groups >= 0], minlength=1)
-    firm = (solution.groups >= 0) & (sizes[solution.groups] >= road.problem.order + 2)
+    firm = (solution.groups >= 0) & (sizes[solution.groups] >= order + 2)
     points = np.flatnonzero(~firm)
-    pixels = np.setdiff1d(np.arange(road.shape[1]), solution.assignment[firm])
-    order = road.problem.order
+    pixels = np.setdiff1d(np.arange(task.shape[1]), solution.assignment[firm])
     if min(len(points), len(pixels)) <= order:
-        return solution, weighed
-    rest = replace(
-        road, points=road.points[points], pixels=road.pixels[pixels],
-        noise=_of_some(road.noise, pixels, road.shape[1]),
-        normals=None if road.normals is None else road.normals[points],
-        allowed=None if road.allowed is None else np.ascontiguousarray(road.allowed[np.ix_(points, pixels)]),
-        unary=None, progress=None, scheduler=None,
-    )  # fmt: skip
-    way: Way | Sampler = "exhaustive"
+        return solution, sampled
+    rest = task.subset(points, pixels)
+    sampler: Literal["exhaustive"] | Sampler = "exhaustive"
     if exhaustive_count(*rest.shape, order) > REST:
-        way = Completion()
-        if not way.pays(rest.request()):
-            return solution, weighed
-    more = rest.tensor(way, 0)
+        sampler = Completion()
+        if not sampler.pays(rest.sampling_task):
+            return solution, sampled
+    more = sample(replace(rest, options=replace(rest.options, hyperedges=sampler)))
     source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))
-    indices = (points[source] * road.shape[1] + pixels[target]).astype(np.int32)
+    indices = (points[source] * task.shape[1] + pixels[target]).astype(np.int32)
     tensor = AffinityTensor.unchecked(
-        np.concatenate([weighed.tensor.indices, np.sort(indices, axis=1)]),
-        np.concatenate([weighed.tensor.weights, more.tensor.weights]),
-        road.shape, road.unary,
-    )  # fmt: skip
-    joined = weighed._replace(tensor=_distinct(tensor), evaluated=weighed.evaluated + more.evaluated)
-    return _packed(road, joined), joined
+        np.concatenate([sampled.tensor.indices, np.sort(indices, axis=1)]),
+        np.concatenate([sampled.tensor.weights, more.tensor.weights]),
+        task.shape,
+        task.prior,
+    )
+    joined = sampled._replace(tensor=_distinct(tensor), evaluated=sampled.evaluated + more.evaluated)
+    return _packed(task, joined), joined
 
 
-def log10_by_chance(solution: Solution, shape: tuple[int, int]) -> float:
+def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> float:
     """Decimal logarithm of how many sets of groups as good chance is expected to find.
 
     The ways to divide the points into such groups, over the exponential of the evidence, which has paid for the ways
@@ -81,43 +75,33 @@ def log10_by_chance(solution: Solution, shape: tuple[int, int]) -> float:
     return (ways - solution.statistics["evidence"]) / math.log(10.0)
 
 
-def _packed(road: Road, weighed: SampledTensor) -> Solution:
-    tensor = weighed.tensor
-    chance = weighed.chance_weight
+def _packed(task: MatchingTask, sampled: SampledTensor) -> Solution:
+    tensor = sampled.tensor
+    chance = sampled.chance_weight
     if chance is None:
-        chance = max(float(tensor.weights.sum()), 1.0) / max(weighed.evaluated, 1)
-    return GroupPacking(motions=road.motions, chance=chance, fit=_fit(road))(tensor, seed=road.seed)
+        chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)
+    solver = GroupPacking(motions=task.options.motions, chance=chance, fit=_group_fit(task))
+    return solver(tensor, seed=task.options.seed)
 
 
-def _fit(road: Road) -> GroupFit | None:
-    """How well whole groups fit, where the problem can tell."""
-    if not road.problem.fits_groups:
+def _group_fit(task: MatchingTask) -> GroupFit | None:
+    """How well whole groups fit one motion, where the problem can fit them."""
+    if not task.problem.fits_groups:
         return None
-    tables = _tables(road)
-    sigma = float(np.median(check_noise(road.noise, road.shape[1])))
-    area = max(float(np.prod(np.ptp(road.pixels, axis=0))), 1e-300) / CROWDING
+    tables = task.tables_as_given
+    sigma = float(np.median(task.points.target_noise))
+    area = max(float(np.prod(np.ptp(task.points.target, axis=0))), 1e-300) / CROWDING
 
     def chi2(groups: NDArray[np.int64]) -> NDArray[np.float64]:
-        return road.problem.group_chi2(tables, groups)
+        return task.problem.group_chi2(tables, groups)
 
     def grown(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-        return road.problem.group_grown(tables, groups, road.allowed)
+        return task.problem.group_grown(tables, groups, task.allowed)
 
     def extended(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-        return road.problem.group_extended(tables, groups, road.allowed)
+        return task.problem.group_extended(tables, groups, task.allowed)
 
     return GroupFit(chi2, grown, extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
-
-
-def _tables(road: Road) -> Any:
-    return road.problem.prepare(road.points, road.pixels, road.noise, road.normals)
-
-
-def _of_some(noise: ArrayLike, pixels: NDArray[np.int64], count: int) -> ArrayLike:
-    """The noise of some of the target points; a pair holds for source and target apart."""
-    if isinstance(noise, tuple | list) and len(noise) == 2:
-        return noise
-    return check_noise(noise, count)[pixels]
 
 
 def _distinct(tensor: AffinityTensor) -> AffinityTensor:

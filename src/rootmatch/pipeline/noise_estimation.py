@@ -1,10 +1,10 @@
-"""σ of the image from the points themselves: match with a guess, look at the residuals inside the answer, again."""
+"""Estimation of σ from the points themselves: match with a guess, take the residuals of the inliers, match again."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,121 +12,126 @@ from numpy.typing import NDArray
 from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
-from rootmatch.problems.base import Problem
+from rootmatch.pipeline.task import MatchingTask
 
 FIRST_GUESS = 0.004
-"""σ of the first match over the diagonal of the image points: 2 pixels of 500."""
+"""σ of the first match over the diagonal of the image points: 2 pixels of 500. A round value, generous on purpose."""
 CUT = 9.0
-"""Squared residual beyond which all count alike."""
-MEAN_CUT = {1: 0.9950, 2: 1.9778}
-"""Mean of min(χ², CUT) by degrees of freedom."""
+"""Squared residual beyond which all count alike: three deviations."""
 WITHIN = 1.5
 """Factor within which σ is to be as often as possible."""
 CENTRE = 4.0 * math.log(WITHIN) / (WITHIN**2 - WITHIN**-2)
 """Of χ² over its degrees of freedom, for that: 0.90, whatever they are, as F(c k² ν) − F(c ν / k²) is largest there."""
 SUBSETS = 2000
-"""Hyper-edges of one motion that are looked at, at most."""
+"""Hyper-edges of one motion that are evaluated, at most."""
 SETTLED, ROUNDS = 1.15, 5
-"""Factor by which a guess may be off, and matches at most."""
+"""Factor by which a guess may be off, and matches at most (`benchmarks/noise.py`)."""
 LEAST = 1e-3
 """Least σ over the first guess: exact data have none."""
 
 
-class Matched(Protocol):
-    """What is needed of a `rootmatch.match.Match`, which is made above this layer."""
+class Solved(Protocol):
+    """What the estimation needs of a match: the task that was solved, with its σ, and the assignment."""
 
     @property
-    def source(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def task(self) -> MatchingTask:
+        """The task."""
+        ...
 
     @property
-    def target(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def assignment(self) -> NDArray[np.int64]:
+        """Target of each source point, −1 where unmatched."""
+        ...
 
     @property
-    def problem(self) -> Problem: ...  # noqa: D102
+    def motions(self) -> NDArray[np.int64]:
+        """Motion of each source point, −1 where unmatched."""
+        ...
 
     @property
-    def noise(self) -> Any: ...  # noqa: D102
-
-    @property
-    def assignment(self) -> NDArray[np.int64]: ...  # noqa: D102
-
-    @property
-    def motions(self) -> NDArray[np.int64]: ...  # noqa: D102
-
-    @property
-    def alternatives(self) -> list[tuple[NDArray[np.int64], float]]: ...  # noqa: D102
+    def alternatives(self) -> list[tuple[NDArray[np.int64], float]]:
+        """Other assignments and their scores."""
+        ...
 
 
-Result = TypeVar("Result", bound=Matched)
+S = TypeVar("S", bound=Solved)
 
 
-def with_estimated_noise(attempt: Callable[[float], Result]) -> Result:
+def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], S]) -> S:
     """The match at the σ that it bears out itself.
 
     Parameters
     ----------
-    attempt : callable
-        The match at a given σ.
+    task : MatchingTask
+    solve : callable
+        The match of a task whose noise is known.
     """
-    match = attempt(math.nan)
-    guess = first = match.noise
+    guess = first = first_guess(task.points.target)
+    match = solve(task.with_noise(guess))
     for _ in range(ROUNDS):
-        sigma = estimated(match)
+        sigma = estimated_noise(match, guess)
         if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
             break
         guess = min(max(sigma, LEAST * first), 4.0 * first)
-        match = attempt(guess)
+        match = solve(task.with_noise(guess))
     return match
 
 
 def first_guess(target: NDArray[np.float64]) -> float:
     """A generous σ for points (n', 2) of which nothing is known."""
-    return FIRST_GUESS * float(np.hypot(*np.ptp(target, axis=0)))
+    return FIRST_GUESS * float(np.linalg.norm(np.ptp(target, axis=0)))
 
 
-def estimated(match: Matched) -> float:
-    """σ in pixels from the residuals inside an answer, NaN where there is none.
+def estimated_noise(match: Solved, sigma: float) -> float:
+    """σ from the residuals inside an assignment that was found with ``sigma``, NaN where there are too few.
 
-    By χ² of the points of each motion about their best pose, where the problem fits answers. Else it is the scale at
+    By χ² of the points of each motion about their best pose, where the problem fits poses. Else it is the scale at
     which the squared residuals of the hyper-edges among them, cut off at 9, have the mean of their law.
     """
-    problem, order = match.problem, match.problem.order
+    problem = match.task.problem
     squares, freedom = [], []
     labels = range(int(match.motions.max(initial=-1)) + 1)
     groups = [np.flatnonzero((match.motions == label) & (match.assignment >= 0)) for label in labels]
     for members in groups:
-        if len(members) <= order:
+        if len(members) <= problem.order:
             continue
-        scale = _scale(problem, match, members)
+        scale = _scale(match, members)
         if math.isfinite(scale):
             squares.append(scale * (len(members) - problem.minimal))
             freedom.append(len(members) - problem.minimal)
     if not freedom:
         return math.nan
-    return float(match.noise) * math.sqrt(sum(squares) / sum(freedom))
+    return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(problem: Problem, match: Matched, members: NDArray[np.int64]) -> float:
+def _scale(match: Solved, members: NDArray[np.int64]) -> float:
     """Square of the true σ over the assumed one, by one group."""
+    problem, points = match.task.problem, match.task.points
     if problem.fits_answers:
         alone = np.full_like(match.assignment, -1)
         alone[members] = match.assignment[members]
-        answers = [alone]
+        assignments = [alone]
         if len(members) == (match.assignment >= 0).sum():
-            # with σ far too large a wrong answer can seem to be as good as the right one, which fits far better
-            others = [other for other, _ in match.alternatives if (other >= 0).sum() >= len(members)]
-            answers += others
-        fit = problem.fitted(match.source, match.target, match.noise, np.array(answers))
+            # with σ far too large a wrong assignment can seem as good as the right one, which fits far better
+            assignments += [other for other, _ in match.alternatives if (other >= 0).sum() >= len(members)]
+        fit = problem.fitted(points, np.array(assignments))
         scale = np.maximum(fit.chi2 / fit.freedom, LEAST**2)
-        worth = [float(fit.inflated(scale[k])[k]) for k in range(len(answers))]
-        return float(scale[int(np.argmax(worth))]) / CENTRE
-    points, pixels = match.source[members], match.target[match.assignment[members]]
-    turned = wide_first(points)
-    tables = problem.prepare(points[turned], pixels[turned], match.noise)
+        evidence = [float(fit.inflated(scale[k])[k]) for k in range(len(assignments))]
+        return float(scale[int(np.argmax(evidence))]) / CENTRE
+    order = members[wide_first(points.source[members])]
+    tables = problem.tables(points.subset(order, match.assignment[order]))
     rng = np.random.default_rng(0)
     chosen = np.sort(np.argsort(rng.random((SUBSETS, len(members))), axis=1)[:, : problem.order], axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
-    return scale_of(residuals**2, MEAN_CUT[problem.constraints])
+    return scale_of(residuals**2, mean_cut(problem.constraints))
+
+
+def mean_cut(freedom: int) -> float:
+    """Mean of min(χ², CUT) with so many degrees of freedom."""
+    from scipy.special import gammainc  # slow to import, seldom wanted
+
+    below, weighted = (float(gammainc(0.5 * k, 0.5 * CUT)) for k in (freedom, freedom + 2))
+    return freedom * weighted + CUT * (1.0 - below)
 
 
 def scale_of(squared: NDArray[np.float64], mean: float) -> float:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.options import Options, option
-from rootmatch.problems.base import Problem
+from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.clutter import CROWDING
 
@@ -45,61 +45,38 @@ IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """The points and what is known of them, as the posterior needs it.
+def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
+    """Log prior odds of each correspondence (n, n') against clutter, times pixel².
 
-    Attributes
-    ----------
-    problem : Problem
-        One that can fit assignments.
-    source, target, noise
-        As for `Problem.prepare`.
-    allowed : (n, n') bool array, optional
-        Correspondences that are possible.
-    prior : (n, n') array, optional
-        Relative odds of correspondences.
-    normals : (n, 3) array, optional
+    A source point is visible as often as those of ``assignment`` are; clutter is as dense as the detections it leaves.
     """
+    n, n_target = task.shape
+    matched = int((assignment >= 0).sum())
+    density = CROWDING * (n_target - matched + HALF) / _area(task)
+    visible = (matched + HALF) / (n + 1.0)
+    odds = np.full((n, n_target), np.log(visible / (1.0 - visible)) - np.log(density))
+    if task.prior is not None:
+        with np.errstate(divide="ignore"):
+            odds += np.log(task.prior / max(float(task.prior.max(initial=0.0)), 1e-300))
+    if task.allowed is not None:
+        odds[~task.allowed] = -np.inf
+    return odds
 
-    problem: Problem
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    noise: ArrayLike
-    allowed: NDArray[np.bool_] | None = None
-    prior: NDArray[np.float64] | None = None
-    normals: NDArray[np.float64] | None = None
 
-    def odds(self, answer: Integers) -> NDArray[np.float64]:
-        """Log prior odds of each correspondence (n, n') against clutter, times pixel².
+def log_odds_against_clutter(task: MatchingTask, assignment: Integers) -> float:
+    """Log-odds of an assignment's clutter and invisible points against the hypothesis that all is clutter."""
+    n, n_target = task.shape
+    matched = int((assignment >= 0).sum())
+    visible, left, area = (matched + HALF) / (n + 1.0), n_target - matched, _area(task)
+    # two Poisson processes, each with the density estimated from its own count
+    clutter = left * np.log((left + HALF) / area) - n_target * np.log(n_target / area)
+    return float(matched * np.log(visible) + (n - matched) * np.log(1.0 - visible) + clutter + matched - HALF)
 
-        A source point is visible as often as those of ``answer`` are; clutter is as dense as the detections it leaves.
-        """
-        n, n_target = len(self.source), len(self.target)
-        matched = int((answer >= 0).sum())
-        area = self._area()
-        density = CROWDING * (n_target - matched + HALF) / area
-        visible = (matched + HALF) / (n + 1.0)
-        odds = np.full((n, n_target), np.log(visible / (1.0 - visible)) - np.log(density))
-        if self.prior is not None:
-            with np.errstate(divide="ignore"):
-                odds += np.log(self.prior / max(float(self.prior.max(initial=0.0)), 1e-300))
-        if self.allowed is not None:
-            odds[~self.allowed] = -np.inf
-        return odds
 
-    def against_none(self, answer: Integers) -> float:
-        """Log-odds of an assignment's clutter and invisible points against the hypothesis that all is clutter."""
-        n, n_target, matched = len(self.source), len(self.target), int((answer >= 0).sum())
-        visible, left = (matched + HALF) / (n + 1.0), n_target - matched
-        # two Poisson processes, each with the density estimated from its own count
-        clutter = left * np.log((left + HALF) / self._area()) - n_target * np.log(n_target / self._area())
-        return float(matched * np.log(visible) + (n - matched) * np.log(1.0 - visible) + clutter + matched - HALF)
-
-    def _area(self) -> float:
-        """Area of the image in pixel²: the bounding box of n' uniform points, corrected for being too small."""
-        n_target = len(self.target)
-        return max(float(np.prod(np.ptp(self.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
+def _area(task: MatchingTask) -> float:
+    """Area of the image in pixel²: the bounding box of n' uniform points, corrected for being too small."""
+    n_target = task.shape[1]
+    return max(float(np.prod(np.ptp(task.points.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
 
 @dataclass(frozen=True)
@@ -123,13 +100,19 @@ class Ranked:
         """Posterior probability of the first assignment, given that one of them is right."""
         return self.probability_of(1)
 
+    def probability_of_assignment(self, assignment: Integers) -> float:
+        """Posterior probability of one of the assignments, 0 where it is none of them."""
+        shares = np.exp(self.logarithms)
+        same = [np.array_equal(answer, assignment) for answer in self.answers]
+        return float(shares[same].sum() / shares.sum())
+
     def probability_of(self, count: int) -> float:
         """Posterior probability that the right assignment is among the first ``count``."""
         shares = np.exp(self.logarithms)
         return float(shares[:count].sum() / shares.sum())
 
 
-def ranked(evidence: Evidence, answers: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
+def ranked(task: MatchingTask, answers: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
     """Rank assignments, and those near the most probable ones, by posterior probability.
 
     The posterior of an assignment is the likelihood of its detections about its best pose, the pose integrated out,
@@ -138,19 +121,20 @@ def ranked(evidence: Evidence, answers: list[Integers], options: PosteriorOption
 
     Parameters
     ----------
-    evidence : Evidence
+    task : MatchingTask
+        Of a problem that can fit assignments.
     answers : list of (n,) int64 arrays
         The best one first.
     options : PosteriorOptions
     """
-    least = evidence.problem.minimal + 1
-    odds = evidence.odds(answers[0])
+    least = task.problem.minimal + 1
+    odds = log_odds(task, answers[0])
     pool = {answer.tobytes(): answer for answer in answers if (answer >= 0).sum() >= least}
     fits: dict[bytes, tuple[Fit, int]] = {}
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
     for turn in range(options.rounds + 1):
-        fits |= _fits(evidence, [key for key in pool if key not in fits], pool)
+        fits |= _fits(task, [key for key in pool if key not in fits], pool)
         inflation = _inflation(fits, options)
         for key, (fit, k) in fits.items():
             matched = np.flatnonzero(pool[key] >= 0)
@@ -167,8 +151,8 @@ def ranked(evidence: Evidence, answers: list[Integers], options: PosteriorOption
             visited.add(key)
             fit, k = fits[key]
             gains = odds + fit.densities(k, inflation)
-            if evidence.normals is not None:
-                gains[(pool[key] < 0) & fit.unseen(k, evidence.normals)] = -np.inf
+            if task.points.normals is not None:
+                gains[(pool[key] < 0) & fit.unseen(k, task.points.normals)] = -np.inf
             for other, gain in _neighbours(gains, pool[key], options):
                 if value[key] + gain > enough and (other >= 0).sum() >= least:
                     pool.setdefault(other.tobytes(), other)
@@ -178,16 +162,16 @@ def ranked(evidence: Evidence, answers: list[Integers], options: PosteriorOption
     if not order:
         return Ranked([], logarithms, np.nan)
     fit, k = fits[order[0]]
-    beyond = float(fit.inflated(inflation)[k]) + fit.of_pose() + evidence.against_none(pool[order[0]])
+    beyond = float(fit.inflated(inflation)[k]) + fit.of_pose() + log_odds_against_clutter(task, pool[order[0]])
     return Ranked([pool[key] for key in order], logarithms, beyond)
 
 
-def _fits(evidence: Evidence, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:
+def _fits(task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:
     """Pose fits of some assignments of the pool, and their rows in them."""
     if not keys:
         return {}
     answers = np.array([pool[key] for key in keys])
-    fit = evidence.problem.fitted(evidence.source, evidence.target, evidence.noise, answers)
+    fit = task.problem.fitted(task.points, answers)
     return {key: (fit, k) for k, key in enumerate(keys)}
 
 

@@ -1,119 +1,171 @@
-"""From tables to a tensor: which hyper-edges are looked at, and what evaluates them."""
+"""Sampling: which hyper-edges of a task are evaluated, on which backend, into the affinity tensor."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
-from rootmatch.backends import selection
+import numpy as np
+
+from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
-from rootmatch.backends.strongest import Backend
 from rootmatch.errors import InputError
-from rootmatch.hypergraph import enumeration as edges
-from rootmatch.pipeline import validation
+from rootmatch.hypergraph.affinity import Affinity
+from rootmatch.hypergraph.enumeration import exhaustive_count
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.pipeline.validation import check_size
+from rootmatch.problems import residual_kinds
 from rootmatch.problems.residual_dispatch import has_single
-from rootmatch.samplers.base import SampledTensor, Sampler, SamplingTask
+from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.random import random_tensor
 
-Way = Literal["auto", "exhaustive", "random", "guided"]
-WAYS: tuple[Way, ...] = ("auto", "exhaustive", "random", "guided")
 PAPER_SAMPLES = 100_000
-"""Random hyper-edges that are drawn unless told otherwise, as in the paper."""
-EXHAUSTIVE_LIMIT, LIMIT_ON_DEVICE = 4_000_000_000, 100_000_000_000
-"""Hyper-edges that are evaluated without asking: about a minute on two cores, and on a card."""
-AFFORDABLE, PER_SEARCHED = 500_000_000, 20
-"""Hyper-edges up to which all are looked at after all, some seconds of two cores, where a search has found nothing that
-stands out in a twentieth of the evaluations, which take up to half the time: those of a sweep are far cheaper."""
-CHEAP_ON_DEVICE = 1_000_000_000
-"""Hyper-edges up to which a card has looked at all of them before a search has found its first."""
+"""Random hyper-edges drawn unless said otherwise, as in the paper."""
 
 
-class Built(NamedTuple):
-    """A tensor, and where it can be contracted."""
-
-    weighed: SampledTensor
-    backend: Backend
-
-
-def build(
-    request: SamplingTask,
-    *,
-    way: Way | Sampler = "auto",
-    samples: int | None = None,
-    backend: selection.Name = "auto",
-    cluster: Cluster | None = None,
-    max_hyperedges: int = 5_000_000,
-    limit: int | None = None,
-) -> Built:
-    """Tensor of the hyper-edges that are looked at.
+@dataclass(frozen=True)
+class SamplingLimits:
+    """Sizes in hyper-edges at which one way of sampling gives way to another: round figures of `benchmarks/matches.py`.
 
     Parameters
     ----------
-    request : SamplingTask
-    way : str or Sampler
-        See `rootmatch.match`, where all that follows is explained too.
-    samples, backend, max_hyperedges, limit
-    cluster : Cluster, optional
-        Workers that evaluate in the place of this process.
+    exhaustive, exhaustive_on_device : int
+        Most that an exhaustive sweep evaluates unasked: about a minute on two cores, and on a card.
+    affordable : int
+        Up to here all are evaluated after a search that found nothing beyond chance: some seconds on two cores.
+    per_searched : int
+        Such a search spends one evaluation for so many hyper-edges, about half of the time of the sweep: the
+        evaluations of a sweep are far cheaper.
+    cheap_on_device : int
+        Up to here a card has evaluated all before a search has its first hypothesis.
+    """
+
+    exhaustive: int = 4_000_000_000
+    exhaustive_on_device: int = 100_000_000_000
+    affordable: int = 500_000_000
+    per_searched: int = 20
+    cheap_on_device: int = 1_000_000_000
+
+
+LIMITS = SamplingLimits()
+
+
+def sample(task: MatchingTask) -> SampledTensor:
+    """The tensor of the hyper-edges that are evaluated, source points in the caller's order.
 
     Raises
     ------
     InputError
-        If it is too much, or what is asked for does not go together or is not there.
+        If there are too many, or options do not go together or are not available.
     """
-    n, n_target = request.shape
-    count = request.hyperedge_count
-    chosen: Any = way
-    single = has_single(request.tables, request.kind)
+    sampled, backend = _sampled(task)
+    tensor = sampled.tensor
+    if task.problem.small_baseline > 0.0:
+        tensor = _with_baseline_prior(task, tensor)
+    return sampled._replace(tensor=selection.placed(_in_given_order(task, tensor), backend))
+
+
+def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
+    """The sampled tensor, and the backend that can contract it."""
+    options, sampling = task.options, task.sampling_task
+    single = has_single(task.tables, sampling.kind)
+    sampler, fallback = choose_sampler(task)
     searched = 0
-    if cluster is not None:
-        chosen = _for_workers(way, backend)
-    elif way == "auto" and request.motions != 1 and Completion().pays(request):
-        chosen = Completion()
-    elif way == "auto" and pays(request):
-        chosen = "exhaustive" if backend in selection.ON_CARD and count <= CHEAP_ON_DEVICE else "guided"
-    affordable = AFFORDABLE if limit is None else min(AFFORDABLE, limit)
-    after_all = way == "auto" and request.motions == 1 and count <= affordable
-    if chosen == "guided":
-        chosen = Guided(budget=max(int(count) // PER_SEARCHED, 1)) if after_all else Guided()
-    if callable(chosen):
-        here = selection.chosen(backend, 0.0, single)
-        weighed = chosen(request)
-        if weighed.conclusive or not after_all:
-            return Built(weighed, here)
-        searched = weighed.evaluated
-    if chosen == "random":
-        count = PAPER_SAMPLES if samples is None else int(samples)
-    evaluator = selection.chosen(backend, count, single) if cluster is None else cluster
-    asked = request.tables, request.kind, request.affinity, request.shape, request.order
-    if chosen == "random":
+    if callable(sampler):
+        sampled = sampler(sampling)
+        if sampled.conclusive or not fallback:
+            return sampled, selection.chosen(options.backend, 0.0, single)
+        searched = sampled.evaluated
+    if sampler == "random":
+        samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
+        backend = _backend(task, samples, single)
         tensor, evaluated = random_tensor(
-            *asked, int(count), request.seed,
-            candidates=request.candidates, backend=evaluator, progress=request.progress,
-        )  # fmt: skip
-        # a random sample sees each hyper-edge with this probability
-        share = -math.expm1(-evaluated / edges.exhaustive_count(n, n_target, request.order))
-        return Built(SampledTensor(tensor, evaluated, share), evaluator)
-    most = LIMIT_ON_DEVICE if selection.is_device(evaluator) else EXHAUSTIVE_LIMIT
-    validation.check_size(n, n_target, count, most if limit is None else limit)
+            *_sizes(sampling),
+            samples=samples,
+            seed=sampling.seed,
+            candidates=sampling.candidates,
+            backend=backend,
+            progress=sampling.progress,
+        )
+        # a random sample contains each hyper-edge with this probability
+        share = -math.expm1(-evaluated / exhaustive_count(*task.shape, task.problem.order))
+        return SampledTensor(tensor, evaluated, share), backend
+    backend = _backend(task, sampling.hyperedge_count, single)
+    most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
+    check_size(task.shape, sampling.hyperedge_count, most if options.limit is None else options.limit)
     tensor, evaluated = exhaustive_tensor(
-        *asked,
-        max_hyperedges=max_hyperedges, candidates=request.candidates, backend=evaluator, progress=request.progress,
-    )  # fmt: skip
-    return Built(SampledTensor(tensor, evaluated + searched), evaluator)
+        *_sizes(sampling),
+        max_hyperedges=options.max_hyperedges,
+        candidates=sampling.candidates,
+        backend=backend,
+        progress=sampling.progress,
+    )
+    return SampledTensor(tensor, evaluated + searched), backend
 
 
-def _for_workers(way: Way | Sampler, backend: selection.Name) -> Way:
+def _sizes(sampling: SamplingTask) -> tuple[Any, residual_kinds.Kind, Affinity, tuple[int, int], int]:
+    """What every sweep begins with: tables, kind, affinity, shape and order."""
+    return sampling.tables, sampling.kind, sampling.affinity, sampling.shape, sampling.order
+
+
+def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
+    """The sampler of a task, "exhaustive" and "random" by name, and whether all are evaluated if it finds nothing."""
+    options, sampling = task.options, task.sampling_task
+    sampler: Any = options.sampler
+    if options.scheduler is not None:
+        return _for_workers(sampler, options.backend), False
+    automatic = sampler == "auto"
+    affordable = LIMITS.affordable if options.limit is None else min(LIMITS.affordable, options.limit)
+    fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
+    if automatic and options.motions != 1 and Completion().pays(sampling):
+        return Completion(), fallback
+    if automatic and pays(sampling):
+        on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
+        sampler = "exhaustive" if on_device else "guided"
+    if sampler == "guided":
+        budget = {"budget": max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)} if fallback else {}
+        return Guided(**budget), fallback
+    return sampler, fallback
+
+
+def _for_workers(sampler: Any, backend: selection.Name) -> str:
     """Which hyper-edges go to a cluster's workers: all, or random ones."""
     if backend in selection.ON_CARD:
         raise InputError(
             f'scheduler: its workers compute on processors; leave backend="{backend}" out, or go without it'
         )
-    if way == "random":
-        return way
-    if way in ("auto", "exhaustive"):
+    if sampler == "random":
+        return "random"
+    if sampler in ("auto", "exhaustive"):
         return "exhaustive"
     raise InputError('scheduler: a guided search runs in one process; use hyperedges="exhaustive" or "random"')
+
+
+def _backend(task: MatchingTask, count: float, single: bool) -> Any:
+    """What evaluates so many hyper-edges."""
+    if task.options.scheduler is None:
+        return selection.chosen(task.options.backend, count, single)
+    return Cluster(task.options.scheduler, partial(task.problem.tables, task.ordered_points))
+
+
+def _with_baseline_prior(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+    """The tensor with the prior of views from nearly one position."""
+    source, target = np.divmod(tensor.indices.astype(np.int64), task.shape[1])
+    raw = cpu.residuals(task.tables, residual_kinds.QR(), source, target)
+    weights = tensor.weights * np.exp(-raw / task.problem.small_baseline)
+    keep = weights >= math.exp(-0.5 * task.affinity.gate**2)
+    return AffinityTensor.unchecked(tensor.indices[keep], weights[keep], tensor.shape)
+
+
+def _in_given_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+    """The tensor with the source points in the caller's order, and the prior of the candidates."""
+    n_target = tensor.shape[1]
+    source, target = np.divmod(tensor.indices, np.int32(n_target))
+    indices = (task.order.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
+    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, task.prior)

@@ -49,20 +49,13 @@ def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> N
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
-def check_size(n: int, n_target: int, count: float, limit: int) -> None:
-    """Refuse an exhaustive search beyond the limit, saying its size and the alternatives."""
+def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
+    """Refuse an exhaustive sweep beyond the limit, with its size and the alternatives."""
     if count > limit:
         raise InputError(
-            f"{n} source against {n_target} target points are {count:.3g} hyper-edges, above the limit of {limit:.3g}; "
-            'use hyperedges="random" with samples=…, name candidates, or raise limit='
+            f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges, above the limit of "
+            f'{limit:.3g}; use hyperedges="random" with samples=…, name candidates, or raise limit='
         )
-
-
-def is_paper(preset: str | None) -> bool:
-    """Whether the paper's preset was asked for."""
-    if preset not in (None, "paper"):
-        raise InputError(f'preset: {preset!r} given; give "paper" or nothing')
-    return preset == "paper"
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

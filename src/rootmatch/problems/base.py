@@ -8,6 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.errors import InputError
+from rootmatch.problems.checks import check_normals, check_points
+from rootmatch.problems.points import PointSets, parse_noise
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -34,55 +37,84 @@ class Problem(ABC):
     source_dimension: ClassVar[int]
     """3 where the source is points in space, 2 where it is an image."""
     target_dimension: ClassVar[int] = 2
+    takes_normals: ClassVar[bool] = False
+    """Whether source points are points in space seen by a camera, which normals tell the visible side of."""
+    noisy_source: ClassVar[bool] = False
+    """Whether source points carry noise of their own, as those of an image do."""
     fits_groups: ClassVar[bool] = False
     """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
     fits_answers: ClassVar[bool] = False
     """Whether `fitted` is there."""
     least_for_pose: ClassVar[int] = 0
     """Matches that `pose` needs; 0 where there is none."""
-    to_check: ClassVar[str] = "units and what the problem was given"
-    """What to look at where no answer can be trusted, in the words of the status' advice; …"""
-    to_tell: ClassVar[str] = "say by `candidates` which pairs are possible"
-    """… and what may tell answers apart that are equally good. Name nothing that the problem refuses."""
+    to_check: ClassVar[str] = "units and the arguments of the problem"
+    """What to check where no assignment can be trusted, in the words of the status' advice; …"""
+    to_tell: ClassVar[str] = "restrict the possible pairs by `candidates`"
+    """… and what may tell apart assignments that are equally good. Name nothing that the problem refuses."""
     small_baseline: float = 0.0
     """ρ of a prior exp(−|R₂ₙ,₂ₙ| / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
     """ρ of the paper's preset. The scale of |R₂ₙ,₂ₙ| differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
     medians of false hyper-edges in the paper's scenes."""
 
-    @abstractmethod
-    def prepare(
+    def validated(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> Any:
-        """Tables for the kernels: a NamedTuple of arrays.
+    ) -> PointSets:
+        """The points, checked once for everything that follows.
 
         Parameters
         ----------
         source : (n, 3) or (n, 2) array
             Points in space (any unit, any frame) or pixels of the first image.
-        target : (n', 2) array
-            Pixels.
-        noise : float or (n',) array
-            Standard deviation of a pixel coordinate of the target.
+        target : (n', 2) or (n', 3) array
+            Pixels, or points in space.
+        noise : float, (n',) array, or a pair
+            Standard deviation of a coordinate of the target, in its unit (pixels of an image). Where the source is
+            noisy too, one number holds for both sets, n' numbers for the target and their root mean square for the
+            source; a tuple or list of two gives both, each a number or one for each point.
         normals : (n, 3) array, optional
-            Outward normals of source points in space, which are then seen only from their front; zero where unknown.
+            Outward normals of source points in space, which are visible only from their front; zero where unknown.
 
         Raises
         ------
         InputError
             If the points cannot be used; the text says why.
         """
+        if normals is not None and not self.takes_normals:
+            raise InputError(
+                f"normals: {self.name} does not use them, as its source is not seen by one calibrated camera; "
+                "leave them out"
+            )
+        first = check_points(source, self.source_dimension, "source", self.order)
+        second = check_points(target, self.target_dimension, "target", self.order)
+        facing = None if normals is None else check_normals(normals, len(first))
+        sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)
+        return PointSets(first, second, sigma, sigma2, facing)
+
+    def prepare(
+        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+    ) -> Any:
+        """Tables for the kernels of points as they are given; see `validated` and `tables`."""
+        return self.tables(self.validated(source, target, noise, normals))
+
+    @abstractmethod
+    def tables(self, points: PointSets) -> Any:
+        """Tables for the kernels: a NamedTuple of arrays that knows them (`rootmatch.problems.kernels.Tables`).
+
+        Raises
+        ------
+        InputError
+            If the points are degenerate; the text says why.
+        """
 
     @abstractmethod
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
 
-    def fitted(
-        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
-    ) -> Fit:
-        """Each answer (K, n) fitted by the pose that suits it best, where `fits_answers` says so.
+    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
+        """Each assignment (K, n) fitted by the pose that suits it best, where `fits_answers` says so.
 
-        Every answer needs ``minimal + 1`` matches; source, target and noise are as for `prepare`.
+        Every assignment needs ``minimal + 1`` matches.
         """
         raise NotImplementedError(f"{self.name} cannot fit answers")
 

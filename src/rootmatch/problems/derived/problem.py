@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_noise, check_points
 from rootmatch.problems.derived.compile import register_residuals, tag_name
 from rootmatch.problems.derived.evaluator import Evaluator
 from rootmatch.problems.derived.measurements import Measurement
@@ -20,6 +19,7 @@ from rootmatch.problems.derived.residuals_text import Residuals, pair_orders
 from rootmatch.problems.derived.store import Generated
 from rootmatch.problems.derived.tables import DerivedTables, tag_of
 from rootmatch.problems.derived.text import Shape
+from rootmatch.problems.points import PointSets
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class DerivedProblem(Problem):
             pair_count=len(pair_orders(m)),
             source_dimension=self.source.dimension,
             target_dimension=self.target.dimension,
+            noisy_source=self.source.noise_dimensions > 0,
         )
         residuals, tag = _composed(self.generated, self.source.noise_dimensions, self.target.noise_dimensions)
         self.__dict__.update(residuals=residuals, tag=tag)
@@ -83,28 +84,13 @@ class DerivedProblem(Problem):
         """The same problem seen otherwise: by another camera, or turned."""
         return DerivedProblem(self.title, self.generated, source or self.source, target or self.target)
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> DerivedTables:
-        """Tables for the kernels; see `Problem.prepare`.
-
-        Noise is that of a given coordinate (pixels for images). Where the source is noisy too, one number holds for
-        both; n' numbers are those of the target, and their root mean square that of the source; a pair gives both.
-        """
-        if normals is not None:
-            raise InputError(f"normals: {self.title} has no use for them; leave them out")
-        first = check_points(source, self.source.dimension, "source", self.order)
-        second = check_points(target, self.target.dimension, "target", self.order)
-        if isinstance(noise, tuple | list) and len(noise) == 2:
-            sigma = check_noise(noise[0], len(first), "noise of the source")
-            sigma2 = check_noise(noise[1], len(second), "noise of the target")
-        else:
-            sigma2 = check_noise(noise, len(second))
-            sigma = np.full(len(first), np.sqrt(np.mean(sigma2**2)))
+    def tables(self, points: PointSets) -> DerivedTables:
+        """Tables for the kernels; see `Problem.tables`."""
         register_residuals(self.__dict__["residuals"], self.generated.functions, self.__dict__["tag"])
         tables = self.evaluator
-        x, u = self.source.measure(first), self.target.measure(second)
-        dx, du = self.source.spread(first, sigma), self.target.spread(second, sigma2)
+        x, u = self.source.measure(points.source), self.target.measure(points.target)
+        dx = self.source.spread(points.source, points.source_noise)
+        du = self.target.spread(points.target, points.target_noise)
         return DerivedTables(
             source=tables.table("s", x),
             source_pair=tables.table("ss", x),

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_noise, check_normals, check_not_collinear, check_points
+from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.p3p.resultant import quartic_in_ratio
 from rootmatch.problems.p3p.tables import P3PTables
+from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
@@ -47,35 +48,29 @@ class P3P(Problem):
     to_check: ClassVar[str] = "units and camera"
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     paper_rho: ClassVar[float] = 1e-9
+    takes_normals: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> P3PTables:
-        """Tables for the kernels; see `Problem.prepare`."""
-        points = check_points(source, 3, "source", self.order)
-        pixels = check_points(target, 2, "target", self.order)
-        check_not_collinear(points, "source")
-        sigma = check_noise(noise, len(pixels))
+    def tables(self, points: PointSets) -> P3PTables:
+        """Tables for the kernels; see `Problem.tables`."""
+        check_not_collinear(points.source, "source")
         # a common unit keeps polynomials of kilometres and of millimetres alike
-        points = points - points.mean(axis=0)
-        points /= np.sqrt((points**2).mean())
-        rays = self.camera.bearings(pixels)
+        places = points.source - points.source.mean(axis=0)
+        places /= np.sqrt((places**2).mean())
+        rays = self.camera.bearings(points.target)
         return P3PTables(
-            distance2=squared_distances(points),
-            points=np.ascontiguousarray(points.T),
+            distance2=squared_distances(places),
+            points=np.ascontiguousarray(places.T),
             versine=np.ascontiguousarray(0.5 * squared_distances(rays)),
             rays=np.ascontiguousarray(rays.T),
-            variance=self.camera.angular_noise(pixels, sigma) ** 2,
-            normals=np.ascontiguousarray(check_normals(normals, len(points)).T),
+            variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
+            normals=known_normals(points),
         )
 
-    def fitted(
-        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
-    ) -> Fit:
-        """Answers fitted by a pose each; see `Problem.fitted`."""
-        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, None)
+    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
+        """Assignments fitted by a pose each; see `Problem.fitted`."""
+        return absolute_fit(points.source, points.target, points.target_noise, self.camera, assignments, None)
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Camera pose; see `Problem.pose`."""

@@ -16,6 +16,7 @@ from rootmatch.problems.derived.measurements import Bearings
 from rootmatch.problems.derived.problem import DerivedProblem
 from rootmatch.problems.derived.shipped import shipped
 from rootmatch.problems.derived.tables import DerivedTables
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import LEAST_RELATIVE, Pose, relative_pose
 
 FORMULAS = Path(__file__).parent / "formulas.txt"
@@ -61,6 +62,7 @@ class PlanarMotion(Problem):
     constraints: ClassVar[int] = 1
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 2
+    noisy_source: ClassVar[bool] = True
     to_check: ClassVar[str] = "cameras and axes"
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
@@ -81,11 +83,9 @@ class PlanarMotion(Problem):
             Bearings(self.camera2 or self.camera, nested(second)),
         )
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> DerivedTables:
-        """Tables for the kernels; noise as of `ThreePlusOne`: a pair gives source and target apart."""
-        return self.derived.prepare(source, target, noise, normals)
+    def tables(self, points: PointSets) -> DerivedTables:
+        """Tables for the kernels; see `Problem.tables`."""
+        return self.derived.tables(points)
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Pose of the second view in the first; see `Problem.pose`. It makes no use of the plane."""

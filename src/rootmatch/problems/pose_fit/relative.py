@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.cameras.pinhole import Camera
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, crossed, invertible
 
 ANGLES = 90
@@ -54,18 +55,17 @@ class Views:
 
     @classmethod
     def of(
-        cls, source: Floats, target: Floats, cameras: tuple[Camera, Camera], turns: tuple[Floats, Floats],
-        sigmas: tuple[Floats, Floats], tilt: float,
-    ) -> Views:  # fmt: skip
-        """Views of pixels (n, 2) and (n', 2)."""
+        cls, points: PointSets, cameras: tuple[Camera, Camera], rotations: tuple[Floats, Floats], tilt: float
+    ) -> Views:
+        """Views of pixels, each rotated so that the common direction is y."""
         rays, axes = [], []
-        for pixels, camera, turn in zip((source, target), cameras, turns, strict=True):
+        for pixels, camera, rotation in zip((points.source, points.target), cameras, rotations, strict=True):
             inverse = np.array([1.0 / camera.fx, 1.0 / camera.fy])
             plane = np.column_stack([(pixels - [camera.cx, camera.cy]) * inverse, np.ones(len(pixels))])
-            rays.append(plane @ turn.T)
-            axes.append(turn[:, :2] * inverse)
+            rays.append(plane @ rotation.T)
+            axes.append(rotation[:, :2] * inverse)
         focal = float(np.sqrt(cameras[1].fx * cameras[1].fy))
-        return cls(rays[0], rays[1], axes[0], axes[1], *sigmas, tilt, focal)
+        return cls(rays[0], rays[1], axes[0], axes[1], points.source_noise, points.target_noise, tilt, focal)
 
     def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Epipolar deviations in σ, and σ across the line in the second image in pixels, of pairs (…, m) of indices.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose, point_set_pose
 from rootmatch.problems.similarity.tables import SimilarityTables
 
@@ -53,6 +53,7 @@ class Similarity(Problem):
     pair_count: ClassVar[int] = 3
     to_check: ClassVar[str] = "the units of points and noise"
     least_for_pose: ClassVar[int] = 3
+    noisy_source: ClassVar[bool] = True
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
@@ -60,26 +61,15 @@ class Similarity(Problem):
             raise InputError(f"dimension: {self.dimension!r} given; 2 or 3 expected")
         self.__dict__.update(source_dimension=self.dimension, target_dimension=self.dimension)
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> SimilarityTables:
-        """Tables for the kernels; see `Problem.prepare`. Both sets have rows of ``dimension`` coordinates."""
-        if normals is not None:
-            raise InputError(f"normals: {self.name} has no camera that points could face; leave them out")
-        first = check_points(source, self.dimension, "source", self.order)
-        second = check_points(target, self.dimension, "target", self.order)
-        if isinstance(noise, tuple | list) and len(noise) == 2:
-            sigma = check_noise(noise[0], len(first), "noise of the source")
-            sigma2 = check_noise(noise[1], len(second), "noise of the target")
-        else:
-            sigma2 = check_noise(noise, len(second))
-            sigma = np.full(len(first), np.sqrt(np.mean(sigma2**2)))
+    def tables(self, points: PointSets) -> SimilarityTables:
+        """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""
+        first, second = points.source, points.target
         oriented = self.dimension == 2 and not self.mirror
         return SimilarityTables(
             source=distances(first),
             target=distances(second),
-            source_variance=sigma**2,
-            target_variance=sigma2**2,
+            source_variance=points.source_noise**2,
+            target_variance=points.target_noise**2,
             source_points=np.ascontiguousarray(first[:, :2].T) if oriented else np.zeros((2, len(first))),
             target_points=np.ascontiguousarray(second[:, :2].T) if oriented else np.zeros((2, len(second))),
             scale=np.array([self.scale]),

@@ -12,7 +12,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_noise, check_points
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_RELATIVE, Pose, relative_pose
 from rootmatch.problems.pose_fit.relative import Views, relative_fit
@@ -63,6 +63,7 @@ class ThreePlusOne(Problem):
     pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 2
     to_check: ClassVar[str] = "cameras and axes"
+    noisy_source: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
@@ -85,52 +86,23 @@ class ThreePlusOne(Problem):
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return turn_to_y(self.axis, "axis"), turn_to_y(self.axis2, "axis2")
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> ThreePlusOneTables:
-        """Tables for the kernels.
-
-        Parameters
-        ----------
-        source : (n, 2) array
-            Pixels of the first image.
-        target : (n', 2) array
-            Pixels of the second image.
-        noise : float, (n',) array, or a pair of such
-            Standard deviation of a pixel coordinate. One number holds for both images; n' numbers are those of the
-            target, and their root mean square that of the source; a tuple or list of two gives source and target apart,
-            each a number or one for each point.
-        normals : None
-            Points of an image have none.
-
-        Raises
-        ------
-        InputError
-            If the points cannot be used; the text says why.
-        """
-        if normals is not None:
-            raise InputError("normals: 3p1 takes two images, whose points have no normals; leave them out")
-        first = check_points(source, 2, "source", self.order)
-        second = check_points(target, 2, "target", self.order)
-        sigma, sigma2 = _noises(noise, len(first), len(second))
+    def tables(self, points: PointSets) -> ThreePlusOneTables:
+        """Tables for the kernels; see `Problem.tables`."""
         camera, camera2 = self.cameras
         turn, turn2 = self.turns()
         return ThreePlusOneTables(
-            source=np.ascontiguousarray((camera.bearings(first) @ turn.T).T),
-            target=np.ascontiguousarray((camera2.bearings(second) @ turn2.T).T),
-            source_deviation=camera.angular_noise(first, sigma),
-            target_deviation=camera2.angular_noise(second, sigma2),
+            source=np.ascontiguousarray((camera.bearings(points.source) @ turn.T).T),
+            target=np.ascontiguousarray((camera2.bearings(points.target) @ turn2.T).T),
+            source_deviation=camera.angular_noise(points.source, points.source_noise),
+            target_deviation=camera2.angular_noise(points.target, points.target_noise),
             # a tilt of one axis acts as the opposite tilt of the other: the two variances add
             tilt_variance=np.array([2.0 * float(self.axis_noise) ** 2]),
         )
 
-    def fitted(
-        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
-    ) -> Fit:
-        """Answers fitted by a pose each; see `Problem.fitted`."""
-        sigmas = _noises(noise, len(source), len(target))
+    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
+        """Assignments fitted by a pose each; see `Problem.fitted`."""
         tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
-        return relative_fit(Views.of(source, target, self.cameras, self.turns(), sigmas, tilt), answers)
+        return relative_fit(Views.of(points, self.cameras, self.turns(), tilt), assignments)
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Pose of the second view in the first; see `Problem.pose`. It makes no use of the axes."""
@@ -147,11 +119,3 @@ class ThreePlusOne(Problem):
             for q, p in zip(first, second, strict=True)
         ]
         return np.array(rows, dtype=float).reshape(-1, 5)
-
-
-def _noises(noise: ArrayLike, count: int, count2: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """σ of the pixels of source and target from one number, one for each target point, or a pair of such."""
-    if isinstance(noise, tuple | list) and len(noise) == 2:
-        return check_noise(noise[0], count, "noise of the source"), check_noise(noise[1], count2, "noise of the target")
-    sigma2 = check_noise(noise, count2)
-    return np.full(count, np.sqrt(np.mean(sigma2**2))), sigma2

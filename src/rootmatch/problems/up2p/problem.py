@@ -12,7 +12,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.checks import check_noise, check_normals, check_points
+from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
@@ -62,6 +62,7 @@ class UP2P(Problem):
     to_check: ClassVar[str] = "units, camera and both verticals"
     to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
+    takes_normals: ClassVar[bool] = True
     fits_groups: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
@@ -78,16 +79,11 @@ class UP2P(Problem):
         """Rotations of world and of camera that bring their verticals onto the y axis."""
         return turn_to_y(self.vertical_world, "vertical_world"), turn_to_y(self.vertical_camera, "vertical_camera")
 
-    def prepare(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
-    ) -> UP2PTables:
-        """Tables for the kernels; see `Problem.prepare`."""
-        points = check_points(source, 3, "source", self.order)
-        pixels = check_points(target, 2, "target", self.order)
-        sigma = check_noise(noise, len(pixels))
+    def tables(self, points: PointSets) -> UP2PTables:
+        """Tables for the kernels; see `Problem.tables`."""
         world, camera = self.turns()
-        rays = self.camera.bearings(pixels) @ camera.T
-        centred = (points - points.mean(axis=0)) @ world.T
+        rays = self.camera.bearings(points.target) @ camera.T
+        centred = (points.source - points.source.mean(axis=0)) @ world.T
         if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
             raise InputError(
                 "source: all points lie on one vertical line, which leaves the turn open; add points off it"
@@ -95,17 +91,15 @@ class UP2P(Problem):
         return UP2PTables(
             points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
             rays=np.ascontiguousarray(rays.T),
-            variance=self.camera.angular_noise(pixels, sigma) ** 2,
+            variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
-            normals=np.ascontiguousarray((check_normals(normals, len(points)) @ world.T).T),
+            normals=known_normals(points, world),
         )
 
-    def fitted(
-        self, source: NDArray[np.float64], target: NDArray[np.float64], noise: ArrayLike, answers: NDArray[np.int64]
-    ) -> Fit:
-        """Answers fitted by a pose each; see `Problem.fitted`."""
+    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
+        """Assignments fitted by a pose each; see `Problem.fitted`."""
         upright = Upright(*self.turns(), float(self.vertical_noise))
-        return absolute_fit(source, target, check_noise(noise, len(target)), self.camera, answers, upright)
+        return absolute_fit(points.source, points.target, points.target_noise, self.camera, assignments, upright)
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² of groups; see `Problem.group_chi2`."""

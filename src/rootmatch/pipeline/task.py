@@ -1,0 +1,217 @@
+"""The matching task: what the caller gave, validated once, handed from stage to stage of the pipeline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Progress
+from rootmatch.errors import InputError
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.pipeline.validation import check_choice, split_candidates
+from rootmatch.problems.base import Problem
+from rootmatch.problems.points import PointSets, parse_noise
+from rootmatch.samplers.base import Sampler, SamplingTask
+from rootmatch.solvers import Solver, get_solver
+
+Hyperedges = Literal["auto", "exhaustive", "random", "guided"]
+HYPEREDGES: tuple[Hyperedges, ...] = ("auto", "exhaustive", "random", "guided")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MatchOptions:
+    """The options of `rootmatch.match`, under the same names and with the same defaults; see there.
+
+    Everything that does not depend on the points is validated here.
+
+    Raises
+    ------
+    InputError
+        For an option that is none of the choices, or that does not go with another.
+    """
+
+    seed: int = 0
+    preset: Literal["paper"] | None = None
+    hyperedges: Hyperedges | Sampler | None = None
+    samples: int | None = None
+    residual: str | Residual | None = None
+    rho: float | None = None
+    solver: str | Solver | None = None
+    motions: int | Literal["auto"] = 1
+    backend: selection.Name = "auto"
+    max_hyperedges: int = 5_000_000
+    limit: int | None = None
+    scheduler: str | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        if self.preset not in (None, "paper"):
+            raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
+        if self.motions != "auto" and not (isinstance(self.motions, int | np.integer) and self.motions >= 1):
+            raise InputError(f'motions: {self.motions!r} given; give a whole number of at least 1, or "auto"')
+        check_choice("backend", self.backend, selection.NAMES)
+        if self.hyperedges is not None and not callable(self.hyperedges):
+            check_choice("hyperedges", self.hyperedges, HYPEREDGES)
+        get_solver(self.solver or "ascent")
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether the paper's preset is the default of what is not given."""
+        return self.preset == "paper"
+
+    @property
+    def sampler(self) -> Hyperedges | Sampler:
+        """Which hyper-edges are evaluated."""
+        return self.hyperedges or ("random" if self.is_paper or self.samples is not None else "auto")
+
+    @property
+    def chosen_solver(self) -> Solver:
+        """The solver of one group of points."""
+        return get_solver(self.solver or ("power-l1" if self.is_paper else "ascent"))
+
+    @property
+    def packs_motions(self) -> bool:
+        """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
+        return self.motions != 1 and self.solver is None and not self.is_paper
+
+    def affinity(self, problem: Problem) -> Affinity:
+        """From a hyper-edge's residual to its weight, for a problem."""
+        residual = self.residual or ("qr" if self.is_paper else "joint")
+        in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
+        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else problem.paper_rho)
+        chosen.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
+        return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class MatchingTask:
+    """Points, problem and options, validated.
+
+    Attributes
+    ----------
+    problem : Problem
+    points : PointSets
+        Source and target with their noise and normals.
+    affinity : Affinity
+        From a hyper-edge's residual to its weight.
+    options : MatchOptions
+    noise : float, array or pair
+        Standard deviation as it was given, or as it was estimated.
+    estimates_noise : bool
+        Whether the noise is to be estimated: that of ``points`` says nothing then.
+    allowed : (n, n') bool, optional
+        Correspondences that are possible.
+    prior : (n, n') float64, optional
+        Prior weights of correspondences.
+    """
+
+    problem: Problem
+    points: PointSets
+    affinity: Affinity
+    options: MatchOptions = field(default_factory=MatchOptions)
+    noise: Any = 1.0
+    estimates_noise: bool = False
+    allowed: NDArray[np.bool_] | None = None
+    prior: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        source: ArrayLike,
+        target: ArrayLike,
+        *,
+        noise: ArrayLike | Literal["auto"] = 1.0,
+        normals: ArrayLike | None = None,
+        candidates: ArrayLike | None = None,
+        options: MatchOptions | None = None,
+    ) -> Self:
+        """The task of arguments as `rootmatch.match` takes them.
+
+        Raises
+        ------
+        InputError
+            If the input cannot be used; the text says what to do.
+        """
+        options = options or MatchOptions()
+        estimates = isinstance(noise, str)
+        if estimates:
+            check_choice("noise", noise, ("auto",))
+            noise = 1.0
+        weigh = options.affinity(problem)
+        points = problem.validated(source, target, noise, normals)
+        allowed, prior = split_candidates(candidates, *points.shape)
+        return cls(problem, points, weigh, options, noise, estimates, allowed, prior)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of source and target points, (n, n')."""
+        return self.points.shape
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Source points in the order in which kernels get them, (n,): points far apart first.
+
+        The order decides which resultant a hyper-edge has. The paper prefers none, so its preset takes the points as
+        they are given, unless a search takes their place.
+        """
+        if self.options.is_paper and self.options.sampler in ("random", "exhaustive"):
+            return np.arange(self.shape[0])
+        return wide_first(self.points.source)
+
+    @cached_property
+    def ordered_points(self) -> PointSets:
+        """The points with the source in `order`."""
+        return self.points.subset(source=self.order)
+
+    @cached_property
+    def tables(self) -> Any:
+        """Tables for the kernels, the source points in `order`."""
+        return self.problem.tables(self.ordered_points)
+
+    @cached_property
+    def tables_as_given(self) -> Any:
+        """Tables for the kernels, the source points as they were given."""
+        return self.problem.tables(self.points)
+
+    @cached_property
+    def sampling_task(self) -> SamplingTask:
+        """What a sampler is given, the source points in `order`."""
+        return SamplingTask(
+            tables=self.tables,
+            kind=self.affinity.residual.kernel_kind(self.problem.pair_count),
+            affinity=self.affinity,
+            shape=self.shape,
+            order=self.problem.order,
+            seed=self.options.seed,
+            motions=self.options.motions,
+            candidates=None if self.allowed is None else self.allowed[self.order],
+            progress=self.options.progress,
+        )
+
+    def with_noise(self, sigma: float) -> Self:
+        """The same task with another noise, the same for all points; nothing is estimated any more."""
+        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name)
+        points = self.points.with_noise(*parsed)
+        return replace(self, points=points, noise=sigma, estimates_noise=False)
+
+    def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
+        """The task of some of the points, evaluated in this process, without the prior."""
+        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[np.ix_(source, target)])
+        return replace(
+            self,
+            points=self.points.subset(source, target),
+            options=replace(self.options, progress=None, scheduler=None),
+            allowed=allowed,
+            prior=None,
+        )
+
+
+OPTIONS = frozenset(option.name for option in fields(MatchOptions))
+"""Names of the options of `rootmatch.match` that do not depend on a frame."""
