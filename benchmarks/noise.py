@@ -48,7 +48,7 @@ def main() -> None:
             sigma = SIGMAS[seed % len(SIGMAS)]
             scene = make(sigma, seed)
             match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
-            fit = scene.problem.fitted(scene.source, scene.target, sigma, scene.truth[None])
+            fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, sigma), scene.truth[None])
             freedom = int(fit.freedom[0])
             centre = 4.0 * math.log(FACTOR) / (FACTOR**2 - FACTOR**-2)
             ideal = math.sqrt(fit.chi2[0] / (centre * freedom))

@@ -33,7 +33,9 @@ def test_fit_is_the_least_squares_one(make) -> None:  # type: ignore[no-untyped-
         sigma = np.random.default_rng(seed).uniform(0.5, 2.0, len(scene.target))
         part = scene.truth.copy()
         part[[1, 4]] = -1
-        fit = scene.problem.fitted(scene.source, scene.target, sigma, np.array([scene.truth, part]))
+        fit = scene.problem.fitted(
+            scene.problem.validated(scene.source, scene.target, sigma), np.array([scene.truth, part])
+        )
         for k, answer in enumerate((scene.truth, part)):
             assert fit.chi2[k] == pytest.approx(least_chi2(scene, answer, sigma), rel=2e-3)
             assert fit.freedom[k] == 2 * (answer >= 0).sum() - (4 if make is up2p_scene else 6)
@@ -44,7 +46,7 @@ def test_chi2_of_the_truth_follows_its_law(make) -> None:  # type: ignore[no-unt
     fits = []
     for seed in range(100):
         scene = make(10, 0, 1.0, seed)
-        fits.append(scene.problem.fitted(scene.source, scene.target, 1.0, scene.truth[None]))
+        fits.append(scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 1.0), scene.truth[None]))
     freedom = fits[0].freedom[0]
     assert np.mean([fit.chi2[0] for fit in fits]) == pytest.approx(freedom, abs=4.0 * np.sqrt(2.0 * freedom / 100))
 
@@ -56,12 +58,16 @@ def test_a_point_adds_its_predictive_density_to_the_evidence(make) -> None:  # t
         scene = make(10, 4, 1.0, seed)
         without = scene.truth.copy()
         without[4] = -1
-        fit = scene.problem.fitted(scene.source, scene.target, 1.0, np.array([scene.truth, without]))
+        fit = scene.problem.fitted(
+            scene.problem.validated(scene.source, scene.target, 1.0), np.array([scene.truth, without])
+        )
         gained = fit.evidence[0] - fit.evidence[1]
         assert fit.densities(0)[4, scene.truth[4]] == pytest.approx(gained, abs=0.1)
         assert fit.densities(1)[4, scene.truth[4]] == pytest.approx(gained, abs=0.1)
         wider = fit.inflated(2.0)
-        scaled = scene.problem.fitted(scene.source, scene.target, np.sqrt(2.0), np.array([scene.truth, without]))
+        scaled = scene.problem.fitted(
+            scene.problem.validated(scene.source, scene.target, np.sqrt(2.0)), np.array([scene.truth, without])
+        )
         np.testing.assert_allclose(wider, scaled.evidence, atol=0.02)
 
 
@@ -71,7 +77,10 @@ def test_a_measured_vertical_is_a_prior() -> None:
     tilt = Rotation.from_rotvec([0.03, 0.0, -0.02]).as_matrix() @ [0.0, 1.0, 0.0]
     exact = rm.UP2P(scene.problem.camera, tuple(tilt), (0.0, 1.0, 0.0))
     noisy = rm.UP2P(scene.problem.camera, tuple(tilt), (0.0, 1.0, 0.0), 0.02)
-    chi2 = [p.fitted(scene.source, scene.target, 0.5, scene.truth[None]).chi2[0] for p in (scene.problem, exact, noisy)]
+    chi2 = [
+        p.fitted(p.validated(scene.source, scene.target, 0.5), scene.truth[None]).chi2[0]
+        for p in (scene.problem, exact, noisy)
+    ]
     assert chi2[1] > 3.0 * chi2[0]
     assert chi2[2] < chi2[0] + 12.0
 
@@ -82,5 +91,5 @@ def test_points_turned_away_are_told() -> None:
     places = scene.source @ rotation.T + shift
     facing = -places @ rotation  # towards the camera, in the frame of the points
     facing[[2, 5]] *= -1.0
-    fit = scene.problem.fitted(scene.source, scene.target, 0.1, scene.truth[None])
+    fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 0.1), scene.truth[None])
     np.testing.assert_array_equal(np.flatnonzero(fit.unseen(0, facing)), [2, 5])

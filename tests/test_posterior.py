@@ -7,12 +7,13 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.pipeline import assessment
-from rootmatch.pipeline.posterior import Evidence, ranked
+from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.task import MatchingTask
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
-def evidence_of(scene, **more):  # type: ignore[no-untyped-def]
-    return Evidence(scene.problem, scene.source, scene.target, scene.noise, **more)
+def task_of(scene, **more):  # type: ignore[no-untyped-def]
+    return MatchingTask.of(scene.problem, scene.source, scene.target, noise=scene.noise, **more)
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])
@@ -25,8 +26,8 @@ def test_neighbours_of_a_damaged_answer_lead_back_to_the_truth(make) -> None:  #
         damaged[seen[4]] = -1
         if seed % 2:
             damaged[hidden[0]] = np.setdiff1d(np.arange(len(scene.target)), scene.truth)[0]
-        mended += np.array_equal(ranked(evidence_of(scene), [damaged]).answers[0], scene.truth)
-        np.testing.assert_array_equal(ranked(evidence_of(scene), [scene.truth]).answers[0], scene.truth)
+        mended += np.array_equal(ranked(task_of(scene), [damaged]).answers[0], scene.truth)
+        np.testing.assert_array_equal(ranked(task_of(scene), [scene.truth]).answers[0], scene.truth)
     assert mended >= 18
 
 
@@ -39,7 +40,7 @@ def test_probabilities_are_those_of_the_scenes() -> None:
         target = np.concatenate([scene.target, scene.target[:2] + rng.uniform(-6.0, 6.0, (2, 2))])
         order = rng.permutation(len(target))
         truth = np.argsort(order)[scene.truth]
-        evidence = Evidence(scene.problem, scene.source, target[order], 1.0)
+        evidence = MatchingTask.of(scene.problem, scene.source, target[order], noise=1.0)
         found = ranked(evidence, [truth])
         probability.append(found.probability)
         right.append(np.array_equal(found.answers[0], truth))
@@ -54,12 +55,12 @@ def test_what_is_forbidden_stays_so() -> None:
     allowed[4, scene.truth[4]] = False
     start = scene.truth.copy()
     start[4] = -1
-    found = ranked(evidence_of(scene, allowed=allowed), [start])
+    found = ranked(task_of(scene, candidates=allowed), [start])
     assert all(answer[4] != scene.truth[4] for answer in found.answers)
     np.testing.assert_array_equal(found.answers[0], start)
     # a prior weight of a millionth is not quite as bad
     prior = np.where(allowed, 1.0, 1e-2)
-    assert ranked(evidence_of(scene, prior=prior), [start]).answers[0][4] == scene.truth[4]
+    assert ranked(task_of(scene, candidates=prior), [start]).answers[0][4] == scene.truth[4]
 
 
 def test_points_turned_away_are_not_put_in() -> None:
@@ -68,9 +69,9 @@ def test_points_turned_away_are_not_put_in() -> None:
     facing = -(scene.source @ rotation.T + shift) @ rotation
     start = scene.truth.copy()
     start[4] = -1
-    np.testing.assert_array_equal(ranked(evidence_of(scene, normals=facing), [start]).answers[0], scene.truth)
+    np.testing.assert_array_equal(ranked(task_of(scene, normals=facing), [start]).answers[0], scene.truth)
     facing[4] *= -1.0
-    np.testing.assert_array_equal(ranked(evidence_of(scene, normals=facing), [start]).answers[0], start)
+    np.testing.assert_array_equal(ranked(task_of(scene, normals=facing), [start]).answers[0], start)
 
 
 def test_a_match_says_that_one_of_two_detections_is_meant() -> None:
@@ -97,10 +98,10 @@ def test_two_views_are_told_from_chance() -> None:
     true, false = [], []
     for seed in range(8):
         scene = three_plus_one_scene(10, 10, 1.0, seed, baseline=1.0)
-        true.append(ranked(evidence_of(scene), [scene.truth]).beyond_chance)
+        true.append(ranked(task_of(scene), [scene.truth]).beyond_chance)
         rng = np.random.default_rng(seed)
         chosen = rng.permutation(20)[:10]
-        unrelated = Evidence(scene.problem, rng.uniform((120, 40), (520, 440), (10, 2)), scene.target, 1.0)
+        unrelated = MatchingTask.of(scene.problem, rng.uniform((120, 40), (520, 440), (10, 2)), scene.target, noise=1.0)
         false.append(ranked(unrelated, [chosen]).beyond_chance)
     assert min(true) > np.log(100.0) > 0.0 > max(false)
 

@@ -37,7 +37,7 @@ def test_chi2_is_the_least_sampson_error_and_follows_its_law(baseline: float) ->
             np.arctan2(shift[2], shift[0]),
             np.arcsin(shift[1] / np.linalg.norm(shift)),
         ]
-        fit = scene.problem.fitted(scene.source, scene.target, 1.0, scene.truth[None])
+        fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 1.0), scene.truth[None])
         assert fit.freedom[0] == 7
         found.append(fit.chi2[0])
         least.append(2.0 * least_squares(lambda pose, s=scene: sampson(s, s.truth, pose), start).cost)
@@ -51,7 +51,9 @@ def test_a_point_adds_its_predictive_density_to_the_evidence() -> None:
         scene = three_plus_one_scene(10, 4, 1.0, seed, baseline=5.0)
         without = scene.truth.copy()
         without[4] = -1
-        fit = scene.problem.fitted(scene.source, scene.target, 1.0, np.array([scene.truth, without]))
+        fit = scene.problem.fitted(
+            scene.problem.validated(scene.source, scene.target, 1.0), np.array([scene.truth, without])
+        )
         gained = fit.evidence[0] - fit.evidence[1]
         near += abs(fit.densities(0)[4, scene.truth[4]] - gained) < 0.5
         near += abs(fit.densities(1)[4, scene.truth[4]] - gained) < 0.5
@@ -65,7 +67,9 @@ def test_parallaxes_of_one_size_are_more_probable() -> None:
         scene = three_plus_one_scene(10, 0, 1.0, 100 + seed, baseline=1.0)
         exchanged = scene.truth.copy()
         exchanged[[2, 7]] = exchanged[[7, 2]]
-        fit = scene.problem.fitted(scene.source, scene.target, 1.0, np.array([scene.truth, exchanged]))
+        fit = scene.problem.fitted(
+            scene.problem.validated(scene.source, scene.target, 1.0), np.array([scene.truth, exchanged])
+        )
         right += fit.evidence[0] > fit.evidence[1] + 3.0
     assert right >= 11
 
@@ -78,7 +82,7 @@ def test_measured_directions_are_a_prior() -> None:
     exact = rm.ThreePlusOne(camera, camera, axis2=tilted)
     noisy = rm.ThreePlusOne(camera, camera, axis2=tilted, axis_noise=0.007)
     chi2 = [
-        problem.fitted(scene.source, scene.target, 0.3, scene.truth[None]).chi2[0]
+        problem.fitted(problem.validated(scene.source, scene.target, 0.3), scene.truth[None]).chi2[0]
         for problem in (scene.problem, exact, noisy)
     ]
     assert chi2[1] > 2.0 * chi2[0]

@@ -225,7 +225,7 @@ def match(
         How many random hyper-edges.
     residual : str or Residual
     rho : float
-        Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 for residuals in units of σ, else
+        Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 in units of σ, else
         `Problem.paper_rho`.
     solver : str or Solver
     normals : (n, 3) array, optional
