@@ -1,8 +1,8 @@
-"""How often the answer is right: noise, clutter, occlusion, motions, ambiguity, measured data, beside a yardstick.
+"""Accuracy under noise, clutter, occlusion, several motions and ambiguity, and on measured data, against a yardstick.
 
 The yardstick is a folder with ``ransac.py`` (``ransac_match``, ``ransac_match_multi``), given by ``--peers`` or
 ROOTMATCH_PEERS, and run on the same scenes in the same process; between two views it is the true geometry itself.
-Rows are printed as Markdown as they come; ``--csv`` adds a line for each scene to a file. Every scene counts.
+Rows are printed as Markdown as they come; ``--csv`` appends a line per scene to a file. Every scene counts.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ import rootmatch as rm
 
 Integers = NDArray[np.int64]
 RIGHT = 0.9
-"""Part of the points with an image that a right answer matches; it matches none wrongly."""
+"""Fraction of the points with an image that a right assignment matches; it matches none wrongly."""
 SHOWN = 5
-"""Alternatives among which the truth must be where the answer is ambiguous."""
+"""Alternatives that must include the truth where the match is ambiguous."""
 NOTHING = math.nan
 NO_PEERS = "none"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one scene; NaN where a figure has no meaning."""
+    """Result on one scene; NaN where a figure has no meaning."""
 
     case: str
     seed: int
     accuracy: float
-    """Part of the points with an image that are matched rightly."""
+    """Fraction of the points with an image that are matched correctly."""
     precision: float
-    """Part of the matches that are right, 1 without any."""
+    """Fraction of the matches that are correct, 1 without any."""
     whole: float
     """1 where the assignment is the truth, point for point."""
     right: float
     """1 where no match is wrong and `RIGHT` of the points are matched."""
     shown: float
-    """1 where the answer or one of the first `SHOWN` alternatives is right."""
+    """1 where the assignment or one of the first `SHOWN` alternatives is right."""
     rand: float
     """Adjusted Rand index of the motion labels."""
     own: float
-    """Accuracy that the true geometry reaches between two views."""
+    """Accuracy of the true geometry between two views."""
     status: str
     margin: float
     seconds: float
@@ -67,14 +67,14 @@ class Outcome:
 
 def right(assignment: Integers, truth: Integers) -> bool:
     """Whether no match is wrong and nearly all points are matched."""
-    claimed = assignment >= 0
-    return bool((assignment[claimed] == truth[claimed]).all() and claimed.sum() >= RIGHT * (truth >= 0).sum())
+    matched = assignment >= 0
+    return bool((assignment[matched] == truth[matched]).all() and matched.sum() >= RIGHT * (truth >= 0).sum())
 
 
 def figures(assignment: Integers, truth: Integers) -> tuple[float, float]:
     """Accuracy and precision."""
-    seen, claimed, same = truth >= 0, assignment >= 0, assignment == truth
-    return float(same[seen].mean()), float(same[claimed].mean()) if claimed.any() else 1.0
+    visible, matched, same = truth >= 0, assignment >= 0, assignment == truth
+    return float(same[visible].mean()), float(same[matched].mean()) if matched.any() else 1.0
 
 
 def adjusted_rand(first: Integers, second: Integers) -> float:
@@ -107,7 +107,7 @@ def own_accuracy(instance: Instance) -> float:
 
 
 def theirs(case: Case, instance: Instance, seed: int, yardstick: ModuleType, patience: float) -> dict[str, float]:
-    """The yardstick's figures; the number of threads that it sets is set back."""
+    """The yardstick's figures; restores the number of threads that it changes."""
     allowed = numba.get_num_threads()
     problem: Any = instance.problem
     upright = problem.name == "up2p"
@@ -130,7 +130,7 @@ def theirs(case: Case, instance: Instance, seed: int, yardstick: ModuleType, pat
             if min(len(points), len(pixels)) >= 4:
                 try:
                     rest = yardstick.ransac_match(source[points], target[pixels], matrix, tolerance, **options)[0]
-                except np.linalg.LinAlgError:  # it cannot begin with these points: no second motion
+                except np.linalg.LinAlgError:  # it fails on these points: no second motion
                     rest = np.full(len(points), -1)
                 found = points[rest >= 0]
                 assignment[found], labels[found] = pixels[rest[rest >= 0]], 1
@@ -144,17 +144,17 @@ def theirs(case: Case, instance: Instance, seed: int, yardstick: ModuleType, pat
 
 
 def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float) -> Outcome:
-    """Both on one scene."""
+    """Both matchers on one scene."""
     instance = case.make(seed)
     truth = instance.truth
     match = rm.match(
         instance.source, instance.target, instance.problem, noise=instance.noise, seed=seed, **instance.options
     )
     accuracy, precision = figures(match.assignment, truth)
-    answers = [match.assignment, *(other for other, _ in match.alternatives[:SHOWN])]
+    listed = [match.assignment, *(other for other, _ in match.alternatives[:SHOWN])]
     return Outcome(
         case.name, seed, accuracy, precision, float(np.array_equal(match.assignment, truth)),
-        float(right(match.assignment, truth)), float(any(right(answer, truth) for answer in answers)),
+        float(right(match.assignment, truth)), float(any(right(one, truth) for one in listed)),
         adjusted_rand(match.motions, instance.labels) if "motions" in instance.options else NOTHING,
         NOTHING if instance.pose is None else own_accuracy(instance),
         match.status.name.lower(), match.margin, match.seconds, float(match.hyperedges),
@@ -163,31 +163,33 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
 
 
 def batch(case: Case, seeds: list[int], peers: str | None, patience: float) -> list[Outcome]:
-    """Some scenes of a case; the first is matched twice, since the first time compiles."""
+    """Some scenes of a case; the first is matched twice, as the first call compiles."""
     yardstick = None if case.yardstick == "none" or peers == NO_PEERS else load_yardstick(peers)
     outcome(case, seeds[0], yardstick, patience=0.1)
     return [outcome(case, seed, yardstick, patience) for seed in seeds]
 
 
 HEAD = (
-    "| scenes | count | accuracy | precision | labels | matched: right | ambiguous: shown | none | failed | s | worst "
-    "| yardstick | its s | to reach | |"
+    "| scenes | count | accuracy | precision | labels | matched: right | ambiguous: shown | untrusted | failed | s "
+    "| worst | yardstick | its s | goal | |"
 )
 
 
 def row(case: Case, outcomes: list[Outcome]) -> str:
-    """One row of the table: means of all scenes, the median and the worst time."""
+    """One row of the table: means over all scenes, the median and the worst time."""
     mean = {
         item.name: float(np.mean([getattr(one, item.name) for one in outcomes]))
         for item in fields(Outcome)
         if item.name not in ("case", "status")
     }
-    told = {name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")}
+    by_status = {
+        name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")
+    }
     times = np.array([one.seconds for one in outcomes])
-    wanted, missed = [], False
+    goals, missed = [], False
     for name, least in case.reach.items():
         value, least = (mean["accuracy"], mean["own"] - least) if name == "own" else (mean[name], least)
-        wanted.append(f"{'accuracy' if name == 'own' else name} {least:.3f}")
+        goals.append(f"{'accuracy' if name == 'own' else name} {least:.3f}")
         missed |= value < least - 1e-9
 
     def number(value: float, digits: int) -> str:
@@ -199,25 +201,25 @@ def row(case: Case, outcomes: list[Outcome]) -> str:
     peer = mean["own"] if math.isnan(mean["peer_accuracy"]) else mean["peer_accuracy"]
     cells = [
         case.name, str(len(outcomes)), number(mean["accuracy"], 4), number(mean["precision"], 4),
-        number(mean["rand"], 3), share(told["matched"], "right"), share(told["ambiguous"], "shown"),
-        str(len(told["untrusted"])), str(sum(one.accuracy < 0.5 for one in outcomes)),
+        number(mean["rand"], 3), share(by_status["matched"], "right"), share(by_status["ambiguous"], "shown"),
+        str(len(by_status["untrusted"])), str(sum(one.accuracy < 0.5 for one in outcomes)),
         f"{np.median(times):.3f}", f"{times.max():.2f}", number(peer, 4),
-        number(float(np.median([one.peer_seconds for one in outcomes])), 3), ", ".join(wanted),
-        "" if not wanted else "MISSED" if missed else "reached",
+        number(float(np.median([one.peer_seconds for one in outcomes])), 3), ", ".join(goals),
+        "" if not goals else "MISSED" if missed else "reached",
     ]  # fmt: skip
     return "| " + " | ".join(cells) + " |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=[], help="kinds whose table or name holds one of these texts")
+    parser.add_argument("--scenes", nargs="+", default=[], help="kinds whose table or name contains one of these texts")
     parser.add_argument("--seeds", type=int, default=10, help="scenes of each kind, at most")
-    parser.add_argument("--first-seed", type=int, default=1000, help="seeds below 20000 were used to choose defaults")
+    parser.add_argument("--first-seed", type=int, default=1000, help="seeds below 20000 were used to tune defaults")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
     parser.add_argument("--no-yardstick", action="store_true")
     parser.add_argument("--patience", type=float, default=20.0, help="seconds after which the yardstick gives up")
-    parser.add_argument("--csv", type=Path, help="file to which each scene is added")
+    parser.add_argument("--csv", type=Path, help="file to which each scene is appended")
     options = parser.parse_args()
     cases = [
         case

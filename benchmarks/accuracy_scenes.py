@@ -1,4 +1,4 @@
-"""Scenes of `accuracy.py`: simulated, symmetric and measured ones, with their truth and what is to be reached."""
+"""Scenes of `accuracy.py`: simulated, symmetric and measured ones, with ground truth and goals."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_sc
 
 Floats, Integers = NDArray[np.float64], NDArray[np.int64]
 PRIOR = 3e-8
-"""ρ of the prior for views from nearly one place."""
+"""ρ of the small-baseline prior."""
 
 
 @dataclass(frozen=True)
 class Instance:
-    """One scene to be matched."""
+    """One scene to match."""
 
     problem: rm.Problem
     source: Floats
@@ -32,14 +32,14 @@ class Instance:
     labels: Integers
     """Motion of each source point, −1 without image."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Of `rootmatch.match`: what is told about the scene, never a parameter of the method."""
+    """Arguments of `rootmatch.match`: knowledge of the scene, never a parameter of the method."""
     pose: tuple[Floats, Floats] | None = None
     """Between two views: the true one."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of scene and the figures to be reached on it."""
+    """A kind of scene and the goals for it."""
 
     table: str
     name: str
@@ -47,7 +47,7 @@ class Case:
     reach: dict[str, float] = field(default_factory=dict)
     """Least mean of a figure of `accuracy.Outcome`; "own − …" is the true geometry's own less so much."""
     scenes: int = 100
-    """Most scenes of this kind (measured data have only so many; the largest are dear)."""
+    """Most scenes of this kind (measured data are limited; the largest are expensive)."""
     yardstick: str = "single"
     """What the yardstick does here: "single", "joint", "peel" (one motion, then another) or "none"."""
 
@@ -86,7 +86,7 @@ def simulated() -> list[Case]:
     for make in (p3p_scene, up2p_scene):
         cases.append(
             Case(
-                "occlusion", f"{make.__name__[:-6]} 10 seen of 20 + 10, σ 0.5",
+                "occlusion", f"{make.__name__[:-6]} 10 visible of 20 + 10, σ 0.5",
                 lambda seed, make=make: of_scene(make(10, 10, 0.5, seed, hidden=10)),
                 {"accuracy": 0.97, "precision": 0.98},
             )
@@ -184,7 +184,7 @@ def symmetric(seed: int, kind: str, upright: bool = False) -> Instance:
 
 @functools.cache
 def measured_data(name: str) -> dict[str, NDArray[Any]]:
-    """Arrays of one file of measured correspondences; folder: ROOTMATCH_DATA, or shared/data beside the checkout."""
+    """Arrays of one file of measured correspondences; folder: ROOTMATCH_DATA, or shared/data next to the checkout."""
     given = os.environ.get("ROOTMATCH_DATA")
     folder = Path(given) if given else Path(__file__).resolve().parents[2] / "shared" / "data"
     with np.load(folder / f"{name}.npz", allow_pickle=False) as archive:
@@ -194,14 +194,14 @@ def measured_data(name: str) -> dict[str, NDArray[Any]]:
 def shuffled(
     points: Floats, image: Floats, clutter: Floats, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Integers]:
-    """Source and target in random order, and the truth; NaN in the image for a point that is not seen."""
+    """Source and target in random order, and the truth; NaN in the image for a hidden point."""
     points_order = rng.permutation(len(points))
     points, image = points[points_order], image[points_order]
-    seen = np.flatnonzero(np.isfinite(image).all(axis=1))
-    every = np.concatenate([image[seen], clutter])
+    visible = np.flatnonzero(np.isfinite(image).all(axis=1))
+    every = np.concatenate([image[visible], clutter])
     order = rng.permutation(len(every))
     truth = np.full(len(points), -1, np.int64)
-    truth[seen] = np.argsort(order)[: len(seen)]
+    truth[visible] = np.argsort(order)[: len(visible)]
     return points, every[order], truth
 
 
@@ -247,16 +247,16 @@ def measured() -> list[Case]:
 
 
 def headset(view: int, normals: bool, seed: int) -> Instance:
-    """All sensors of the headset against those that one view saw."""
+    """All sensors of the headset against those visible in one view."""
     data = measured_data("vive_hmd_lighthouse")
     rng = np.random.default_rng([seed, view])
     order = rng.permutation(len(data["points3d"]))
     image = data["points2d"][view][order]
     points, target, truth = data["points3d"][order], image, np.empty(0)
-    seen = rng.permutation(np.flatnonzero(np.isfinite(image).all(axis=1)))
+    visible = rng.permutation(np.flatnonzero(np.isfinite(image).all(axis=1)))
     truth = np.full(len(points), -1, np.int64)
-    truth[seen] = np.arange(len(seen))
-    target = image[seen]
+    truth[visible] = np.arange(len(visible))
+    target = image[visible]
     return Instance(
         rm.P3P(rm.Camera.from_matrix(data["K"][view])), points, target, truth, 0.13, np.where(truth < 0, -1, 0),
         {"normals": data["normals3d"][order]} if normals else {},
@@ -305,7 +305,7 @@ def facade(seed: int, measured_vertical: bool) -> Instance:
 
 
 def facade_pair(seed: int, exact: bool) -> Instance:
-    """12 random points seen in two of the three views."""
+    """12 random points visible in two of the three views."""
     data = measured_data("berlin_facade")
     first, second = [(0, 1), (1, 2), (0, 2)][seed % 3]
     rng = np.random.default_rng(seed)

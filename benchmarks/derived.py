@@ -1,8 +1,8 @@
-"""How fast derived problems are beside the hand-written ones: an exhaustive sweep of the paper's scenes, one thread.
+"""Speed of derived problems against the hand-written ones: an exhaustive sweep of the paper's scenes, one thread.
 
     NUMBA_NUM_THREADS=1 python benchmarks/derived.py [--problems up2p,p3p,3p1] [--kinds qr,qr-both,normalised,joint]
 
-Processor time is measured, so that other work on the machine counts little. The first call of each compiles.
+Measures processor time, so that other load matters little. The first call of each compiles.
 """
 
 import argparse
@@ -17,12 +17,12 @@ from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_sc
 
 x = sp.Symbol("x")
 T = sp.Matrix(sp.symbols("tx ty tz"))
-TURN = sp.Matrix([[1 - x**2, 0, 2 * x], [0, 1 + x**2, 0], [-2 * x, 0, 1 - x**2]])
+ROTATION = sp.Matrix([[1 - x**2, 0, 2 * x], [0, 1 + x**2, 0], [-2 * x, 0, 1 - x**2]])
 
 
 def up2p() -> tuple[Scene, DerivedProblem]:
     scene = up2p_scene(n=16, outliers=6, noise=0.5, seed=1)
-    equation = lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0]))  # noqa: E731
+    equation = lambda X, u: u[0].cross(u[1]).dot(ROTATION * (X[1] - X[0]))  # noqa: E731
     rays = Bearings(scene.cameras[0])
     return scene, derive("up2p", equation, minimal=2, shared=x, source=Points(3), target=rays)
 
@@ -49,15 +49,15 @@ def three_plus_one() -> tuple[Scene, DerivedProblem]:
     rays = Bearings(scene.cameras[0])
 
     def positive(X, u):  # type: ignore[no-untyped-def]
-        normals = [(TURN * p).cross(q) for p, q in zip(X, u, strict=True)]
+        normals = [(ROTATION * p).cross(q) for p, q in zip(X, u, strict=True)]
         t = normals[0].cross(normals[1])
         depths = []
         for p, q in zip(X, u, strict=True):
-            r = TURN * p
+            r = ROTATION * p
             depths += [q.cross(t).dot(r.cross(q)), t.cross(r).dot(q.cross(r))]
         return [depths[0] * other for other in depths[1:]]
 
-    each = lambda p, q: q.dot(T.cross(TURN * p))  # noqa: E731
+    each = lambda p, q: q.dot(T.cross(ROTATION * p))  # noqa: E731
     return scene, derive(
         "3p1", each=each, positive=positive, minimal=3, shared=x, eliminate=list(T), source=rays, target=rays
     )

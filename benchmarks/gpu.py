@@ -1,12 +1,12 @@
-"""Everything that is to be measured on an NVIDIA card, in one command: ``python benchmarks/gpu.py --output DIR``.
+"""All measurements on an NVIDIA GPU, in one command: ``python benchmarks/gpu.py --output DIR``.
 
-It runs the tests of the CUDA backend on the card, checks whole tensors against the processor's, and measures
-hyper-edges/s of every kernel in float64, and screened in float32 where there is a kernel, the share of the card's peak,
+Runs the tests of the CUDA backend on the GPU, checks whole tensors against the CPU's, and measures
+hyper-edges/s of every kernel in float64, and screened in float32 where there is a kernel, the share of the GPU's peak,
 all hyper-edges of 30 against 30 points in both, and the contraction. DIR/cuda.json has the figures, DIR/cuda.md the
 tables for docs/performance.md.
 
-``--quick`` takes the least sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
-without a card.
+``--quick`` uses the smallest sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
+without a GPU.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
 LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
 PRECISIONS = {"float64": cuda, "float32": cuda_float32}
 SINGLES_A_CLOCK = {(6, 0): 64, (7, 0): 64, (7, 2): 64, (7, 5): 64, (8, 0): 64}
-"""Fused multiply-adds in float32 that a multiprocessor does in a clock, by compute capability; 128 on the others."""
+"""Fused multiply-adds in float32 per multiprocessor and clock, by compute capability; 128 on the others."""
 REACH = {"normalised": 5e9, "exhaustive": 5.0}
-"""P3P hyper-edges/s asked for, and seconds for 30 against 30."""
+"""Goals: P3P hyper-edges/s, and seconds for 30 against 30."""
 
 
 def card() -> dict[str, Any]:
-    """Name, versions and peak of the card."""
+    """Name, versions and peak of the GPU."""
     made: dict[str, Any] = {
         "date": datetime.date.today().isoformat(),
         "rootmatch": rootmatch.__version__,
@@ -80,7 +80,7 @@ def _version(package: str) -> str:
 
 
 def tests(folder: Path) -> str:
-    """The tests of the CUDA backend on the card: the last line of pytest."""
+    """Run the tests of the CUDA backend on the GPU; returns the last line of pytest."""
     results = folder / "cuda-results.npz"
     paths = os.pathsep.join([str(ROOT / "tests"), str(ROOT / "src"), *sys.path])
     environment = {**os.environ, "PYTHONPATH": paths, "ROOTMATCH_CUDA_RESULTS": str(results)}
@@ -88,7 +88,7 @@ def tests(folder: Path) -> str:
         [sys.executable, "-W", "ignore", str(ROOT / "tests" / "cuda_results.py"), str(results)],
         env=environment, check=True,
     )  # fmt: skip
-    # what the card found is in the file; the other side is the processor, compiled
+    # the GPU's results are in the file; the other side is the CPU, compiled
     here = {**environment, "NUMBA_ENABLE_CUDASIM": "0", "NUMBA_DISABLE_JIT": "0"}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", str(ROOT / "tests" / "test_cuda.py")],
@@ -109,13 +109,13 @@ def enumeration(problem: str, kind: str, points: int, outliers: int) -> tuple[En
 
 
 def precisions(problem: str, kind: str) -> list[str]:
-    """In which precisions the card evaluates it."""
+    """The precisions in which the GPU evaluates it."""
     work, _ = enumeration(problem, kind, *LEAST[problem])
     return list(PRECISIONS) if has_single(work.tables, work.kind) else ["float64"]
 
 
 def agreement(problem: str, kind: str, precision: str, points: int, outliers: int) -> dict[str, Any]:
-    """Whole tensors of card and processor: hyper-edges in one alone (at the gate), and the difference of the rest."""
+    """Whole tensors of GPU and CPU: hyper-edges in only one of them (at the gate), and the difference of the rest."""
     work, weigh = enumeration(problem, kind, points, outliers)
     tensors = [
         exhaustive_tensor(work.tables, work.kind, weigh, work.shape, work.order, backend=backend)[0]
@@ -132,7 +132,7 @@ def agreement(problem: str, kind: str, precision: str, points: int, outliers: in
 
 
 def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: float, repeats: int) -> dict[str, Any]:
-    """Hyper-edges a second of a part of an exhaustive sweep, with a gate that next to nothing passes."""
+    """Hyper-edges per second of a part of an exhaustive sweep, with a gate that almost nothing passes."""
     work, weigh = enumeration(problem, kind, *size)
     gate = 0.3 if kind in NOISE_KINDS else 1e-2 * weigh.rho
     middle = work.ranks // 2
@@ -149,7 +149,7 @@ def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: f
 
 
 def operations(rows: list[dict[str, Any]]) -> None:
-    """Add to each row the operations of a hyper-edge, counted by running the kernel on numbers that count."""
+    """Add to each row the operations per hyper-edge, counted by running the kernel on counting numbers."""
     from rootmatch.benchmark.operation_count import operations as counted
 
     cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
@@ -171,7 +171,7 @@ def exhaustive(kind: str, precision: str, points: int) -> dict[str, Any]:
 
 
 def contraction(edges: int, n: int, order: int, repeats: int) -> dict[str, Any]:
-    """One contraction on the card, copies of x and v included, and on the processor."""
+    """One contraction on the GPU, copies of x and v included, and on the CPU."""
     rng = np.random.default_rng(0)
     source = np.argsort(rng.random((edges, n)), axis=1)[:, :order]
     target = np.argsort(rng.random((edges, n)), axis=1)[:, :order]
@@ -230,7 +230,7 @@ def markdown(found: dict[str, Any]) -> str:
 
 
 def verdict(found: dict[str, Any]) -> list[str]:
-    """What was asked for and what was reached."""
+    """The goals and whether they are met."""
     said = [
         f"P3P normalised, {row['precision']}: {row['per_second']:.3g} hyper-edges/s, "
         f"{REACH['normalised']:.0e} asked for in float64"
@@ -250,7 +250,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--hyperedges", type=float, default=1e9, help="evaluated for each rate")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="least sizes, to try the command")
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, to try the command")
     parser.add_argument("--no-tests", action="store_true")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
-"""Guided search against exhaustion: information found, evaluations spent, and how the work grows with the points.
+"""Guided against exhaustive search: information found, evaluations spent, and how the work grows with the points.
 
-The information of a scene is the sum of the weights of its true hyper-edges; each is evaluated by itself, so exhaustion
-need not be run to know what it would find. ``--data`` (or ROOTMATCH_DATA) names a folder with
-``vive_hmd_lighthouse.npz``: a headset of 32 sensors of which 7 to 12 are seen.
+The information of a scene is the sum of the weights of its true hyper-edges; these are evaluated directly, so the
+exhaustive search need not run to know what it would find. ``--data`` (or ROOTMATCH_DATA) names a folder with
+``vive_hmd_lighthouse.npz``: a headset of 32 sensors of which 7 to 12 are visible.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 FIRST_SEED = 1000
-"""Seeds below were used while the defaults were chosen."""
+"""Lower seeds were used to tune the defaults."""
 SIZES = (10, 20, 40, 70, 100)
 LISTED = 30
 """Points up to which every true hyper-edge is evaluated."""
@@ -43,9 +43,9 @@ class Row:
     seconds: float
     evaluations: float
     saving: float
-    """Hyper-edges of exhaustion for one evaluation."""
+    """Hyper-edges of the exhaustive search per evaluation."""
     information: float | None
-    """Part of the true information in the tensor, the least of all seeds."""
+    """Fraction of the true information in the tensor, the minimum over seeds."""
     accuracy: float
 
 
@@ -111,7 +111,7 @@ def headset(folder: Path) -> list[Row]:
 
 
 def growth(rows: list[Row]) -> dict[str, float]:
-    """Exponents of evaluations and of seconds over the points, by least squares on logarithms."""
+    """Exponents of evaluations and seconds over the number of points, by least squares on logarithms."""
     sizes = np.log([int(row.scene.split()[1]) for row in rows])
     return {
         name: float(np.polyfit(sizes, np.log([getattr(row, name) for row in rows]), 1)[0])
@@ -133,7 +133,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10, help="scenes of each kind")
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="points, with as many outliers")
     parser.add_argument("--data", default=os.environ.get("ROOTMATCH_DATA"), help="folder of the measured data")
-    parser.add_argument("--json", action="store_true", help="one object on standard output")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
     rows: list[Row] = []

@@ -1,7 +1,7 @@
-"""Hyper-edges a second of each residual, beside batched ``numpy.linalg.qr`` of the same problem's Sylvester matrices.
+"""Hyper-edges per second of each residual, against batched ``numpy.linalg.qr`` of the problem's Sylvester matrices.
 
-The first part of ``rootmatch benchmark``, with a choice of problems and kinds. Everything in one run on the same
-machine; the ratio is what counts. ``--json`` prints one object.
+The first part of ``rootmatch benchmark``, for selected problems and kinds. Everything in one run on the same
+machine; only the ratio is meaningful. ``--json`` prints one object.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def main() -> None:
     for problem, points, outliers in plan.kernels:
         if problem not in options.problems:
             continue
-        found = rates(problem, options.kinds, points, outliers, plan.batch, options.repeats)
-        for kind, rate in zip(options.kinds, found, strict=True):
+        measured = rates(problem, options.kinds, points, outliers, plan.batch, options.repeats)
+        for kind, rate in zip(options.kinds, measured, strict=True):
             ratio = rate.per_second / rate.qr_per_second
             rows.append({"problem": problem, "kind": kind, **rate._asdict(), "ratio": ratio})
             if not options.json:

@@ -1,7 +1,7 @@
-"""Whole matches beside a hypothesise-and-verify matcher, on the same scenes in the same process.
+"""Whole matches against a hypothesise-and-verify matcher, on the same scenes in the same process.
 
 The yardstick is a folder with ``ransac.py`` (function ``ransac_match``), given by ``--peers`` or ROOTMATCH_PEERS;
-without it only this library is timed. Every scene counts, and those less than half right are named as failures.
+without it only this library is timed. Every scene counts; those less than half right are listed as failures.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 FIRST_SEED = 1000
-"""Seeds below were used while the defaults were chosen."""
+"""Lower seeds were used to tune the defaults."""
 TOLERANCE = 3.5
 """The yardstick's distance within which a point is matched, in σ, as in its own benchmark."""
 PATIENCE = 60.0
@@ -35,12 +35,12 @@ PATIENCE = 60.0
 
 
 FRAMES = 9
-"""Frames of a tracked scene, after a first that is not counted."""
+"""Frames of a tracked scene, after a warm-up frame."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of scene, and what is to be reached on it."""
+    """A kind of scene and the goals for it."""
 
     problem: str
     points: int
@@ -48,11 +48,11 @@ class Case:
     hidden: int = 0
     sigma: float = 1.0
     ratio: float | None = None
-    """Times the yardstick's median that the median may take."""
+    """Most time that the median may take, in multiples of the yardstick's median."""
     seconds: float | None = None
-    """Seconds that the median may take."""
+    """Most seconds that the median may take."""
     motions: int = 1
-    """Rigid motions that the points are divided among, equally; of the yardstick its joint mode."""
+    """Rigid motions, with the points split evenly among them; the yardstick uses its joint mode."""
     tracked: bool = False
     """Frame after frame of one `Matcher`; the median of FRAMES."""
 
@@ -81,7 +81,7 @@ CASES = [
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a case; times in seconds."""
+    """Result of a case; times in seconds."""
 
     case: str
     runs: int
@@ -97,7 +97,7 @@ class Row:
 
 
 def load_yardstick(folder: str | None) -> ModuleType | None:
-    """The module of the yardstick, or None where it is not there."""
+    """The module of the yardstick, or None if there is none."""
     path = Path(folder or os.environ.get("ROOTMATCH_PEERS", ""), "ransac.py")
     if not (folder or "ROOTMATCH_PEERS" in os.environ) or not path.is_file():
         print("no yardstick: name its folder by --peers or ROOTMATCH_PEERS", file=sys.stderr)
@@ -129,7 +129,7 @@ def ours(case: Case, scene: Scene, seed: int) -> tuple[rm.Match, float]:
 
 
 def theirs(case: Case, scene: Scene, seed: int, yardstick: ModuleType) -> tuple[Any, float]:
-    """The yardstick's assignment and its seconds; the number of threads that it sets is set back."""
+    """The yardstick's assignment and its seconds; restores the number of threads that it changes."""
     allowed = numba.get_num_threads()
     given = scene.source, scene.target, scene.cameras[0].matrix, TOLERANCE * case.sigma
     if case.motions > 1:
@@ -143,7 +143,7 @@ def theirs(case: Case, scene: Scene, seed: int, yardstick: ModuleType) -> tuple[
 
 
 def run(case: Case, seeds: list[int], yardstick: ModuleType | None) -> Row:
-    """All seeds of a case, one matcher after the other on each."""
+    """All seeds of a case, both matchers alternating."""
     make = SCENES[case.problem]
     mine: list[tuple[float, float, float]] = []
     other: list[tuple[float, float]] = []
@@ -190,8 +190,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20, help="scenes of each kind")
     parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
-    parser.add_argument("--only", nargs="+", default=[], help="cases whose name holds one of these texts")
-    parser.add_argument("--json", action="store_true", help="one object on standard output")
+    parser.add_argument("--only", nargs="+", default=[], help="cases whose name contains one of these texts")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
     yardstick = load_yardstick(options.peers)
     seeds = list(range(FIRST_SEED, FIRST_SEED + options.seeds))

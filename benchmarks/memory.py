@@ -1,8 +1,8 @@
 """Peak memory of a whole exhaustive match, each size in a process of its own.
 
 The largest is 12 points against 32 detections with P3P: 427 million hyper-edges, of which those below the gate are
-kept. The peak is the operating system's (``ru_maxrss``) and holds the interpreter and the compiled kernels as well; the
-smallest size tells how much that is. A run before the one that is measured keeps the compiler out of the figure.
+kept. The peak is the operating system's (``ru_maxrss``) and includes the interpreter and the compiled kernels; the
+smallest size shows how much that is. A warm-up run keeps the compiler out of the figure.
 """
 
 from __future__ import annotations

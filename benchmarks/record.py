@@ -1,4 +1,4 @@
-"""Record what matching gives on fixed scenes, and compare two recordings: nothing is lost when the code is rearranged.
+"""Record the results of matching on fixed scenes and compare two recordings, to check that a refactoring loses nothing.
 
     python benchmarks/record.py record before.json     # at the old revision
     python benchmarks/record.py record after.json      # at the new one
@@ -61,7 +61,7 @@ def absolute(seed: int, n: int, clutter: int, sigma: float, upright: bool = Fals
 
 
 def views(seed: int, n: int, clutter: int, sigma: float, baseline: float, planar: bool = False) -> dict[str, Any]:
-    """Two images of points, the second turned about y."""
+    """Two images of points, the second rotated about y."""
     rng = np.random.default_rng(seed)
     points = rng.uniform((-3, -2, 8), (3, 2, 14), (n, 3))
     c, s = np.cos(angle := rng.uniform(-0.4, 0.4)), np.sin(angle)
@@ -74,7 +74,7 @@ def views(seed: int, n: int, clutter: int, sigma: float, baseline: float, planar
 
 
 def flat(seed: int, n: int, clutter: int, sigma: float, dimension: int, scale: float) -> dict[str, Any]:
-    """Two sets of points of one space, the second moved and scaled."""
+    """Two point sets in one space, the second moved and scaled."""
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(n, dimension))
     turn = rotation(rng)
@@ -87,7 +87,7 @@ def flat(seed: int, n: int, clutter: int, sigma: float, dimension: int, scale: f
 
 
 def derived() -> rm.Problem:
-    """Planar motion once more, from its equation."""
+    """Planar motion derived again from its equation."""
     import sympy as sp
 
     x, tx, tz = sp.symbols("x tx tz")
@@ -104,7 +104,7 @@ def derived() -> rm.Problem:
 
 
 def described(match: rm.Match) -> dict[str, Any]:
-    """What is compared of a match."""
+    """The parts of a match that are compared."""
     return {
         "assignment": match.assignment.tolist(),
         "status": match.status.name,
@@ -118,7 +118,7 @@ def described(match: rm.Match) -> dict[str, Any]:
 
 
 def cases() -> Iterator[tuple[str, Any]]:
-    """Names and functions that make the matches."""
+    """Names and functions of the recorded matches."""
 
     def run(name: str, scene: dict[str, Any], problem: rm.Problem, **options: Any) -> tuple[str, Any]:
         return name, lambda: rm.match(scene["source"], scene["target"], problem, **options)
@@ -179,14 +179,14 @@ _DERIVED: list[rm.Problem] = []
 
 
 def derived_once() -> rm.Problem:
-    """`derived`, made once."""
+    """`derived`, cached."""
     if not _DERIVED:
         _DERIVED.append(derived())
     return _DERIVED[0]
 
 
 def record(path: Path) -> None:
-    """Write what every case gives."""
+    """Write the result of every case."""
     found: dict[str, Any] = {}
     started = time.process_time()
     for name, make in cases():
@@ -208,7 +208,7 @@ def differs(old: Any, new: Any) -> bool:
 
 
 def compare(before: Path, after: Path) -> int:
-    """Print what differs; 1 where something does."""
+    """Print the differences; returns 1 if there are any."""
     old, new = json.loads(before.read_text()), json.loads(after.read_text())
     missing = sorted(set(old) ^ set(new))
     changed: Counter[str] = Counter()
@@ -227,7 +227,7 @@ def compare(before: Path, after: Path) -> int:
 
 
 def main() -> int:
-    """The command."""
+    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("record").add_argument("path", type=Path)

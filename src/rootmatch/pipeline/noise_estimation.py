@@ -25,7 +25,7 @@ CENTRE = 4.0 * math.log(WITHIN) / (WITHIN**2 - WITHIN**-2)
 SUBSETS = 2000
 """Hyper-edges of one motion that are evaluated, at most."""
 SETTLED, ROUNDS = 1.15, 5
-"""Factor by which a guess may be off, and matches at most (`benchmarks/noise.py`)."""
+"""Factor by which a guess may be off, and matches at most (`benchmarks/noise_estimation.py`)."""
 LEAST = 1e-3
 """Least σ over the first guess: exact data have none."""
 

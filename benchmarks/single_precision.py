@@ -1,12 +1,12 @@
-"""What single precision costs: which hyper-edges a screen in float32 loses, and how many it lets through for nothing.
+"""The cost of single precision: which hyper-edges screening in float32 loses, and how many pass needlessly.
 
-    python benchmarks/single.py --seeds 20
+    python benchmarks/single_precision.py --seeds 20
 
 Each scene has ten points and two detections of clutter (eleven and nine for 3P1); every hyper-edge is evaluated in
 float64 and by the float32 twin of the same kernel, compiled for the processor. A hyper-edge counts as lost when its
 residual in float64 is below the gate (3.5) and that in float32 above the widened gate. The scenes: as in the paper;
 *distant*, ten times as far with ten times the focal length; *close*, from 4.8 units with a wide angle; *flat*, the
-points within a hundredth of the cube; *both*, distant and flat. Seeds below 4000 choose defaults.
+points within a hundredth of the cube; *both*, distant and flat. Seeds below 4000 are for tuning.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ SCENES: dict[str, tuple[float, float, float]] = {
 """Factors of the camera's distance, of its focal length and of the points' extent along one horizontal axis."""
 SOLVED: dict[str, Callable[..., Any]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 WIDEST = 2.0
-"""Factor of the gate up to which what passes in float32 is written down."""
+"""Factor of the gate up to which float32 residuals are recorded."""
 
 
 def made(problem: str, name: str, sigma: float, seed: int, n: int, clutter: int) -> tuple[Any, NDArray[np.int64], Any]:
-    """Tables, which target each source point is, and the problem, of a scene; points wide first."""
+    """Tables, true assignment and problem of a scene; points wide first."""
     if problem == "3p1":
         scene = three_plus_one_scene(n=n, outliers=clutter, noise=sigma, seed=seed, baseline=5.0)
         order = wide_first(scene.source)
@@ -72,7 +72,7 @@ def made(problem: str, name: str, sigma: float, seed: int, n: int, clutter: int)
 def compared(  # type: ignore[no-untyped-def]
     tables, blurred, kind, bases, arrangements, gate, widest, points, panels, scratches, outs, codes, values
 ):  # fmt: skip
-    """Numbers, and residuals in both precisions, of what one of them does not drop; how many."""
+    """Record codes and residuals in both precisions of what either keeps; returns their number."""
     panel, panel_single = panels
     scratch, scratch_single = scratches
     out, out_single = outs
@@ -109,7 +109,7 @@ def compared(  # type: ignore[no-untyped-def]
 
 
 def in_single(tables: Any) -> Any:
-    """Tables as a screen has them; those of 3P1, for which there is none, likewise."""
+    """Tables as the screening sees them; likewise for 3P1, which has none."""
     if hasattr(tables, "variance"):
         return float32.rounded(tables)
     blur = float32.ROUNDING * float32.EPSILON
@@ -176,7 +176,7 @@ def main() -> None:
     options = parser.parse_args()
     float32.ROUNDING = options.rounding
     heads = [f"lost at {widening:g} (true)" for widening in options.widenings]
-    print("| residual | scene | σ | below the gate | true | " + " | ".join(heads) + " | for nothing | off by |")
+    print("| residual | scene | σ | below the gate | true | " + " | ".join(heads) + " | needless | off by |")
     print("|---" * (7 + len(heads)) + "|")
     seeds = range(options.first, options.first + options.seeds)
     for problem in options.problems:

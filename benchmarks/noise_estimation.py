@@ -1,4 +1,4 @@
-"""How well σ is estimated with noise="auto", beside what the right matches could tell of it; Markdown rows."""
+"""How well noise="auto" estimates σ, against a fit of the right matches; Markdown rows."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CASES: dict[str, Callable[[float, int], Scene]] = {
 
 
 def law(freedom: int) -> float:
-    """Chance that √(χ² / (c · freedom)) is within the factor of 1, for the c that is best."""
+    """Probability that √(χ² / (c · freedom)) is within the factor of 1, for the best c."""
     from scipy.stats import chi2
 
     centre = 4.0 * math.log(FACTOR) / (FACTOR**2 - FACTOR**-2)
@@ -35,11 +35,11 @@ def law(freedom: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=[], help="those whose name holds one of these texts")
+    parser.add_argument("--scenes", nargs="+", default=[], help="those whose name contains one of these texts")
     parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--first-seed", type=int, default=1000, help="seeds below 20000 were used to choose defaults")
+    parser.add_argument("--first-seed", type=int, default=1000, help="seeds below 20000 were used to tune defaults")
     options = parser.parse_args()
-    print("| scenes | count | within 1.5 | of the right matches | by their law | accuracy |\n" + "| --- " * 6 + "|")
+    print("| scenes | count | within 1.5 | from the right matches | by χ² | accuracy |\n" + "| --- " * 6 + "|")
     for name, make in CASES.items():
         if options.scenes and not any(text in name for text in options.scenes):
             continue
