@@ -15,7 +15,7 @@ def made_up_rhos():
     """A scan whose peaks are at RHO, at EXACT for noise-free scenes, and at ONE for the mean of the problems."""
 
     def peak(rho, height):
-        return np.where(np.isclose(GRID, rho, rtol=0.1, atol=0.0), height, 0.0)
+        return np.where(np.isclose(GRID, rho, rtol=0.1, atol=0.0), height, 0.0)[None]  # one seed
 
     return Rhos(
         {(r, p): peak(rho, 0.9) + peak(ONE, 0.8) for r in RESIDUALS for p, rho in RHO.items()},

@@ -6,7 +6,7 @@ from made_up_results import EXACT, ONE, RHO, made_up_table
 from rootmatch.experiments import judges
 from rootmatch.experiments.claims import CLAIMS
 from rootmatch.experiments.claims_report import claims_markdown, judge_all
-from rootmatch.experiments.settings import DEFAULT_ROAD, PROBLEMS, SAMPLES, Setting
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, PROBLEMS, SAMPLES, Setting
 from rootmatch.experiments.verdict import Case, verdict
 
 TITLES = [claim.title for claim in CLAIMS]
@@ -32,7 +32,7 @@ def as_the_paper_says(setting, method, samples):
 
 def opposite(setting, method, samples):
     """Mean accuracy in a world in which hardly any claim holds."""
-    if method == DEFAULT_ROAD:
+    if method == DEFAULT_PIPELINE:
         return 1.0
     value = {"p3p": 1.0, "3p1": 0.7, "up2p": 0.6}[setting.problem]
     value += 0.3 if setting.baseline == 5.0 else 0.0
@@ -59,6 +59,10 @@ def opposite(setting, method, samples):
         ([True, False, True], "holds only for case 0; case 2"),
         ([True], "holds"),
         ([False], "does not hold"),
+        ([None, None], "undecidable"),
+        ([True, None], "holds (undecidable for case 1)"),
+        ([None, False], "does not hold (undecidable for case 0)"),
+        ([True, None, False], "holds only for case 0 (undecidable for case 1)"),
     ],
 )
 def test_verdict_follows_from_the_cases(truths, expected):
@@ -91,6 +95,58 @@ def test_partial_truth_names_its_cases():
     table = made_up_table(accuracy)
     assert verdict(judges.under_full(table, "one")) == "holds only for σ = 0.5; σ = 1"
     assert verdict(judges.two_motions_are_good(table, "own")) == "holds only for σ = 0.1; σ = 0.25"
+
+
+def test_what_no_result_could_have_decided_otherwise_is_undecidable():
+    """A method that is lost has nothing to fall from, and two lost ones cannot be told apart."""
+    lost = made_up_table(lambda s, m, n: 1.0 if m == DEFAULT_PIPELINE else 0.08)
+    assert verdict(judges.falls(lost, "one", "p3p", (5, 10), 0.0)) == "undecidable"
+    for judge in (
+        judges.qr_is_svd,
+        judges.sparse_beats_dense,
+        judges.noise_needs_samples,
+        judges.under_full,
+        judges.short_is_better,
+        judges.long_under_full,
+        judges.two_motions_are_harder,
+    ):
+        assert verdict(judge(lost, "own")) == "undecidable", judge
+    assert verdict(judges.up2p_leads(lost, "one", (0,), (0.5,))) == "undecidable"
+    assert verdict(judges.geometry_is_to_blame(lost)) == "does not hold"
+    # 19.5 % cannot fall by 30 points, 31 % can; and one that is not lost leads one that is
+    assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.195), "one", "3p1", (0,), 5.0)) == "undecidable"
+    assert verdict(judges.falls(made_up_table(lambda s, m, n: 0.31), "one", "3p1", (0,), 5.0)) == "does not hold"
+    some = made_up_table(lambda s, m, n: 0.3 if s.problem == "up2p" else 0.0)
+    assert verdict(judges.up2p_leads(some, "one", (0,), (0.5,))) == "holds"
+
+
+def test_qr_and_svd_are_compared_where_one_of_them_is_not_lost():
+    def accuracy(setting, method, samples):
+        if setting.noise > 0.0:
+            return 0.0
+        return 0.9 if method.residual == "svd" else 1.0
+
+    cases = {case.name: case for case in judges.qr_is_svd(made_up_table(accuracy), "one")}
+    assert not cases["up2p 4(a)"].holds
+    assert "+10.0 [+10.0, +10.0] points; 4 of 5 settings left out" in cases["up2p 4(a)"].figures
+
+
+def test_claims_are_judged_for_the_letter_and_what_an_improvement_changes_is_said():
+    def accuracy(setting, method, samples):
+        return {"power-l1": 0.4, "power-l1-balanced": 0.9, "power-dense": 0.6}.get(method.solver, 1.0)
+
+    judged = {j.claim.title: j for j in judge_all(made_up_table(accuracy))}
+    sparse = judged["Sparse beats dense"]
+    assert sparse.verdict("one") == "does not hold"
+    assert sparse.changed().count("balanced solver") == 3
+    assert "balanced solver (a ρ for each problem): holds" in sparse.changed()
+    robust = judged["3P1: b = 1 is robust against outliers and noise"]
+    assert "default pipeline: holds" in robust.changed()
+    assert judged["P3P with noise stays under 100 %"].changed() == "default pipeline: does not hold"
+    assert judged["… because geometry can do no better"].changed() == ""
+    page = claims_markdown(made_up_table(accuracy), [], 0.0)
+    assert "| changed by an improvement |" in page
+    assert "With the balanced solver, one ρ for all problems: **holds**" in page
 
 
 @pytest.mark.parametrize(("rule", "rho"), [("one", ONE), ("own", RHO["p3p"]), ("exact", EXACT["p3p"])])

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from rootmatch.experiments.rho import GRID, SCAN_SAMPLES, SCAN_SEEDS, best, choose, scan_plan
+from rootmatch.experiments.rho import (
+    GRID,
+    RESIDUALS,
+    SCAN_SAMPLES,
+    Rhos,
+    best,
+    choose,
+    scan_plan,
+    scan_seeds,
+)
 from rootmatch.experiments.settings import PROBLEMS
 from rootmatch.experiments.statistics import bootstrap_means, difference, estimate, estimates
 from rootmatch.experiments.store import Row, Store
@@ -58,18 +67,33 @@ def test_rho_is_chosen_on_the_mean_of_the_problems_and_on_noise_free_scenes(tmp_
     """Three problems whose own best ρ differ; the mean has its best where two of them do fairly well."""
     noisy = {"p3p": {1e-9: 0.9, 1e-5: 0.7}, "3p1": {1e-7: 0.9, 1e-5: 0.7}, "up2p": {1e-2: 1.0}}
     with Store(tmp_path / "results.sqlite") as store:
-        for setting, methods in scan_plan().items():
+        for setting, methods in ((s, m) for r in RESIDUALS for s, m in scan_plan(r).items()):
             height = noisy[setting.problem]
             if setting.noise == 0.0:
                 height = {rho: value / 2.0 for rho, value in height.items()} | {1e-14: 0.6}
             rows = [
                 Row(setting, method, seed, SCAN_SAMPLES, height.get(method.rho, 0.05), 0.0, 0, 0, True)
                 for method, _ in methods
-                for seed in SCAN_SEEDS
+                for seed in scan_seeds(method.residual)
             ]
             store.add(rows, "v")
         rhos = choose(store)
     assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
     assert {rhos.chosen("svd", p, "one") for p in PROBLEMS} == {1e-5}
     assert {rhos.chosen("qr-both", p, "exact") for p in PROBLEMS} == {1e-14}
-    assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9) / 2)
+    assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9 + 0.9) / 3)
+    assert rhos.choices("qr", "p3p", "own") == {1e-9: 1.0}
+
+
+def test_a_choice_is_as_firm_as_its_scenes_agree():
+    """One ρ is better by a little on all seeds, or by the same on the mean of seeds that differ wildly."""
+    rng = np.random.default_rng(5)
+    agreed, disputed = np.zeros((2, 20, len(GRID)))
+    agreed[:, 3], agreed[:, 9] = 0.51, 0.5
+    disputed[:, 3], disputed[:, 9] = rng.permuted(np.repeat([[0.0, 1.0]], 10, axis=0).ravel()) + 0.01, 0.5
+    rhos = Rhos({("qr", p): agreed for p in PROBLEMS} | {("svd", p): disputed for p in PROBLEMS}, {})
+    assert rhos.choices("qr", "p3p", "own") == {GRID[3]: 1.0}
+    shares = rhos.choices("svd", "p3p", "one")
+    assert rhos.chosen("svd", "p3p", "one") == GRID[3]
+    assert 0.3 < shares[GRID[9]] < 0.6
+    assert sum(shares.values()) == pytest.approx(1.0)

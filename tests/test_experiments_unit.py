@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import rootmatch as rm
-from rootmatch.experiments.settings import DEFAULT_ROAD, Method, Setting
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, Method, Setting
 from rootmatch.experiments.unit import Stream, Task, Unit, evaluate, nested_tensors
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import random_hyperedges
@@ -94,7 +94,7 @@ def test_a_hyperedge_has_one_weight_whatever_order_it_was_drawn_in(residual):
 @pytest.mark.parametrize("setting", [*SETTINGS, Setting("p3p", 10, 0.5)], ids=str)
 def test_a_row_of_the_default_road_is_from_the_tensor_of_match(setting):
     """Up to 15 image points all hyper-edges are looked at, with more those drawn."""
-    rows = evaluate(Unit(5, (Task(setting, ((DEFAULT_ROAD, (2000, 60_000)),)),)))
+    rows = evaluate(Unit(5, (Task(setting, ((DEFAULT_PIPELINE, (2000, 60_000)),)),)))
     scene = setting.scene(5)
     for row in rows:
         match = rm.match(
@@ -109,7 +109,7 @@ def test_a_row_of_the_default_road_is_from_the_tensor_of_match(setting):
 
 def test_more_samples_find_what_fewer_do_not():
     method = Method("qr", "power-l1", 1e-2)
-    rows = evaluate(Unit(1, (Task(Setting("up2p"), ((method, (30, 30_000)), (DEFAULT_ROAD, (30_000,)))),)))
+    rows = evaluate(Unit(1, (Task(Setting("up2p"), ((method, (30, 30_000)), (DEFAULT_PIPELINE, (30_000,)))),)))
     few, many, road = (row.accuracy for row in rows)
     assert few < 0.5
     assert many == road == 1.0
@@ -118,7 +118,7 @@ def test_more_samples_find_what_fewer_do_not():
 def test_rows_do_not_depend_on_what_else_is_in_the_unit():
     sizes = (700, 20_000)
     methods = tuple(
-        (m, sizes) for m in (Method("qr", "power-l1", 1e-2), Method("svd", "power-dense", 0.1), DEFAULT_ROAD)
+        (m, sizes) for m in (Method("qr", "power-l1", 1e-2), Method("svd", "power-dense", 0.1), DEFAULT_PIPELINE)
     )
     settings = (Setting("up2p", 0, 0.5), Setting("up2p", 0, 0.5, motions=2))
     together = evaluate(Unit(2, tuple(Task(s, methods) for s in settings)))

@@ -6,7 +6,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from rootmatch.experiments.settings import DEFAULT_ROAD, Method, Setting
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, Method, Setting
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import run, units
 from rootmatch.experiments.unit import evaluate
@@ -16,7 +16,7 @@ METHODS = (
     (Method("qr", "power-l1", 1e-2), SIZES),
     (Method("qr", "power-dense", 1e-2), SIZES),
     (Method("qr-both", "power-l1", 1e-2), SIZES[1:]),
-    (DEFAULT_ROAD, SIZES),
+    (DEFAULT_PIPELINE, SIZES),
 )
 PLAN = dict.fromkeys((Setting("up2p", 0, 0.0), Setting("up2p", 0, 0.5, motions=2), Setting("up2p", 5, 0.5)), METHODS)
 SEEDS = range(3, 9)

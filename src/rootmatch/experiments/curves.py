@@ -10,7 +10,7 @@ import numpy as np
 
 from rootmatch.experiments.plan import SPARSE, Table, plan_of
 from rootmatch.experiments.rho import GRID, RESIDUALS, RULES, SCAN_SAMPLES, Rhos, Rule
-from rootmatch.experiments.settings import DEFAULT_ROAD, PANELS, PROBLEMS, Method, Setting
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, PANELS, PROBLEMS, Method, Setting
 from rootmatch.experiments.statistics import estimates
 
 
@@ -36,8 +36,8 @@ class Record:
 
 
 def rule_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
-    """By which rule the ρ of a method was chosen; several when they agree, none for the default road."""
-    if method == DEFAULT_ROAD:
+    """By which rule the ρ of a method was chosen; several when they agree, none for the default pipeline."""
+    if method == DEFAULT_PIPELINE:
         return [None]
     return [rule for rule in RULES if table.method(problem, method.solver, rule, method.residual) == method]
 

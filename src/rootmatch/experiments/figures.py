@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rootmatch.experiments.plan import DENSE, SPARSE, Table
+from rootmatch.experiments.plan import BALANCED, DENSE, IMPROVEMENT_NAMES, SPARSE, Improvement, Table
 from rootmatch.experiments.rho import GRID, RESIDUALS, RULE_NAMES, SCAN_INSTANCES, SCAN_SAMPLES, Rhos, Rule
-from rootmatch.experiments.settings import DEFAULT_ROAD, NOISES, PANELS, PROBLEMS, SAMPLES, TITLES, Method, Panel
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, NOISES, PANELS, PROBLEMS, SAMPLES, TITLES, Method, Panel
 from rootmatch.experiments.statistics import estimates
 
 if TYPE_CHECKING:
@@ -25,10 +25,14 @@ MARKERS = {0: "", 5: "o", 10: "s"}
 """Of each number of outliers."""
 GRIDS = {"p3p": (1, 2), "3p1": (2, 2), "up2p": (2, 2)}
 """Rows and columns of a figure's panels."""
+_DESCRIPTIONS: dict[Improvement, str] = {
+    "balanced": "balanced solver (rows and columns where n = n') on the same tensors",
+    "pipeline": "default pipeline (joint residual, discrete ascent) on the same samples",
+}
 FIGURES = {"p3p": "2", "3p1": "3", "up2p": "4"}
 
 
-def draw(table: Table, problem: str, rule: Rule, with_default: bool = False) -> Figure:
+def draw(table: Table, problem: str, rule: Rule, beside: Improvement | None = None) -> Figure:
     """A problem's figure: one panel a group of settings, mean accuracy against samples with 95 % bootstrap bands.
 
     Parameters
@@ -37,8 +41,8 @@ def draw(table: Table, problem: str, rule: Rule, with_default: bool = False) -> 
     problem : str
     rule : Rule
         By which the paper's ρ is chosen.
-    with_default : bool
-        Adds the default road on the same instances; the paper's curves then step back and have no bands.
+    beside : Improvement, optional
+        Added on the same instances; the paper's curves then step back and have no bands.
     """
     from matplotlib.figure import Figure
 
@@ -46,7 +50,7 @@ def draw(table: Table, problem: str, rule: Rule, with_default: bool = False) -> 
     figure = Figure(figsize=(5.2 * columns + 0.3, 3.9 * rows + 1.3), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis, panel in zip(axes, PANELS[problem], strict=False):
-        _panel(axis, table, panel, rule, with_default)
+        _panel(axis, table, panel, rule, beside)
     for axis in axes[len(PANELS[problem]) :]:
         axis.set_axis_off()
     for axis in axes[: len(PANELS[problem])]:
@@ -56,23 +60,24 @@ def draw(table: Table, problem: str, rule: Rule, with_default: bool = False) -> 
     count = len(table.seeds)
     figure.suptitle(
         f"Figure {FIGURES[problem]}, {TITLES[problem]}: 10 points, {count} instances, |R| of QR, "
-        f"ρ = {rho:.3g} ({RULE_NAMES[rule]})"
-        + ("\nwith the default road (joint residual, discrete ascent) on the same samples" if with_default else ""),
+        f"ρ = {rho:.3g} ({RULE_NAMES[rule]})" + (f"\nwith the {_DESCRIPTIONS[beside]}" if beside else ""),
         fontsize=11,
     )
-    _legend(figure, problem, with_default)
+    _legend(figure, problem, beside)
     return figure
 
 
-def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, with_default: bool) -> None:
+def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, beside: Improvement | None) -> None:
     problem = panel.settings[0].problem
     lines: list[tuple[Method, dict[str, Any]]] = [
-        (table.method(problem, SPARSE, rule), {"linestyle": "-", "linewidth": 1.0 if with_default else 1.8}),
-        (table.method(problem, DENSE, rule), {"linestyle": "--", "linewidth": 0.9 if with_default else 1.3}),
+        (table.method(problem, SPARSE, rule), {"linestyle": "-", "linewidth": 1.0 if beside else 1.8}),
+        (table.method(problem, DENSE, rule), {"linestyle": "--", "linewidth": 0.9 if beside else 1.3}),
     ]
-    if with_default:
+    added = None
+    if beside:
+        added = DEFAULT_PIPELINE if beside == "pipeline" else table.method(problem, BALANCED, rule)
         lines = [(method, style | {"alpha": 0.45}) for method, style in lines]
-        lines.append((DEFAULT_ROAD, {"linestyle": (0, (4, 1, 1, 1)), "linewidth": 2.4}))
+        lines.append((added, {"linestyle": (0, (4, 1, 1, 1)), "linewidth": 2.4}))
     for setting in panel.settings:
         for method, style in lines:
             columns = np.stack([table.cells[setting, method, size] for size in SAMPLES], axis=1)
@@ -80,7 +85,7 @@ def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, with_default: boo
             colour = COLOURS[setting.noise]
             mean = [100 * e.mean for e in curve]
             axis.plot(SAMPLES, mean, color=colour, marker=MARKERS[setting.outliers], markersize=4, **style)
-            if not with_default or method == DEFAULT_ROAD:
+            if added is None or method == added:
                 low, high = ([100 * getattr(e, end) for e in curve] for end in ("low", "high"))
                 axis.fill_between(SAMPLES, low, high, color=colour, alpha=0.12, linewidth=0)
     axis.set_xscale("log")
@@ -91,7 +96,7 @@ def _panel(axis: Axes, table: Table, panel: Panel, rule: Rule, with_default: boo
     axis.set_title(f"{panel.label}  {panel.title}", loc="left", fontsize=10)
 
 
-def _legend(figure: Figure, problem: str, with_default: bool) -> None:
+def _legend(figure: Figure, problem: str, beside: Improvement | None) -> None:
     """One legend for all panels, below them: what colour, marker and line mean."""
     from matplotlib.lines import Line2D
 
@@ -103,8 +108,9 @@ def _legend(figure: Figure, problem: str, with_default: bool) -> None:
     ]
     handles.append(Line2D([], [], color="grey", linestyle="-", linewidth=1.8, label="sparse (ℓ¹ rows)"))
     handles.append(Line2D([], [], color="grey", linestyle="--", linewidth=1.3, label="dense"))
-    if with_default:
-        line = Line2D([], [], color="grey", linestyle=(0, (4, 1, 1, 1)), linewidth=2.4, label="default road")
+    if beside:
+        name = IMPROVEMENT_NAMES[beside]
+        line = Line2D([], [], color="grey", linestyle=(0, (4, 1, 1, 1)), linewidth=2.4, label=name)
         handles.append(line)
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=9, frameon=False)
 
@@ -131,9 +137,10 @@ def draw_scan(rhos: Rhos) -> Figure:
         axis.set_title(f"residual {residual}", loc="left", fontsize=10)
         axis.set_xlabel("ρ (units of the residual)")
         axis.set_ylabel("mean accuracy (%)")
+    counts = ", ".join(map(str, SCAN_INSTANCES.values()))
     figure.suptitle(
-        f"Choice of ρ: sparse solver, {SCAN_SAMPLES:,} samples, {SCAN_INSTANCES} instances a setting on seeds that are "
-        "not reported; discs mark the choices",
+        f"Choice of ρ: sparse solver, {SCAN_SAMPLES:,} samples, {counts} instances a setting on seeds that are not "
+        "reported; discs mark the choices",
         fontsize=11,
     )
     handles, labels = figure.axes[0].get_legend_handles_labels()

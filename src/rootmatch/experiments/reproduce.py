@@ -13,7 +13,7 @@ from rootmatch.experiments.curves import curves_csv, scan_csv
 from rootmatch.experiments.figures import FIGURES, draw, draw_scan
 from rootmatch.experiments.plan import Table, plan_of
 from rootmatch.experiments.progress import Progress
-from rootmatch.experiments.rho import SCAN_SEEDS, Rhos, choose, scan_plan
+from rootmatch.experiments.rho import RESIDUALS, Rhos, choose, scan_plan, scan_seeds
 from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Evaluate, Plan, check_jobs, run, units
@@ -81,7 +81,8 @@ def reproduce(
                 progress.begin(title, sum(unit.rows for unit in work))
             run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
 
-        complete("choosing ρ", scan_plan(), SCAN_SEEDS)
+        for residual in RESIDUALS:
+            complete(f"choosing ρ for {residual}", scan_plan(residual), scan_seeds(residual))
         rhos = choose(store)
         complete(f"{', '.join(ordered)}: {instances} instances", plan_of(ordered, rhos), seeds)
         table = Table.read(store, ordered, rhos, seeds)
@@ -109,7 +110,8 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
             stem = f"figure-{FIGURES[problem]}-{problem}"
             drawings[stem] = draw(table, problem, "one")
             drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
-            drawings[f"{stem}-default-road"] = draw(table, problem, "one", with_default=True)
+            drawings[f"{stem}-balanced"] = draw(table, problem, "own", "balanced")
+            drawings[f"{stem}-default-pipeline"] = draw(table, problem, "one", "pipeline")
         for stem, figure in drawings.items():
             # Both files get one layout, worked out once.
             figure.draw_without_rendering()

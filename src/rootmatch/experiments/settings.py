@@ -76,7 +76,7 @@ class Method:
     residual : str
         ``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``.
     solver : str
-        ``"power-l1"`` (sparse), ``"power-dense"`` or ``"ascent"``.
+        ``"power-l1"`` (sparse), ``"power-l1-balanced"``, ``"power-dense"`` or ``"ascent"``.
     rho : float
         Spread ρ of the affinity, in units of the residual; 1 for ``"joint"``, which is in units of the noise.
     """
@@ -86,7 +86,7 @@ class Method:
     rho: float
 
 
-DEFAULT_ROAD = Method("joint", "ascent", 1.0)
+DEFAULT_PIPELINE = Method("joint", "ascent", 1.0)
 """What `rootmatch.match` does when nothing else is asked for, but on sampled hyper-edges."""
 
 
@@ -133,10 +133,11 @@ def settings_of(problem: str) -> tuple[Setting, ...]:
 
 
 SCAN_SETTINGS: dict[str, tuple[Setting, ...]] = {
-    problem: tuple(s for s in settings_of(problem) if s.outliers in (0, 5) and s.noise in (0.0, 0.5))
+    problem: tuple(s for s in settings_of(problem) if s.outliers in (0, 5) and s.noise in OUTLIER_NOISES)
     for problem in PROBLEMS
 }
-"""Settings on which ρ is chosen: of those reported, noise-free and medium noise, each without and with outliers."""
+"""Settings on which ρ is chosen: of those reported, without noise, with medium and with most, without outliers and
+with five."""
 
 
 def has_svd(setting: Setting) -> bool:

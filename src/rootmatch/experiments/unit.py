@@ -36,7 +36,7 @@ MOST_SWEPT = 8_000_000
 that takes less time than a million in the order of the stream."""
 
 NOISE_FLOOR = 0.01
-"""σ in pixels told to the default road for noise-free scenes: with 0 it would weigh nothing but rounding errors."""
+"""σ in pixels told to the default pipeline for noise-free scenes: with 0 it would weigh nothing but rounding errors."""
 
 SOLVERS: dict[str, Solver] = {
     "power-l1": PowerIteration("l1", keep=0),

@@ -14,6 +14,9 @@ EQUAL = 0.05
 """Mean accuracies closer than this count as equal: half a point of ten."""
 FEW = 100_000
 """Samples that count as "few": a tenth of the largest sample."""
+LOST = 0.10
+"""Mean accuracy up to which a method is lost: what guessing gives with ten image points. Two lost methods cannot be
+compared."""
 
 
 @dataclass(frozen=True)
@@ -24,18 +27,19 @@ class Case:
     ----------
     name : str
         What it is about, such as ``"P3P, σ = 0.1"``.
-    holds : bool
+    holds : bool or None
+        None where nothing that could have been measured would have decided otherwise.
     figures : str
-        What decides it.
+        What decides it, or why nothing does.
     """
 
     name: str
-    holds: bool
+    holds: bool | None
     figures: str
 
 
 def verdict(cases: list[Case]) -> str:
-    """Say ``holds``, ``does not hold``, or ``holds only for …`` with the cases named.
+    """Say ``holds``, ``does not hold``, ``holds only for …`` with the cases named, or ``undecidable``.
 
     Raises
     ------
@@ -44,9 +48,14 @@ def verdict(cases: list[Case]) -> str:
     """
     if not cases:
         raise ValueError("no case to judge")
-    true = [case.name for case in cases if case.holds]
-    if len(true) == len(cases):
-        return "holds"
-    if not true:
-        return "does not hold"
-    return "holds only for " + "; ".join(true)
+    decided = [case for case in cases if case.holds is not None]
+    if not decided:
+        return "undecidable"
+    true = [case.name for case in decided if case.holds]
+    found = "holds only for " + "; ".join(true)
+    if len(true) == len(decided):
+        found = "holds"
+    elif not true:
+        found = "does not hold"
+    undecided = [case.name for case in cases if case.holds is None]
+    return f"{found} (undecidable for {'; '.join(undecided)})" if undecided else found

@@ -22,8 +22,18 @@ if TYPE_CHECKING:
 
 COLOURS = dict(
     zip(
-        ("power-dense", "power-l1", "hgm", "rrwhm", "rrwhm-slack", "rrwhm-soft", "bcagm", "ascent"),
-        ("#999999", "#E69F00", "#CC79A7", "#0072B2", "#000000", "#56B4E9", "#009E73", "#D55E00"),
+        (
+            "power-dense",
+            "power-l1",
+            "power-l1-balanced",
+            "hgm",
+            "rrwhm",
+            "rrwhm-slack",
+            "rrwhm-soft",
+            "bcagm",
+            "ascent",
+        ),
+        ("#999999", "#E69F00", "#F0E442", "#CC79A7", "#0072B2", "#000000", "#56B4E9", "#009E73", "#D55E00"),
         strict=True,
     )
 )

@@ -33,6 +33,7 @@ TIMED_NOISE, TIMED_INSTANCES, TIMED_REPEATS = 0.2, 5, 5
 SOLVERS: dict[str, Solver] = {
     "power-dense": PowerIteration("l2", iterations=100, keep=0),
     "power-l1": PowerIteration("l1", iterations=100, keep=0),
+    "power-l1-balanced": PowerIteration("l1", normalise="smaller", iterations=100, keep=0),
     "hgm": KLProjection(keep=0),
     "rrwhm": ReweightedWalk(slack=False, keep=0),
     "rrwhm-slack": ReweightedWalk(keep=0),
