@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
 
 from rootmatch.benchmark import Plan, run
-from rootmatch.benchmark.memory import peak_megabytes
 from rootmatch.benchmark.operation_count import Counted, operations
 from rootmatch.cli.app import app
 
@@ -69,6 +70,20 @@ def test_the_command_prints_one_json_object_or_tables() -> None:
     assert done.stderr == ""
 
 
-def test_peak_memory_is_a_plausible_number() -> None:
-    peak = peak_megabytes()
-    assert peak is None or 20.0 < peak < 1e5
+@pytest.mark.skipif(sys.platform == "win32", reason="the system does not report it")
+def test_peak_memory_rises_by_what_is_filled_and_does_not_fall() -> None:
+    program = """if True:
+        import numpy as np
+        from rootmatch.benchmark.memory import peak_megabytes
+        before = peak_megabytes()
+        block = np.ones((300, 2**17))  # a MiB each
+        during = peak_megabytes()
+        del block
+        print(before, during, peak_megabytes())
+    """
+    done = subprocess.run([sys.executable, "-c", program], text=True, capture_output=True, check=True)
+    before, during, after = map(float, done.stdout.split())
+    assert 10.0 < before < during < 1e5
+    # what was freed before, or has not been given back, may be used again
+    assert 200.0 < during - before < 330.0
+    assert after == pytest.approx(during, abs=5.0)

@@ -136,8 +136,16 @@ class TestPrepareRefuses:
     target = np.random.default_rng(1).uniform(0.0, 400.0, (7, 2))
 
     def test_good_input_is_taken(self) -> None:
-        self.problem.prepare(self.source, self.target, noise=0.5)
-        self.problem.prepare(self.source, self.target, noise=np.full(7, 0.5))
+        """What is changed below is good as it stands: its tables hold the geometry and the noise that were given."""
+        tables = self.problem.prepare(self.source, self.target, noise=0.5)
+        d2 = ((self.source[:, None] - self.source[None]) ** 2).sum(axis=2)
+        np.testing.assert_allclose(tables.distance2 / tables.distance2[0, 1], d2 / d2[0, 1], atol=1e-12)
+        rays = np.column_stack([(self.target - (320.0, 240.0)) / 1000.0, np.ones(7)])
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        np.testing.assert_allclose(tables.rays, rays.T, atol=1e-14)
+        np.testing.assert_allclose(1.0 - tables.versine, rays @ rays.T, atol=1e-12)
+        each = self.problem.prepare(self.source, self.target, noise=np.linspace(0.5, 3.5, 7))
+        np.testing.assert_allclose(each.variance / tables.variance, np.arange(1.0, 8.0) ** 2, rtol=1e-12)
 
     @pytest.mark.parametrize(
         ("change", "text"),

@@ -192,7 +192,15 @@ class TestRefuses:
     target = np.random.default_rng(1).uniform(0.0, 400.0, (7, 2))
 
     def test_good_input_is_taken(self) -> None:
-        UP2P(self.camera).prepare(self.source, self.target, noise=0.5)
+        """What is changed below is good as it stands: its tables hold the geometry and the noise that were given."""
+        tables = UP2P(self.camera).prepare(self.source, self.target, noise=0.5)
+        rays = np.column_stack([(self.target - (320.0, 240.0)) / 1000.0, np.ones(7)])
+        np.testing.assert_allclose(tables.rays, (rays / np.linalg.norm(rays, axis=1, keepdims=True)).T, atol=1e-14)
+        d2 = ((self.source[:, None] - self.source[None]) ** 2).sum(axis=2)
+        moved = ((tables.points.T[:, None] - tables.points.T[None]) ** 2).sum(axis=2)
+        np.testing.assert_allclose(moved / moved[0, 1], d2 / d2[0, 1], atol=1e-12)
+        double = UP2P(self.camera).prepare(self.source, self.target, noise=1.0)
+        np.testing.assert_allclose(double.variance, 4.0 * tables.variance, rtol=1e-12)
 
     @pytest.mark.parametrize("vertical", [(0.0, 0.0, 0.0), (0.0, 1.0), (np.nan, 1.0, 0.0), (0.0, np.inf, 0.0), "down"])
     @pytest.mark.parametrize("name", ["vertical_camera", "vertical_world"])
