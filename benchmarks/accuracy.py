@@ -57,6 +57,8 @@ class Outcome:
     """Accuracy of the true geometry between two views."""
     status: str
     margin: float
+    probability: float
+    """Of the assignment, NaN where there is none."""
     seconds: float
     hyperedges: float
     peer_accuracy: float = NOTHING
@@ -157,7 +159,8 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
         float(right(match.assignment, truth)), float(any(right(one, truth) for one in listed)),
         adjusted_rand(match.motions, instance.labels) if "motions" in instance.options else NOTHING,
         NOTHING if instance.pose is None else own_accuracy(instance),
-        match.status.name.lower(), match.margin, match.seconds, float(match.hyperedges),
+        match.status.name.lower(), match.margin,
+        NOTHING if match.probability is None else match.probability, match.seconds, float(match.hyperedges),
         **({} if yardstick is None or case.yardstick == "none" else theirs(case, instance, seed, yardstick, patience)),
     )  # fmt: skip
 

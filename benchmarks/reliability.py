@@ -1,6 +1,7 @@
-"""How often an answer with some margin is right, from the scenes that `accuracy.py --csv` wrote; table, picture.
+"""How often an assignment of some probability is right, from the scenes that `accuracy.py --csv` wrote; table, picture.
 
-Beside it is the probability 1 / (2 − margin) that the margin tells.
+    python benchmarks/accuracy.py --first-seed 20000 --seeds 100 --no-yardstick --csv accuracy.csv
+    python benchmarks/reliability.py accuracy.csv --picture docs/reliability.png
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-EDGES = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0]
-"""Bounds of the bins of the margin."""
+EDGES = [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0]
+"""Bounds of the bins of the probability."""
+LEAST = [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]
+"""Thresholds of "matched" that are compared."""
 
 
 def interval(right: int, count: int) -> tuple[float, float]:
@@ -26,52 +29,63 @@ def interval(right: int, count: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("csv", type=Path, nargs="+")
     parser.add_argument("--picture", type=Path, help="where the reliability plot goes")
     options = parser.parse_args()
     rows = [row for path in options.csv for row in csv.DictReader(path.open(newline=""))]
-    # with several motions the margin is that of the doubtful one; a prior that does not hold is the user's
-    rows = [row for row in rows if row["status"] != "untrusted" and row["rand"] == "nan" and "prior" not in row["case"]]
-    margin = np.array([float(row["margin"]) for row in rows])
+    trusted = [row for row in rows if row["status"] != "untrusted"]
+    rows = [row for row in trusted if row["probability"] != "nan"]
+    probability = np.array([float(row["probability"]) for row in rows])
     right = np.array([float(row["right"]) for row in rows])
     shown = np.array([float(row["shown"]) for row in rows])
     print(
-        f"{len(rows)} scenes\n\n| margin | scenes | probability | right | 95 % interval | truth shown |\n"
-        "| --- | --- | --- | --- | --- | --- |"
+        f"{len(rows)} scenes with a probability, of {len(trusted)} that are matched or ambiguous\n\n"
+        "| probability | scenes | mean | right | 95 % interval | truth listed |\n| --- | --- | --- | --- | --- | --- |"
     )
     drawn = []
     for low, high in itertools.pairwise(EDGES):
-        inside = (margin >= low) & ((margin < high) | (high == EDGES[-1]))
+        inside = (probability >= low) & ((probability < high) | (high == EDGES[-1]))
         count = int(inside.sum())
         if count:
             least, most = interval(int(right[inside].sum()), count)
-            drawn.append((float(margin[inside].mean()), float(right[inside].mean()), least, most))
+            drawn.append((float(probability[inside].mean()), float(right[inside].mean()), least, most))
             print(
-                f"| {low:g} – {high:g} | {count} | {(1.0 / (2.0 - margin[inside])).mean():.3f} |"
-                f" {right[inside].mean():.3f} | {least:.3f} – {most:.3f} | {shown[inside].mean():.3f} |"
+                f"| {low:g} – {high:g} | {count} | {probability[inside].mean():.4f} |"
+                f" {right[inside].mean():.4f} | {least:.3f} – {most:.3f} | {shown[inside].mean():.4f} |"
             )
-    print("\n| least margin | matched | right | ambiguous | truth shown |\n| --- | --- | --- | --- | --- |")
-    for least in (0.2, 0.4, 0.6, 0.7, 0.8, 0.85, 0.889, 0.9, 0.95, 0.98):
-        told, doubtful = margin >= least, margin < least
+    print("\n| matched from | matched | right | ambiguous | truth listed |\n| --- | --- | --- | --- | --- |")
+    for least in LEAST:
+        sure, doubtful = probability >= least, probability < least
         print(
-            f"| {least:g} | {told.sum()} | {right[told].mean():.4f} | {doubtful.sum()} |"
+            f"| {least:g} | {sure.sum()} | {right[sure].mean():.4f} | {doubtful.sum()} |"
             f" {shown[doubtful].mean() if doubtful.any() else math.nan:.4f} |"
         )
+    print("\n| status | scenes | right | truth listed |\n| --- | --- | --- | --- |")
+    for status in ("matched", "ambiguous"):
+        some = [row for row in trusted if row["status"] == status]
+        if some:
+            share = [np.mean([float(row[key]) for row in some]) for key in ("right", "shown")]
+            print(f"| {status} | {len(some)} | {share[0]:.4f} | {share[1]:.4f} |")
     if options.picture is not None:
-        import matplotlib
+        picture(np.array(drawn), options.picture)
 
-        matplotlib.use("Agg")
-        import matplotlib.pyplot as plt
 
-        x, y, below, above = np.array(drawn).T
-        figure, axes = plt.subplots(figsize=(5.0, 3.6), layout="constrained")
-        axes.errorbar(x, y, yerr=[y - below, above - y], marker="o", capsize=3)
-        told = np.linspace(0.0, 1.0, 101)
-        axes.plot(told, 1.0 / (2.0 - told), color="grey", linestyle=":", label="1 / (2 − margin)")
-        axes.set(xlabel="margin", ylabel="part of the answers that are right", ylim=(0.0, 1.02), xlim=(0.0, 1.0))
-        axes.legend()
-        figure.savefig(options.picture, dpi=120)
+def picture(drawn: np.ndarray, path: Path) -> None:
+    """The reliability plot: mean probability of each bin against the share that is right, with its interval."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    x, y, below, above = drawn.T
+    figure, axes = plt.subplots(figsize=(5.0, 3.6), layout="constrained")
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="grey", linestyle=":", label="calibrated")
+    axes.errorbar(x, y, yerr=[y - below, above - y], marker="o", capsize=3, label="measured, 95 % interval")
+    axes.axvline(0.9, color="grey", linewidth=0.8, label="matched from here on")
+    axes.set(xlabel="probability", ylabel="share of the assignments that is right", ylim=(0.0, 1.02), xlim=(0.0, 1.02))
+    axes.legend(loc="lower right")
+    figure.savefig(path, dpi=120)
 
 
 if __name__ == "__main__":

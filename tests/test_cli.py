@@ -72,13 +72,16 @@ class TestMatch:
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
-            "assignment", "score", "margin", "motions", "alternatives", "status", "seconds", "hyperedges", "noise"
+            "assignment", "score", "margin", "probability", "motions", "alternatives", "status", "converged", "seconds",
+            "hyperedges", "noise",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
         assert record["motions"] == [0] * 8
         assert record["status"] == "matched"
         assert 0.0 <= record["margin"] <= 1.0
+        assert 0.9 <= record["probability"] <= 1.0
+        assert record["converged"] is True
         assert record["hyperedges"] == 70 * 5040  # C(8, 4) times 10!/6!
         assert record["score"] > 0.0
         assert record["seconds"] > 0.0

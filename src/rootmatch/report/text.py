@@ -25,20 +25,22 @@ NAMES_SHOWN = 40
 def match_record(match: Match) -> dict[str, Any]:
     """The match as numbers, lists and strings that JSON can hold.
 
-    Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``alternatives`` (objects
-    with ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
-    ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point). Indices are zero-based row
+    Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
+    there is none), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status`` (``"matched"``,
+    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point). Indices are zero-based row
     numbers. A number that is not finite becomes null.
     """
     return {
         "assignment": match.assignment.tolist(),
         "score": _finite(match.score),
         "margin": _finite(match.margin),
+        "probability": None if match.probability is None else _finite(match.probability),
         "motions": match.motions.tolist(),
         "alternatives": [
             {"assignment": other.tolist(), "score": _finite(score)} for other, score in match.alternatives
         ],
         "status": match.status.name.lower(),
+        "converged": match.converged,
         "seconds": _finite(match.seconds),
         "hyperedges": int(match.hyperedges),
         "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
@@ -56,7 +58,8 @@ def match_weights(match: Match) -> NDArray[np.float64]:
 def summary(match: Match) -> str:
     """One line: the number of matches, the score and the margin."""
     matched = int(np.sum(match.assignment >= 0))
-    return f"{matched} of {len(match.assignment)} matched, score {match.score:.4g}, margin {match.margin:.2f}"
+    figures = f"{matched} of {len(match.assignment)} matched, score {match.score:.4g}, margin {match.margin:.2f}"
+    return figures if match.probability is None else f"{figures}, probability {_share(match.probability)}"
 
 
 def print_match(
@@ -157,6 +160,12 @@ def _join_names(names: Sequence[str]) -> str:
 def _print_line(console: Console, text: str) -> None:
     """Print a line verbatim: no markup, no highlighted numbers, no wrapping that a script would have to undo."""
     console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _share(probability: float) -> str:
+    """A probability with as many digits as it takes to tell it from 1."""
+    digits = next((d for d in (2, 3, 4) if round(probability, d) < 1.0), 0)
+    return f"{probability:.{digits}f}" if digits else "> 0.9999"
 
 
 def _finite(value: float) -> float | None:
