@@ -27,8 +27,8 @@ def match_record(match: Match) -> dict[str, Any]:
 
     Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
     there is none), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status`` (``"matched"``,
-    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point). Indices are zero-based row
-    numbers. A number that is not finite becomes null.
+    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where
+    it differs by point). Indices are zero-based row numbers. A number that is not finite becomes null.
     """
     return {
         "assignment": match.assignment.tolist(),
