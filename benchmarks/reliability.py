@@ -1,7 +1,7 @@
 """How often an assignment of some probability is right, from the scenes that `accuracy.py --csv` wrote; table, picture.
 
-    python benchmarks/accuracy.py --first-seed 20000 --seeds 100 --no-yardstick --csv accuracy.csv
-    python benchmarks/reliability.py accuracy.csv --picture docs/reliability.png
+python benchmarks/accuracy.py --first-seed 20000 --seeds 100 --no-yardstick --csv accuracy.csv
+python benchmarks/reliability.py accuracy.csv --picture docs/reliability.png
 """
 
 from __future__ import annotations
