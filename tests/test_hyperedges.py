@@ -13,6 +13,7 @@ from rootmatch.hypergraph.enumeration import (
     target_arrangements,
     wide_first,
 )
+from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples, permuted_tuples
 
 
 @pytest.mark.parametrize(("n", "n_target", "order"), [(5, 5, 3), (5, 6, 4), (7, 4, 4), (4, 4, 4), (3, 5, 3)])
@@ -57,6 +58,25 @@ def test_stream_is_uniform_over_distinct_tuples() -> None:
         assert len(counts) == 24
         # 10,000 expected of each; five standard deviations
         assert np.abs(counts - 10_000).max() < 500
+
+
+@pytest.mark.parametrize("draw", [distinct_tuples, permuted_tuples])
+def test_tuples_are_uniform_and_distinct(draw) -> None:  # type: ignore[no-untyped-def]
+    tuples = draw(np.random.default_rng(0), 240_000, 4, 3)
+    assert tuples.shape == (240_000, 3)
+    _, counts = np.unique(tuples @ [16, 4, 1], return_counts=True)
+    # all 24 ordered choices; 10,000 expected of each; five standard deviations
+    assert len(counts) == 24
+    assert np.abs(counts - 10_000).max() < 500
+
+
+def test_sets_are_uniform_ascending_and_distinct() -> None:
+    sets = distinct_sets(np.random.default_rng(0), 160_000, 4, 2)
+    # a quarter of the draws repeats an index
+    assert len(sets) == pytest.approx(120_000, abs=1_000)
+    found, counts = np.unique(sets, axis=0, return_counts=True)
+    assert [tuple(row) for row in found.tolist()] == list(combinations(range(4), 2))
+    assert np.abs(counts - len(sets) / 6).max() < 750
 
 
 def test_another_seed_is_another_stream() -> None:

@@ -10,7 +10,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.simulation import p3p_scene
 from rootmatch.solvers import PowerIteration, get_solver
-from rootmatch.solvers.base import neighbours
+from rootmatch.solvers.alternatives import best_neighbours
 from solver_oracles import planted, random_edges
 
 
@@ -201,10 +201,10 @@ def test_neighbours_are_the_best_single_changes():
             changed[i], changed[j] = changed[j], changed[i]
             if j != i:
                 expected[tuple(changed)] = tensor.score(changed)
-    found = neighbours(tensor, start, 100)
+    found = best_neighbours(tensor, start, 100)
     assert {tuple(a): s for a, s in found} == pytest.approx(expected)
     np.testing.assert_allclose([s for _, s in found], sorted(expected.values(), reverse=True), rtol=1e-12, atol=1e-14)
-    assert len(neighbours(tensor, start, 3)) == 3
+    assert len(best_neighbours(tensor, start, 3)) == 3
 
 
 def test_options_and_names_are_judged():

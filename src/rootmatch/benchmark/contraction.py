@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import seconds
+from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import at_most
 
@@ -19,8 +20,8 @@ def random_pairs(rng: np.random.Generator, n: int, n_target: int, order: int, co
     blocks = []
     for first in range(0, count, BLOCK):
         size = min(BLOCK, count - first)
-        source = np.argsort(rng.random((size, n)), axis=1)[:, :order]
-        target = np.argsort(rng.random((size, n_target)), axis=1)[:, :order]
+        source = permuted_tuples(rng, size, n, order)
+        target = permuted_tuples(rng, size, n_target, order)
         blocks.append((source * n_target + target).astype(np.int32))
     return np.concatenate(blocks)
 

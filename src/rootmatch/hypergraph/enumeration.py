@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.random_tuples import distinct_tuples
 
 STREAM_BLOCK = 8192
 """Tuples drawn at once from the stream; fixed, so that the stream does not depend on how it is read."""
@@ -56,20 +57,6 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return order
 
 
-def _distinct_tuples(rng: np.random.Generator, count: int, points: int, order: int) -> NDArray[np.int32]:
-    """Uniform tuples (count, order) of distinct indices below ``points``.
-
-    Position k is drawn among those left: a number below points − k, lifted over the earlier ones in increasing order.
-    """
-    out = np.empty((count, order), dtype=np.int32)
-    for k in range(order):
-        value = rng.integers(0, points - k, size=count, dtype=np.int32)
-        for earlier in np.sort(out[:, :k], axis=1).T:
-            value += value >= earlier
-        out[:, k] = value
-    return out
-
-
 def random_hyperedges(
     n: int,
     n_target: int,
@@ -114,8 +101,8 @@ def random_hyperedges(
     waiting = given = tried = accepted = 0
     while given < count:
         while waiting < min(block, count - given):
-            source = _distinct_tuples(rng, STREAM_BLOCK, n, order)
-            target = _distinct_tuples(rng, STREAM_BLOCK, n_target, order)
+            source = distinct_tuples(rng, STREAM_BLOCK, n, order, np.int32)
+            target = distinct_tuples(rng, STREAM_BLOCK, n_target, order, np.int32)
             tried += STREAM_BLOCK
             if mask is not None:
                 allowed = mask[source, target].all(axis=1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.pipeline.task import MatchingTask
 
 FIRST_GUESS = 0.004
@@ -121,7 +122,7 @@ def _scale(match: Solved, members: NDArray[np.int64]) -> float:
     order = members[wide_first(points.source[members])]
     tables = problem.tables(points.subset(order, match.assignment[order]))
     rng = np.random.default_rng(0)
-    chosen = np.sort(np.argsort(rng.random((SUBSETS, len(members))), axis=1)[:, : problem.order], axis=1)
+    chosen = np.sort(permuted_tuples(rng, SUBSETS, len(members), problem.order), axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
     return scale_of(residuals**2, mean_cut(problem.constraints))
 

@@ -10,14 +10,20 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution, is_empty, neighbours, nothing
+from rootmatch.options import Options, option
+from rootmatch.solvers.alternatives import best_neighbours
+from rootmatch.solvers.base import Solution, empty_solution, is_empty
+
+LEAST_STEP = 1e-12
+"""Improvement over the objective that is rounding."""
+CACHED = 64
+"""Contractions that are kept. Bounds the memory; not tuned."""
 
 
 @dataclass(frozen=True)
-class BlockCoordinateAscent:
+class BlockCoordinateAscent(Options):
     """Ascent of the score by linear assignment problems, exact in one of several copies of the assignment at a time.
 
     The score S(x) = Σ_e h_e Π_{a∈e} x_a has a symmetric multilinear form F with F(x, …, x) = S(x). With all blocks but
@@ -32,8 +38,8 @@ class BlockCoordinateAscent:
     copied to all. If not, the term α ‖x‖^D is added in the same multilinear form. It is the same for every assignment,
     and for α large enough it makes the objective convex, so that some block alone is at least as good as the mixture
     (max_u S_α(u, …, u) ≥ F_α). α is (1 − 1/d) times the largest marginal, doubled while a mixture still wins. The
-    answer is where all blocks agree and none can be improved. F_α never decreases while α is held, and the score of
-    the best block so far, which is the answer, never at all.
+    iteration has converged where all blocks agree and none can be improved. F_α never decreases while α is held, and
+    the score of the best block so far, which is the result, never at all.
 
     The form is evaluated by polarisation, from contractions C (`AffinityTensor.contract`) of sums of blocks: at
     order 3, 3 F(·, y, z) = (C(y + z) − C(y) − C(z)) / 2.
@@ -44,22 +50,18 @@ class BlockCoordinateAscent:
     Parameters
     ----------
     iterations : int
-        Limit of rounds over all blocks.
+        Limit of rounds over all blocks. A round value, not tuned.
     keep : int
-        Alternatives to report: the best single changes of the answer.
+        Alternatives to report: the best single changes of the assignment.
     """
 
-    iterations: int = 100
-    keep: int = 16
-
-    def __post_init__(self) -> None:
-        if self.iterations < 1 or self.keep < 0:
-            raise InputError("BlockCoordinateAscent: expected iterations ≥ 1 and keep ≥ 0")
+    iterations: int = option(100, least=1)
+    keep: int = option(16, least=0)
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
-            return nothing(tensor)
+            return empty_solution(tensor)
         run = _Ascent(tensor)
         done = 0
         while done < self.iterations and not run.settled:
@@ -68,14 +70,14 @@ class BlockCoordinateAscent:
         best = run.winner
         x = one_hot(best, tensor.shape[1])
         soft = tensor.contract(x)
-        # A full assignment may hold pairs for which nothing speaks.
+        # A full assignment may hold pairs that no hyper-edge supports.
         assignment = np.where((soft * x).sum(axis=1) > 0, best, -1)
         total = soft.sum(axis=1, keepdims=True)
         return Solution(
             soft / np.where(total > 0, total, 1.0),
             assignment,
             run.score,
-            neighbours(tensor, assignment, self.keep),
+            best_neighbours(tensor, assignment, self.keep),
             run.settled,
             done,
             {"contractions": float(run.contractions), "alpha": run.alpha},
@@ -83,7 +85,7 @@ class BlockCoordinateAscent:
 
 
 class _Ascent:
-    """The blocks and what is known about them."""
+    """The blocks, their contractions and the best assignment so far."""
 
     def __init__(self, tensor: AffinityTensor) -> None:
         self.tensor, self.order = tensor, tensor.order
@@ -102,7 +104,7 @@ class _Ascent:
 
     def round(self) -> None:
         """Improve each block once; agree, or turn to the convex objective, when that leads nowhere."""
-        least = 1e-12 * (self.score + self.alpha * self.matched ** (self.blocks // 2))
+        least = LEAST_STEP * (self.score + self.alpha * self.matched ** (self.blocks // 2))
         improved = False
         for b in range(self.blocks):
             slope = self.gradient(b)
@@ -110,7 +112,7 @@ class _Ascent:
             x = one_hot(assignment, self.tensor.shape[1])
             if self.key[b] == b"" or float((slope * (x - self.x[b])).sum()) > least:
                 self.x[b], self.key[b] = x, assignment.tobytes()
-                self.judge(b, assignment)
+                self.keep_best(b, assignment)
                 improved = True
         if improved:
             return
@@ -126,7 +128,7 @@ class _Ascent:
         else:
             self.alpha = (1 - 1 / self.order) * float(self.tensor.marginals().max() + self.unary.max())
 
-    def judge(self, b: int, assignment: NDArray[np.int64]) -> None:
+    def keep_best(self, b: int, assignment: NDArray[np.int64]) -> None:
         """Keep a block that scores better than all before."""
         score = self.own_score(b)
         if score > self.score:
@@ -142,7 +144,7 @@ class _Ascent:
         """C of the sum of some blocks, without unary weights; kept, as blocks agree more and more."""
         key = tuple(sorted(self.key[b] for b in blocks))
         if key not in self.cache:
-            if len(self.cache) > 64:
+            if len(self.cache) > CACHED:
                 self.cache.clear()
             v = self.tensor.contract(np.sum([self.x[b] for b in blocks], axis=0))
             self.cache[key] = v - self.unary
@@ -189,7 +191,7 @@ class _Ascent:
 
 
 def _hungarian(slope: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Full assignment of the largest total, min(n, n') points matched, worthless ones too."""
+    """Full assignment of the largest total, min(n, n') points matched, without gain too."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     assignment = np.full(slope.shape[0], -1, np.int64)

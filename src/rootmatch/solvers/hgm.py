@@ -9,21 +9,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution, is_empty, neighbours, nothing
+from rootmatch.options import Options, option
+from rootmatch.solvers.alternatives import best_neighbours
+from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
 
 @dataclass(frozen=True)
-class KLProjection:
+class KLProjection(Options):
     """Marginals of the tensor, projected onto the soft assignments.
 
     Were correspondences independent, the tensor would be the d-fold product of their probabilities; its marginals
 
         Y_a = Σ_{e∋a} h_e (+ u_a)
 
-    are then proportional to them. The answer is the soft assignment nearest in relative entropy:
+    are then proportional to them. The result is the soft assignment nearest in relative entropy:
 
         min_X Σ_a X_a ln(X_a / Y_a) − X_a + Y_a   with X ≥ 0, rows ≤ 1, columns ≤ 1, Σ X = matches,
 
@@ -38,28 +39,22 @@ class KLProjection:
     matches : int, optional
         Expected number of matched points; min(n, n') by default, less if the hyper-edges cannot match as many.
     iterations : int
-        Limit of rounds over all multipliers.
+        Limit of rounds over all multipliers. A round value, not tuned.
     tolerance : float
-        Settled when no multiplier changes by more.
+        Settled when no multiplier changes by more. A round value, not tuned.
     keep : int
-        Alternatives to report: the best single changes of the answer.
+        Alternatives to report: the best single changes of the assignment.
     """
 
-    matches: int | None = None
-    iterations: int = 10_000
-    tolerance: float = 1e-9
-    keep: int = 16
-
-    def __post_init__(self) -> None:
-        if (self.matches is not None and self.matches < 1) or self.iterations < 1 or self.keep < 0:
-            raise InputError("KLProjection: expected matches, iterations ≥ 1 and keep ≥ 0")
-        if not self.tolerance >= 0:
-            raise InputError(f"tolerance: got {self.tolerance}; expected ≥ 0")
+    matches: int | None = option(None, least=1)
+    iterations: int = option(10_000, least=1)
+    tolerance: float = option(1e-9, least=0.0)
+    keep: int = option(16, least=0)
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
-            return nothing(tensor)
+            return empty_solution(tensor)
         y = tensor.marginals()
         if tensor.unary is not None:
             y += tensor.unary
@@ -75,7 +70,7 @@ class KLProjection:
             soft,
             assignment,
             tensor.score(assignment),
-            neighbours(tensor, assignment, self.keep),
+            best_neighbours(tensor, assignment, self.keep),
             bool(change <= self.tolerance),
             int(rounds),
             {"change": float(change), "matches": float(matches)},

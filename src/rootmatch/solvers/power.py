@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution, is_empty, neighbours, nothing
+from rootmatch.solvers.alternatives import best_neighbours
+from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
 Norm = Literal["l1", "l2"]
 Normalise = Literal["rows", "both", "smaller"]
@@ -69,7 +70,7 @@ class PowerIteration:
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
-            return nothing(tensor)
+            return empty_solution(tensor)
         sparse = self.norm == "l1"
         axes = _normalised_axes(self.normalise, tensor.shape)
         ones = np.ones(tensor.shape)
@@ -100,7 +101,7 @@ class PowerIteration:
             soft,
             assignment,
             tensor.score(assignment),
-            neighbours(tensor, assignment, self.keep),
+            best_neighbours(tensor, assignment, self.keep),
             bool(change <= self.tolerance),
             done,
             statistics,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.support import supported_answers
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.ascent import local_search
@@ -33,8 +34,8 @@ def warm(*orders: int) -> None:
     shape, count = (6, 7), 2000
     # tensors of order 3 have a few kernels of their own
     for order in orders or (4, 3):
-        sources = np.argsort(rng.random((count, shape[0])), axis=1)[:, :order]
-        targets = np.argsort(rng.random((count, shape[1])), axis=1)[:, :order]
+        sources = permuted_tuples(rng, count, shape[0], order)
+        targets = permuted_tuples(rng, count, shape[1], order)
         indices = (sources * shape[1] + targets).astype(np.int32)
         tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
         answer = MultiStartAscent()(tensor).assignment
@@ -42,7 +43,7 @@ def warm(*orders: int) -> None:
 
 
 def warm_packing() -> None:
-    """Compile the choice among groups of several motions, by two groups."""
+    """Compile the selection among groups of several motions, by two groups."""
     elements, values, price = np.arange(4).reshape(2, 2), np.ones(2), np.ones(4)
     pack(elements, values, len(price), 2, np.zeros(2, np.bool_), 1)
     branch_and_bound.search(elements, values, price, 1.0, 2, 1.0, 1)

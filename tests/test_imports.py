@@ -1,0 +1,80 @@
+"""What the source files import: no module needs itself, and none is imported for what its import does."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import rootmatch
+
+SOURCES = Path(rootmatch.__file__).parent
+
+
+def modules() -> dict[str, Path]:
+    """Every source file by the name of its module."""
+    found = {}
+    for path in SOURCES.rglob("*.py"):
+        parts = path.relative_to(SOURCES.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported(path: Path, known: dict[str, Path]) -> set[str]:
+    """The modules of the package that a file names in imports: on top, for type checkers only, and inside functions."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import"
+            submodules = {f"{node.module}.{alias.name}" for alias in node.names} & known.keys()
+            found |= submodules
+            if len(submodules) < len(node.names):
+                found.add(str(node.module))
+    return found & known.keys()
+
+
+def cycles(graph: dict[str, set[str]]) -> list[set[str]]:
+    """Groups of modules each of which reaches the others and itself (Tarjan's strongly connected components)."""
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[set[str]] = []
+
+    def visit(module: str) -> None:
+        number[module] = low[module] = len(number)
+        stack.append(module)
+        for other in sorted(graph[module]):
+            if other not in number:
+                visit(other)
+                low[module] = min(low[module], low[other])
+            elif other in stack:
+                low[module] = min(low[module], number[other])
+        if low[module] == number[module]:
+            members = {stack.pop()}
+            while module not in members:
+                members.add(stack.pop())
+            if len(members) > 1 or module in graph[module]:
+                found.append(members)
+
+    for module in sorted(graph):
+        if module not in number:
+            visit(module)
+    return found
+
+
+def test_the_walk_finds_cycles() -> None:
+    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a", "d"}, "e": {"d"}}) == [{"a", "b", "c"}, {"d"}]
+
+
+def test_no_modules_import_each_other() -> None:
+    known = modules()
+    assert len(known) > 100
+    found = cycles({name: imported(path, known) for name, path in known.items()})
+    assert [sorted(cycle) for cycle in found] == []
+
+
+def test_nothing_is_imported_for_its_side_effects() -> None:
+    silenced = re.compile(r"#\s*noqa:[^#]*\bF401\b")
+    assert [str(path) for path in SOURCES.rglob("*.py") if silenced.search(path.read_text(encoding="utf-8"))] == []

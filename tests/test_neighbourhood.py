@@ -1,0 +1,41 @@
+"""The one-change neighbourhood of an assignment against all assignments there are."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.neighbourhood import one_change_neighbours
+
+
+def one_to_one(n: int, n_target: int) -> list[tuple[int, ...]]:
+    """All assignments, partial ones too."""
+    every = product(range(-1, n_target), repeat=n)
+    return [row for row in every if len({k for k in row if k >= 0}) == sum(k >= 0 for k in row)]
+
+
+def is_one_change(before: tuple[int, ...], after: tuple[int, ...], resize: bool) -> bool:
+    """By definition: a point moved to a free target, two points with exchanged targets, or one matched or unmatched."""
+    differ = [i for i in range(len(before)) if before[i] != after[i]]
+    if len(differ) == 2:
+        i, j = differ
+        return (after[i], after[j]) == (before[j], before[i])
+    moved = len(differ) == 1 and before[differ[0]] >= 0 and after[differ[0]] >= 0
+    return moved or (resize and len(differ) == 1)
+
+
+@pytest.mark.parametrize("resize", [False, True])
+@pytest.mark.parametrize(("n", "n_target"), [(3, 4), (4, 3), (1, 2), (2, 1)])
+def test_neighbours_are_all_assignments_at_one_change(n: int, n_target: int, resize: bool) -> None:
+    every = one_to_one(n, n_target)
+    for before in every:
+        changes = one_change_neighbours(np.array(before), n_target, resize=resize)
+        found: NDArray[np.int64] = changes.applied_to(np.array(before))
+        rows = [tuple(row) for row in found.tolist()]
+        assert len(rows) == len(set(rows))
+        assert set(rows) == {after for after in every if is_one_change(before, after, resize)}
+        some = changes.take(np.arange(len(rows))[::2])
+        assert [tuple(row) for row in some.applied_to(np.array(before)).tolist()] == rows[::2]
