@@ -19,10 +19,14 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
+from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.p3p.problem import P3P
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
-from rootmatch.samplers.guided.sampler import CHANCE_SAMPLES, Guided, pays
+from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
+from rootmatch.samplers.guided.stopping import StoppingOptions
+from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 from rootmatch.solvers import MultiStartAscent
 
@@ -153,9 +157,17 @@ def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
     weights = np.where(residuals <= WEIGH.gate, np.exp(-0.5 * residuals**2), 0.0)
     # four standard errors: 15 % of the mean here, for 16 searches of 4096 random hyper-edges
-    error = 4.0 * weights.std() / math.sqrt(16 * CHANCE_SAMPLES)
+    error = 4.0 * weights.std() / math.sqrt(16 * Guided().chance_samples)
     assert error < 0.2 * weights.mean()
     assert chance == pytest.approx(weights.mean(), abs=error)
+
+
+class NoTables(tuple):
+    """Tables of a problem without any kernels."""
+
+    @staticmethod
+    def kernels() -> ProblemKernels:
+        return ProblemKernels()
 
 
 def test_it_pays_beyond_a_few_million_hyperedges() -> None:
@@ -168,7 +180,7 @@ def test_it_pays_beyond_a_few_million_hyperedges() -> None:
     assert not pays(replace(request, motions=2))
     assert pays(replace(request, motions=2, shape=(20, 20)))
     assert not pays(replace(request, candidates=np.eye(10, 20, dtype=bool)))
-    assert not pays(replace(request, tables=object(), shape=(20, 40)))
+    assert not pays(replace(request, tables=NoTables(), shape=(20, 40)))
 
 
 def test_two_motions_are_both_proposed() -> None:
@@ -201,7 +213,7 @@ def test_forbidden_correspondences_are_never_tried() -> None:
     allowed[:] = False
     tensor, evaluated, *_ = of_scene(scene, candidates=allowed)
     assert tensor.size == 0
-    assert evaluated == CHANCE_SAMPLES
+    assert evaluated == Guided().chance_samples
 
 
 @pytest.mark.parametrize("view", range(4))
@@ -244,6 +256,16 @@ def test_the_budget_ends_the_search_and_progress_is_told() -> None:
     assert soon < evaluated
 
 
+def test_options_of_the_parts_reach_them() -> None:
+    scene = p3p_scene(10, 10, seed=3)
+    usual = of_scene(scene)
+    assert usual.conclusive
+    assert usual.evaluated < 200_000
+    never = of_scene(scene, options=Guided(budget=200_000, stopping=StoppingOptions(beyond_chance=1e6)))
+    assert not never.conclusive
+    assert never.evaluated >= 200_000
+
+
 def test_every_minimal_set_comes_once_where_there_are_few() -> None:
     rng = np.random.default_rng(3)
     places = rng.normal(size=(11, 3))
@@ -272,13 +294,16 @@ def test_width_is_the_least_altitude_or_the_distance() -> None:
 
 
 def test_mistakes_are_said() -> None:
-    with pytest.raises(InputError, match="budget is 0; give a positive number"):
+    with pytest.raises(InputError, match="Guided: budget is 0; give a whole number above 0"):
         Guided(budget=0)
+    with pytest.raises(InputError, match=r"StoppingOptions: complete is 1\.5; give a number above 0 and of at most 1"):
+        StoppingOptions(complete=1.5)
+    with pytest.raises(InputError, match="it is a probability"):
+        SequentialTestOptions(most_clutter=0.9)
+    with pytest.raises(InputError, match=r"VerificationOptions: visible is \(\); give a tuple of numbers"):
+        VerificationOptions(visible=())
     scene = p3p_scene(6)
 
-    class NoTables(tuple):
-        pass
-
-    with pytest.raises(InputError, match="no proposals"):
+    with pytest.raises(InputError, match="no guided search"):
         Guided()(SamplingTask(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6

@@ -121,8 +121,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     probability, trusted = None, False
     if not obvious and fits(task, assignment):
         found = ranked(task, [assignment, *(other for other, _ in alternatives)])
-        if found.answers:
-            kept = np.array(found.answers[: TRUST.alternatives + 1])
+        if found.assignments:
+            kept = np.array(found.assignments[: TRUST.alternatives + 1])
             tensor = sampled.tensor
             values = scores_of(tensor.indices, tensor.weights, tensor.unary, kept, tensor.shape[1])
             assignment, score = kept[0], float(values[0])
@@ -149,7 +149,7 @@ def probability_of(task: MatchingTask, assignment: NDArray[np.int64], alternativ
     if not fits(task, assignment):
         return None
     found = ranked(task, [assignment, *(other for other, _ in alternatives)])
-    return found.probability_of_assignment(assignment) if found.answers else None
+    return found.probability_of_assignment(assignment) if found.assignments else None
 
 
 def judged(score: float, alarms: float, lead: float, probability: float | None = None) -> Status:

@@ -80,7 +80,7 @@ def _packed(task: MatchingTask, sampled: SampledTensor) -> Solution:
     chance = sampled.chance_weight
     if chance is None:
         chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)
-    solver = GroupPacking(motions=task.options.motions, chance=chance, fit=_group_fit(task))
+    solver = GroupPacking(motions=task.options.motions, chance_weight=chance, fit=_group_fit(task))
     return solver(tensor, seed=task.options.seed)
 
 

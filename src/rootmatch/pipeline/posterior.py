@@ -26,10 +26,10 @@ class PosteriorOptions(Options):
     """Log-odds, to first order, at which a change is not even fitted: twice `negligible_odds`, as a new pose may gain
     as much again. Not tuned."""
     noise_freedom: float = option(20.0, above=0.0)
-    """Degrees of freedom that the given σ counts for when the points say that it is larger. A round value; what it
-    gives is in ``benchmarks/accuracy.py`` and ``benchmarks/reliability.py``."""
+    """Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value; its
+    effect is measured in benchmarks/accuracy.py and benchmarks/reliability.py."""
     freedom_slack: int = option(2, least=0)
-    """Degrees of freedom that an assignment may lack and still tell σ: one point. By construction."""
+    """Degrees of freedom that an assignment may lack and still estimate σ: one point. By construction."""
     rounds: int = option(4, least=0)
     """Rounds of neighbourhood search. A round value, not tuned."""
     searched_per_round: int = option(6, least=1)
@@ -85,12 +85,12 @@ class Ranked:
 
     Attributes
     ----------
-    answers : list of (n,) int64 arrays
+    assignments : list of (n,) int64 arrays
     logarithms : (K,) array
         Log-odds of each against the first.
     """
 
-    answers: list[Integers]
+    assignments: list[Integers]
     logarithms: NDArray[np.float64]
     beyond_chance: float
     """Log-odds of the first assignment against none, all detections clutter; NaN where unknown."""
@@ -103,7 +103,7 @@ class Ranked:
     def probability_of_assignment(self, assignment: Integers) -> float:
         """Posterior probability of one of the assignments, 0 where it is none of them."""
         shares = np.exp(self.logarithms)
-        same = [np.array_equal(answer, assignment) for answer in self.answers]
+        same = [np.array_equal(other, assignment) for other in self.assignments]
         return float(shares[same].sum() / shares.sum())
 
     def probability_of(self, count: int) -> float:
@@ -112,7 +112,7 @@ class Ranked:
         return float(shares[:count].sum() / shares.sum())
 
 
-def ranked(task: MatchingTask, answers: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
+def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
     """Rank assignments, and those near the most probable ones, by posterior probability.
 
     The posterior of an assignment is the likelihood of its detections about its best pose, the pose integrated out,
@@ -123,13 +123,13 @@ def ranked(task: MatchingTask, answers: list[Integers], options: PosteriorOption
     ----------
     task : MatchingTask
         Of a problem that can fit assignments.
-    answers : list of (n,) int64 arrays
+    assignments : list of (n,) int64 arrays
         The best one first.
     options : PosteriorOptions
     """
     least = task.problem.minimal + 1
-    odds = log_odds(task, answers[0])
-    pool = {answer.tobytes(): answer for answer in answers if (answer >= 0).sum() >= least}
+    odds = log_odds(task, assignments[0])
+    pool = {assignment.tobytes(): assignment for assignment in assignments if (assignment >= 0).sum() >= least}
     fits: dict[bytes, tuple[Fit, int]] = {}
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
@@ -170,8 +170,8 @@ def _fits(task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers]) ->
     """Pose fits of some assignments of the pool, and their rows in them."""
     if not keys:
         return {}
-    answers = np.array([pool[key] for key in keys])
-    fit = task.problem.fitted(task.points, answers)
+    assignments = np.array([pool[key] for key in keys])
+    fit = task.problem.fitted(task.points, assignments)
     return {key: (fit, k) for k, key in enumerate(keys)}
 
 
@@ -189,15 +189,15 @@ def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) ->
 
 
 def _neighbours(
-    gains: NDArray[np.float64], answer: Integers, options: PosteriorOptions
+    gains: NDArray[np.float64], assignment: Integers, options: PosteriorOptions
 ) -> list[tuple[Integers, float]]:
     """The most probable changes of an assignment, and their log-odds against it to first order.
 
     ``gains`` (n, n') holds the log-odds of each correspondence against none, given the rest of the assignment.
     """
-    own = np.where(answer >= 0, gains[np.arange(len(answer)), np.maximum(answer, 0)], 0.0)
+    own = np.where(assignment >= 0, gains[np.arange(len(assignment)), np.maximum(assignment, 0)], 0.0)
     own = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    changes = one_change_neighbours(answer, gains.shape[1], resize=True)
+    changes = one_change_neighbours(assignment, gains.shape[1], resize=True)
     second = changes.other >= 0
     change = np.where(changes.target >= 0, gains[changes.source, changes.target], 0.0)
     change[second] += gains[changes.other[second], changes.other_target[second]]
@@ -205,4 +205,4 @@ def _neighbours(
     change[second] -= own[changes.other[second]]
     chosen = np.flatnonzero(change > -options.neighbour_odds)
     chosen = chosen[np.argsort(-change[chosen], kind="stable")[: options.neighbours]]
-    return list(zip(changes.take(chosen).applied_to(answer), change[chosen].tolist(), strict=True))
+    return list(zip(changes.take(chosen).applied_to(assignment), change[chosen].tolist(), strict=True))

@@ -129,8 +129,9 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
         on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"
     if sampler == "guided":
-        budget = {"budget": max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)} if fallback else {}
-        return Guided(**budget), fallback
+        if not fallback:
+            return Guided(), fallback
+        return Guided(budget=max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)), fallback
     return sampler, fallback
 
 

@@ -1,1 +1,1 @@
-"""Samplers: which hyper-edges are evaluated. All, random ones, or those that a guided search proposes."""
+"""Samplers: they select the hyper-edges that are evaluated. All, random ones, completions, or a guided search."""

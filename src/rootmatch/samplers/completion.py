@@ -1,4 +1,4 @@
-"""All hyper-edges that agree, found by completing minimal sets: far fewer evaluations than there are hyper-edges."""
+"""The completion sampler: all hyper-edges that agree, from minimal sets and the detections that they predict."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
+from rootmatch.options import Options, option
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
 from rootmatch.samplers.exhaustive import given_tensor
@@ -22,12 +23,8 @@ from rootmatch.samplers.guided.minimal_sets import width
 
 Integers = NDArray[np.int64]
 
-DEARER = 10
-"""What a predicted point costs, in hyper-edges of a sweep over all of them."""
-AFFORDABLE = 100_000_000
-"""Predicted points, some seconds of two cores."""
 AT_ONCE = 64
-"""Minimal sets between two looks at the progress."""
+"""Minimal sets between two progress reports; changes no result."""
 
 
 def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
@@ -36,45 +33,50 @@ def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
 
 
 @dataclass(frozen=True)
-class Completion:
-    """Hyper-edges of order d, each found from d − 1 of its correspondences, whose solution predicts the last.
+class Completion(Options):
+    """Sampler of all hyper-edges that agree: each of order d is found from d − 1 of its correspondences.
 
-    A sweep over all hyper-edges has n' − d + 1 candidates for the last image; here the one that is predicted is looked
-    for among the detections, which costs about as much as ten of them. Nothing that agrees is left out but where a
-    minimal set is so badly conditioned that its linearised prediction is wrong; therefore each hyper-edge is looked for
-    from more than one of them, the widest.
+    An exhaustive sweep tries n' − d + 1 candidates for the last image. Here the minimal set of the others predicts it,
+    and the detections near the prediction are looked up, which costs about as much as ten candidates. A hyper-edge is
+    missed only where its minimal set is so badly conditioned that the linearised prediction is wrong; therefore each is
+    predicted from more than one minimal set, the widest.
 
     Parameters
     ----------
     gate : float
-        Deviations from its prediction within which a detection completes a hyper-edge; the residual decides then.
+        Distance from a prediction, in standard deviations, within which a detection completes a hyper-edge; the
+        residual decides then. Wider than that of the residual, 3.5, for what linearisation loses. Not tuned.
     bases : int
-        Of the d minimal sets of a hyper-edge's source points, how many predict.
+        How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
+        benchmarks/matches.py, benchmarks/accuracy.py.
+    cost : float
+        Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (docs/performance.md,
+        benchmarks/matches.py) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py).
+    most : int
+        Predicted points that `pays` accepts: some seconds of two cores. A round value, not tuned.
     """
 
-    gate: float = 4.0
-    bases: int = 2
-
-    def __post_init__(self) -> None:
-        if not self.gate > 0.0 or self.bases < 1:
-            raise InputError(f"Completion: gate {self.gate!r} and bases {self.bases!r} given; give positive numbers")
+    gate: float = option(4.0, above=0.0)
+    bases: int = option(2, least=1)
+    cost: float = option(10.0, above=0.0)
+    most: int = option(100_000_000, least=0)
 
     def pays(self, task: SamplingTask) -> bool:
-        """Whether it is possible, affordable, and cheaper than to look at all hyper-edges."""
+        """Whether completion is possible, affordable, and cheaper than an exhaustive sweep."""
         count = completion_count(task.shape, task.order, self.bases)
         return (
             can_complete(type(task.tables))
-            and count <= AFFORDABLE
-            and DEARER * count <= enumeration.exhaustive_count(*task.shape, task.order)
+            and count <= self.most
+            and self.cost * count <= enumeration.exhaustive_count(*task.shape, task.order)
         )
 
     def __call__(self, task: SamplingTask) -> SampledTensor:
-        """Tensor of the hyper-edges that agree, all of them; nothing here is random.
+        """Tensor of all hyper-edges that agree; nothing here is random.
 
         Raises
         ------
         InputError
-            If the problem has no predictions.
+            If the problem's minimal sets predict no points.
         """
         tables, shape, order = task.tables, task.shape, task.order
         if not can_complete(type(tables)):
@@ -98,19 +100,19 @@ class Completion:
             if task.progress is not None:
                 task.progress(done + few, len(tasks))
         evaluated = sum(number for _, number in results)
-        found = _distinct(np.concatenate([rows for rows, _ in results]), shape)
+        found = _each_once(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
         tensor = given_tensor(tables, task.kind, task.affinity, shape, source, target)
         chance = max(1.0, float(tensor.weights.sum())) / max(task.hyperedge_count, 1.0)
         return SampledTensor(tensor, evaluated + len(found), 1.0, chance)
 
     def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
-        """Minimal sets of source points, each with the others that it is one of the widest to predict."""
+        """Minimal sets of source points, each with the other points for which it is among the widest."""
         subsets = np.array(list(combinations(range(n), order)), np.int64).reshape(-1, order)
         bases = np.array(list(combinations(range(order), order - 1)), np.int64)
         last = np.array([np.setdiff1d(np.arange(order), base)[0] for base in bases])
-        places = np.ascontiguousarray(tables.points.T)
-        wide = np.stack([width(places, subsets[:, base]) for base in bases], axis=1)
+        positions = np.ascontiguousarray(tables.points.T)
+        wide = np.stack([width(positions, subsets[:, base]) for base in bases], axis=1)
         ranked = np.argsort(-wide, axis=1, kind="stable")[:, : self.bases]
         rows = np.arange(len(subsets))
         base = np.concatenate([subsets[rows[:, None], bases[choice]] for choice in ranked.T])
@@ -121,7 +123,7 @@ class Completion:
         return [(one, other[order_of[cuts[number] : cuts[number + 1]]]) for number, one in enumerate(sets)]
 
 
-def _distinct(found: Integers, shape: tuple[int, int]) -> Integers:
+def _each_once(found: Integers, shape: tuple[int, int]) -> Integers:
     """Each hyper-edge (source, target: 2 d columns) once."""
     order = found.shape[1] // 2
     flat = (found[:, :order] * shape[1] + found[:, order:]).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Every image of a minimal set, completed by each detection that agrees with what it predicts of another point."""
+"""Kernels of the completion: every image of a minimal set with each detection that it predicts for another point."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def completion_kernels(tables: Any) -> CompletionKernels:
 
 
 def can_complete(tables: type) -> bool:
-    """Whether a type of tables has what the completion of minimal sets needs."""
+    """Whether a type of tables has the kernels for the completion of minimal sets."""
     return kernels_of(tables).completion is not None
 
 
@@ -38,6 +38,10 @@ def predict_block(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: An
 @calls(predict_block)
 def _predict_choice(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
     return completion_kernels(tables).predict
+
+
+FIRST_ROOM = 4096
+"""Completions of one minimal set that there is room for at first; it grows as needed."""
 
 
 class Completions:
@@ -60,7 +64,7 @@ class Completions:
         self.solutions, fields = kernels.solutions, kernels.fields
         self.rows = np.concatenate([getattr(tables, name) for name in fields])
         self.flat, self.out = np.zeros((len(self.rows), STRIDE)), np.zeros(7 * STRIDE)
-        self.found = np.empty((4096, images.shape[1] + 2), np.int64)
+        self.found = np.empty((FIRST_ROOM, images.shape[1] + 2), np.int64)
 
     def of(self, base: NDArray[np.int64], others: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
         """Hyper-edges of one minimal set (m,) of source points and one of some other points (K,).
@@ -94,7 +98,7 @@ class Completions:
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed, out, found):  # type: ignore[no-untyped-def]
-    """Fill ``found`` with what completes the set of the first m points; how many there are, and what was evaluated."""
+    """Fill ``found`` with the completions of the set of the first m points; their number, and that of evaluations."""
     tables, flat, images, allowed, out, found = borrowed((tables, flat, images, allowed, out, found))
     m = images.shape[1]
     masked = allowed.shape[0] > 0

@@ -1,4 +1,4 @@
-"""All hyper-edges of a problem, evaluated block by block into a tensor, the strongest kept."""
+"""The exhaustive sampler: all hyper-edges, evaluated block by block into a tensor, the strongest kept."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def exhaustive_residuals(
     shape : (n, n')
     order : int
     max_hyperedges : int
-        Bounds the memory: 24 bytes each at order 4, 40 for a moment.
+        Bounds the memory: 24 bytes each at order 4, briefly 40.
     candidates : (n, n') bool array, optional
-        Correspondences that are possible; others are never evaluated.
+        Possible correspondences; others are never evaluated.
     backend : Backend
-        What evaluates.
+        Evaluates the hyper-edges.
     progress : callable, optional
         Called with (slabs done, slabs in all).
 
@@ -53,7 +53,7 @@ def exhaustive_residuals(
         Flat correspondences, increasing in the source points.
     residuals : (E,) array
     evaluated : int
-        How many hyper-edges were looked at.
+        Number of hyper-edges evaluated.
     """
     work = Enumeration.of(tables, kind, shape, order, candidates)
     found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress)
@@ -64,7 +64,7 @@ def exhaustive_residuals(
 def exhaustive_tensor(
     tables: Any,
     kind: residual_kinds.Kind,
-    weigh: Affinity,
+    affinity: Affinity,
     shape: tuple[int, int],
     order: int,
     *,
@@ -73,24 +73,24 @@ def exhaustive_tensor(
     backend: Backend = cpu,
     progress: Progress | None = None,
 ) -> tuple[AffinityTensor, int]:
-    """Tensor of `exhaustive_residuals`, and how many hyper-edges were looked at."""
+    """Tensor of `exhaustive_residuals`, and the number of hyper-edges evaluated."""
     indices, residuals, evaluated = exhaustive_residuals(
-        tables, kind, weigh.gate, shape, order,
+        tables, kind, affinity.gate, shape, order,
         max_hyperedges=max_hyperedges, candidates=candidates, backend=backend, progress=progress,
     )  # fmt: skip
-    return AffinityTensor.unchecked(indices, weigh.weights(residuals), shape), evaluated
+    return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 
 
 def given_tensor(
     tables: Any,
     kind: residual_kinds.Kind,
-    weigh: Affinity,
+    affinity: Affinity,
     shape: tuple[int, int],
     source: NDArray[np.int64],
     target: NDArray[np.int64],
 ) -> AffinityTensor:
     """Tensor of those of the given hyper-edges (E, d), (E, d) whose residual is below the gate, in their order."""
     residuals = cpu.residuals(tables, kind, source, target)
-    keep = residuals <= weigh.gate
+    keep = residuals <= affinity.gate
     indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
-    return AffinityTensor.unchecked(indices, weigh.weights(residuals[keep]), shape)
+    return AffinityTensor.unchecked(indices, affinity.weights(residuals[keep]), shape)

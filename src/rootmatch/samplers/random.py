@@ -1,4 +1,4 @@
-"""A seeded stream of random hyper-edges into a tensor, as the paper draws them."""
+"""The random sampler: a seeded stream of hyper-edges into a tensor, as the paper draws them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rootmatch.problems import residual_kinds
 def random_tensor(
     tables: Any,
     kind: residual_kinds.Kind,
-    weigh: Affinity,
+    affinity: Affinity,
     shape: tuple[int, int],
     order: int,
     samples: int,
@@ -47,11 +47,11 @@ def random_tensor(
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
     done = 0
     for (source, target), residuals in backend.evaluated(tables, kind, blocks()):
-        keep = residuals <= weigh.gate
+        keep = residuals <= affinity.gate
         parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
         done += len(source)
         if progress is not None:
             progress(done, samples)
     indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
-    weights = weigh.weights(np.concatenate([part[1] for part in parts]))
+    weights = affinity.weights(np.concatenate([part[1] for part in parts]))
     return AffinityTensor.unchecked(indices, weights, shape).merged(), done

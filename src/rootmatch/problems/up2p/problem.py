@@ -16,12 +16,13 @@ from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
+from rootmatch.problems.residual_kinds import GATE
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.problems.up2p.resultant import quadratic
 from rootmatch.problems.up2p.tables import UP2PTables
 
-FIRST_GATE, GATE = 6.0, 3.5
-"""Deviations within which a detection joins a group of three points, and of more."""
+FIRST_GATE = 6.0
+"""Deviations within which a detection joins a group of three points; beyond three, it is `residual_kinds.GATE`."""
 POSSIBLE = 8.0
 """Deviations from the prediction of a few points within which a detection may belong to them."""
 

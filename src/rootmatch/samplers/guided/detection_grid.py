@@ -1,4 +1,4 @@
-"""A raster of nearest detections: where a predicted point would be seen, in a few nanoseconds.
+"""A grid of nearest detections: which detection lies at a predicted point, in a few nanoseconds.
 
 The bearings are projected onto a plane across their mean direction, which is cut into cells; each names the detection
 nearest to its centre, if one is near enough. Looking up a prediction then costs the same for ten detections or a
@@ -7,41 +7,61 @@ thousand, and the distance to the one named is exact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import scalar
+from rootmatch.options import Options, option
 
-CELLS_A_GATE = 4.0
-"""Cells from the centre of a gate to its rim."""
-MOST_CELLS = 512
-"""Cells along the longer side of the raster; a gate far smaller than the image gets fewer cells then."""
 NOBODY = -1
-LEAST_COSINE = 0.05
-"""A bearing further from the mean than 87° is not on the plane."""
+"""In an empty cell."""
+HALF_DIAGONAL = 0.71
+"""Of a cell of side 1, rounded up."""
+LEAST_EXTENT = 1e-9
+"""Extent of the detections, in radians, that is taken for a single one."""
 
 
-class Raster(NamedTuple):
+@dataclass(frozen=True)
+class GridOptions(Options):
+    """How fine the grid of detections is."""
+
+    cells_per_gate: float = option(4.0, above=0.0)
+    """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway. Not tuned."""
+    most_cells: int = option(512, least=1)
+    """Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory; not tuned."""
+    least_cosine: float = option(0.05, above=0.0, most=1.0)
+    """Cosine to the mean bearing below which a detection is off the plane: 87°. Not tuned."""
+    noise_ratio: float = option(2.0, least=1.0)
+    """The gate of all detections has the median σ, or the largest over this if that is more. Not tuned."""
+    least_gate: float = option(1e-4, above=0.0)
+    """Gate over the extent of the detections below which it is rounding, not noise. Not tuned."""
+
+
+DEFAULT_GRID = GridOptions()
+
+
+class DetectionGrid(NamedTuple):
     """Detections on a plane across their mean bearing."""
 
     cells: NDArray[np.int16]
     """(h, w) nearest detection of each cell, −1 where none is within the gate."""
-    places: NDArray[np.float64]
+    positions: NDArray[np.float64]
     """(2, n') coordinates of the detections; NaN for one that the plane does not meet."""
     rays: NDArray[np.float64]
     """(3, n') bearings in the basis of the plane."""
     basis: NDArray[np.float64]
     """(3, 3) rows: the two axes of the plane and the mean bearing."""
     corner: NDArray[np.float64]
-    """(2,) coordinates of the raster's first corner."""
+    """(2,) coordinates of the grid's first corner."""
     scale: float
     """Cells a unit of length."""
     gate2: float
     """Square of the gate, the distance within which a detection is found."""
     density: float
-    """Detections a unit of area, as a prediction placed like the detections themselves meets them."""
+    """Detections per unit of area, as a prediction distributed like the detections themselves meets them."""
 
 
 def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,31 +75,30 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[1.0 + sign * x * x * w, sign * v, -sign * x], [v, sign + y * y * w, -y], [x, y, z]])
 
 
-def build_raster(rays: NDArray[np.float64], gate: float) -> Raster:
-    """Raster of bearings (3, n') with a gate in radians (at the mean bearing).
+def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> DetectionGrid:
+    """Grid of bearings (3, n') with a gate in radians (at the mean bearing).
 
     The density is that of a normal distribution with the detections' covariance, averaged over itself:
     n' / (4π √det Σ), which is also right for a filled rectangle but for a factor of 1.05.
     """
     basis = mean_basis(rays)
-    turned = basis @ rays
-    ahead = turned[2] > LEAST_COSINE
-    places = np.where(ahead, turned[:2] / np.where(ahead, turned[2], 1.0), np.nan)
-    inside = places[:, ahead]
+    rotated = basis @ rays
+    ahead = rotated[2] > options.least_cosine
+    positions = np.where(ahead, rotated[:2] / np.where(ahead, rotated[2], 1.0), np.nan)
+    inside = positions[:, ahead]
     low, high = inside.min(axis=1, initial=np.inf), inside.max(axis=1, initial=-np.inf)
-    extent = max(float((high - low).max()), 1e-9)
-    # a gate below a ten-thousandth of the extent is rounding, not noise
-    gate = max(gate, 1e-4 * extent)
-    size = max(gate / CELLS_A_GATE, (extent + 2.0 * gate) / MOST_CELLS)
+    extent = max(float((high - low).max()), LEAST_EXTENT)
+    gate = max(gate, options.least_gate * extent)
+    size = max(gate / options.cells_per_gate, (extent + 2.0 * gate) / options.most_cells)
     corner = low - gate - size
     width, height = ((high - corner + gate) / size).astype(np.int64) + 2
     cells = np.full((height, width), NOBODY, np.int16)
     nearest = np.full((height, width), np.inf)
     # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
-    reach = gate + 0.71 * size
+    reach = gate + HALF_DIAGONAL * size
     about = int(reach / size) + 1
     for k in np.flatnonzero(ahead).tolist():
-        u, v = ((places[:, k] - corner) / size).tolist()
+        u, v = ((positions[:, k] - corner) / size).tolist()
         rows = slice(max(0, int(v) - about), int(v) + about + 1)
         columns = slice(max(0, int(u) - about), int(u) + about + 1)
         window = nearest[rows, columns]
@@ -89,34 +108,34 @@ def build_raster(rays: NDArray[np.float64], gate: float) -> Raster:
         nearer = (distance2 <= reach * reach) & (distance2 < window)
         window[nearer] = distance2[nearer]
         cells[rows, columns][nearer] = k
-    return Raster(cells, places, turned, basis, corner, 1.0 / size, gate * gate, _density(inside, gate))
+    return DetectionGrid(cells, positions, rotated, basis, corner, 1.0 / size, gate * gate, _density(inside, gate))
 
 
-def _density(places: NDArray[np.float64], gate: float) -> float:
-    """Density n' / (4π √det Σ) of the places, each blurred by the gate so that a line of points has an area too."""
-    count = places.shape[1]
-    centred = places - places.mean(axis=1, keepdims=True)
+def _density(positions: NDArray[np.float64], gate: float) -> float:
+    """Density n' / (4π √det Σ) of the positions, each blurred by the gate so that a line of points has an area too."""
+    count = positions.shape[1]
+    centred = positions - positions.mean(axis=1, keepdims=True)
     (suu, suv), (_, svv) = centred @ centred.T / count
     return float(count / (4.0 * np.pi * np.sqrt((suu + gate * gate) * (svv + gate * gate) - suv * suv)))
 
 
 @scalar
-def look_up(raster, x, y, z):  # type: ignore[no-untyped-def]
-    """Detection within the gate of a point (x, y, z) in the raster's basis, or −1, and their squared distance."""
+def look_up(grid, x, y, z):  # type: ignore[no-untyped-def]
+    """Detection within the gate of a point (x, y, z) in the grid's basis, or −1, and their squared distance."""
     inverse = 1.0 / z
     u = x * inverse
     v = y * inverse
-    column = (u - raster.corner[0]) * raster.scale
-    row = (v - raster.corner[1]) * raster.scale
+    column = (u - grid.corner[0]) * grid.scale
+    row = (v - grid.corner[1]) * grid.scale
     found, distance2 = NOBODY, np.inf
-    height, width = raster.cells.shape
+    height, width = grid.cells.shape
     # written so that NaN and a point behind the camera are outside
     if z > 0.0 and column >= 0.0 and column < width and row >= 0.0 and row < height:
-        k = int(raster.cells[int(row), int(column)])
+        k = int(grid.cells[int(row), int(column)])
         if k >= 0:
-            du = u - raster.places[0, k]
-            dv = v - raster.places[1, k]
+            du = u - grid.positions[0, k]
+            dv = v - grid.positions[1, k]
             distance2 = du * du + dv * dv
-            if distance2 <= raster.gate2:
+            if distance2 <= grid.gate2:
                 found = k
     return found, distance2

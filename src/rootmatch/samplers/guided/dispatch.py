@@ -1,4 +1,4 @@
-"""The kernels of a guided search, chosen by the type of a problem's tables while a driver is compiled.
+"""The kernels of a guided search, selected by the type of a problem's tables while a driver is compiled.
 
 One driver serves all problems and is found again in the on-disk cache; see `rootmatch.problems.residual_dispatch`.
 """
@@ -16,12 +16,12 @@ def hypothesis_kernels(tables: Any) -> HypothesisKernels:
     """The kernels of some tables, of their class or of their Numba type, which must have them."""
     kernels = kernels_of(tables).hypotheses
     if kernels is None:
-        raise TypeError(f"{tables}: no kernels for a guided search; ask can_propose() first")
+        raise TypeError(f"{tables}: no kernels for a guided search; ask has_hypotheses() first")
     return kernels
 
 
-def can_propose(tables: type) -> bool:
-    """Whether a type of tables has what a guided search needs."""
+def has_hypotheses(tables: type) -> bool:
+    """Whether a type of tables has the kernels for a guided search."""
     return kernels_of(tables).hypotheses is not None
 
 
@@ -35,14 +35,14 @@ def solve_set(tables: Any, i: Any, j: Any, scratch: Any) -> Any:
     hypothesis_kernels(tables).solve(tables, i, j, scratch)
 
 
-def set_known(tables: Any, raster: Any, i: Any, j: Any) -> Any:
-    """What is known of a set before its last image; see `HypothesisKernels`."""
-    return hypothesis_kernels(tables).known(tables, raster, i, j)
+def set_known(tables: Any, grid: Any, i: Any, j: Any) -> Any:
+    """The part of a set's frame that does not depend on its last image; see `HypothesisKernels`."""
+    return hypothesis_kernels(tables).known(tables, grid, i, j)
 
 
-def set_frame(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
+def set_frame(tables: Any, grid: Any, known: Any, last: Any, scratch: Any, root: Any) -> Any:
     """Frame of a set at one root; see `HypothesisKernels`."""
-    return hypothesis_kernels(tables).frame(tables, raster, known, last, scratch, root)
+    return hypothesis_kernels(tables).frame(tables, grid, known, last, scratch, root)
 
 
 def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
@@ -56,12 +56,12 @@ def _solve_choice(tables: Any, i: Any, j: Any, scratch: Any) -> Callable[..., An
 
 
 @calls(set_known)
-def _known_choice(tables: Any, raster: Any, i: Any, j: Any) -> Callable[..., Any]:
+def _known_choice(tables: Any, grid: Any, i: Any, j: Any) -> Callable[..., Any]:
     return hypothesis_kernels(tables).known
 
 
 @calls(set_frame)
-def _hypothesis_choice(tables: Any, raster: Any, known: Any, last: Any, scratch: Any, root: Any) -> Callable[..., Any]:
+def _hypothesis_choice(tables: Any, grid: Any, known: Any, last: Any, scratch: Any, root: Any) -> Callable[..., Any]:
     return hypothesis_kernels(tables).frame
 
 

@@ -1,4 +1,4 @@
-"""What a search finds."""
+"""The hypotheses of a search, and the clusters that it ends with."""
 
 from __future__ import annotations
 
@@ -8,60 +8,61 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.samplers.guided.verification import CANDIDATES
-
 Integers = NDArray[np.int64]
 
 
-class Proposals(NamedTuple):
-    """K solved minimal sets and what they propose."""
+class Hypotheses(NamedTuple):
+    """K solved minimal sets and the correspondences that each predicts."""
 
     points: Integers
     """(K, m) source points of the minimal set."""
     images: Integers
-    """(K, 1 + m) root, and image of each of those points."""
+    """(K, 1 + m) number of the root, and image of each of those points."""
     evidence: NDArray[np.float64]
     """(K,) log-likelihood ratio against chance."""
     best: Integers
     """(K, n) image of each source point, −1 for none."""
     candidates: Integers
-    """(K, n, CANDIDATES) images near the prediction, nearest first, then −1."""
+    """(K, n, c) images near the prediction, nearest first, then −1."""
 
     @classmethod
-    def joined(cls, parts: Sequence[Proposals], minimal: int, n: int) -> Proposals:
-        """All of some, one after the other; ``minimal`` and n say what none of them looks like."""
-        if not parts:
-            return cls(
-                np.empty((0, minimal), np.int64), np.empty((0, 1 + minimal), np.int64), np.empty(0),
-                np.empty((0, n), np.int64), np.empty((0, n, CANDIDATES), np.int64),
-            )  # fmt: skip
-        if len(parts) == 1:
-            return parts[0]
+    def empty(cls, minimal: int, n: int, candidates: int) -> Hypotheses:
+        """No hypotheses of minimal sets of some size, n source points and so many candidates for each."""
         return cls(
-            np.concatenate([part.points for part in parts]),
-            np.concatenate([part.images for part in parts]),
-            np.concatenate([part.evidence for part in parts]),
-            np.concatenate([part.best for part in parts]),
-            np.concatenate([part.candidates for part in parts]),
+            np.empty((0, minimal), np.int64), np.empty((0, 1 + minimal), np.int64), np.empty(0),
+            np.empty((0, n), np.int64), np.empty((0, n, candidates), np.int64),
+        )  # fmt: skip
+
+    @classmethod
+    def joined(cls, batches: Sequence[Hypotheses]) -> Hypotheses:
+        """All of some batches, one after the other."""
+        if len(batches) == 1:
+            return batches[0]
+        return cls(
+            np.concatenate([batch.points for batch in batches]),
+            np.concatenate([batch.images for batch in batches]),
+            np.concatenate([batch.evidence for batch in batches]),
+            np.concatenate([batch.best for batch in batches]),
+            np.concatenate([batch.candidates for batch in batches]),
         )
 
-    def taken(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Proposals:
+    def take(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Hypotheses:
         """Some of them."""
-        return Proposals(
+        return Hypotheses(
             self.points[which], self.images[which], self.evidence[which], self.best[which], self.candidates[which]
         )
 
-    def strongest(self, most: int) -> Proposals:
-        """The first of them by evidence, the strongest first."""
-        return self.taken(np.argsort(-self.evidence, kind="stable")[:most])
+    def strongest(self, most: int) -> Hypotheses:
+        """At most so many of them, those of the highest evidence, strongest first."""
+        return self.take(np.argsort(-self.evidence, kind="stable")[:most])
 
 
-class Found(NamedTuple):
-    """G groups of like proposals, strongest first."""
+class HypothesisClusters(NamedTuple):
+    """G clusters of hypotheses that match the same points, strongest first."""
 
     lists: Integers
     """(G, n, c) candidate images of each source point, −1 for none."""
     evidence: NDArray[np.float64]
-    """(G,) of the strongest of each."""
-    accident: float
+    """(G,) of the strongest hypothesis of each."""
+    false_alarm_level: float
     """Evidence that chance may reach."""

@@ -1,25 +1,46 @@
-"""From proposals to hyper-edges: groups of like proposals, and the hyper-edges among each group's correspondences."""
+"""Clustering of hypotheses that match the same points, and the hyper-edges among each cluster's correspondences."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.jit.internal import internal
+from rootmatch.options import Options, option
 
 Integers = NDArray[np.int64]
 
-LIST = 6
-"""Detections that a group keeps for one source point."""
 WORD = 64
-"""Groups a word of the membership mask."""
+"""Clusters per word of the membership mask."""
 
 
-def group(
-    evidence: NDArray[np.float64], best: Integers, candidates: Integers, groups: int, alike: float, weak: float
+@dataclass(frozen=True)
+class ClusteringOptions(Options):
+    """Which hypotheses are one cluster, and what it keeps of them; benchmarks/guided.py shows what is found."""
+
+    shared: float = option(0.5, above=0.0, most=1.0)
+    """Fraction of the correspondences of the smaller of two hypotheses that makes them one. Not tuned."""
+    weak: float = option(0.5, least=0.0, most=1.0)
+    """Fraction of the leader's evidence below which a hypothesis adds no candidates: it predicts too vaguely. Not
+    tuned."""
+    candidates: int = option(6, least=1)
+    """Detections that a cluster keeps for one source point. Not tuned."""
+
+
+DEFAULT_CLUSTERING = ClusteringOptions()
+
+
+def cluster(
+    evidence: NDArray[np.float64],
+    best: Integers,
+    candidates: Integers,
+    most: int,
+    options: ClusteringOptions = DEFAULT_CLUSTERING,
 ) -> tuple[Integers, Integers]:
-    """Join proposals that mean the same.
+    """Cluster the hypotheses that share correspondences with a stronger one, the leader of the cluster.
 
     Parameters
     ----------
@@ -27,31 +48,29 @@ def group(
         Descending.
     best : (K, n) int64 array
     candidates : (K, n, c) int64 array
-    groups : int
-        Most groups.
-    alike : float
-        A proposal joins a group when it shares this part of the fewer correspondences with the group's first.
-    weak : float
-        One whose evidence is below this part of the first's adds nothing to the group: it predicts too vaguely.
+    most : int
+        Most clusters.
+    options : ClusteringOptions
 
     Returns
     -------
     leaders : (G,) int64 array
-        The strongest proposal of each group.
-    lists : (G, n, LIST) int64 array
-        Candidates of each group: those of its leader, then of the others; −1 for none.
+        The strongest hypothesis of each cluster.
+    lists : (G, n, c) int64 array
+        Candidates of each cluster: those of its leader, then of the others; −1 for none.
     """
-    groups = min(groups, len(best))
-    leaders = np.empty(groups, np.int64)
-    lists = np.full((groups, best.shape[1], LIST), -1)
-    made = _group(evidence, best, candidates, alike, weak, (best >= 0).sum(axis=1), leaders, lists)
+    most = min(most, len(best))
+    leaders = np.empty(most, np.int64)
+    lists = np.full((most, best.shape[1], options.candidates), -1)
+    size = (best >= 0).sum(axis=1)
+    made = _cluster(evidence, best, candidates, float(options.shared), float(options.weak), size, leaders, lists)
     return leaders[:made], lists[:made]
 
 
 @njit(cache=True, nogil=True)
-def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
+def _cluster(evidence, best, candidates, least_shared, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
     """Fill in leaders and lists; how many there are. ``size`` (K,) is how many correspondences each has."""
-    n = best.shape[1]
+    n, places = best.shape[1], lists.shape[2]
     made = 0
     for q in range(best.shape[0]):
         home = -1
@@ -61,7 +80,7 @@ def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # ty
             for d in range(n):
                 shared += best[q, d] >= 0 and best[q, d] == best[leader, d]
             fewer = size[q] if size[q] < size[leader] else size[leader]
-            if shared >= alike * fewer:
+            if shared >= least_shared * fewer:
                 home = g
                 break
         if home < 0:
@@ -77,7 +96,7 @@ def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # ty
                 k = candidates[q, d, c]
                 if k < 0:
                     break
-                for place in range(LIST):
+                for place in range(places):
                     if lists[home, d, place] == k:
                         break
                     if lists[home, d, place] < 0:
@@ -87,7 +106,7 @@ def _group(evidence, best, candidates, alike, weak, size, leaders, lists):  # ty
 
 
 def membership(lists: Integers, n_target: int) -> NDArray[np.uint64]:
-    """Which groups hold each correspondence: bits (n, n', words)."""
+    """Which clusters hold each correspondence: bits (n, n', words)."""
     mask = np.zeros((lists.shape[1], n_target, (len(lists) + WORD - 1) // WORD), np.uint64)
     g, d, place = np.nonzero(lists >= 0)
     bits = np.left_shift(np.uint64(1), (g % WORD).astype(np.uint64))
@@ -97,7 +116,7 @@ def membership(lists: Integers, n_target: int) -> NDArray[np.uint64]:
 
 @njit(cache=True)
 def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type: ignore[no-untyped-def]
-    """Hyper-edges over given source points among the candidates of any one group, each once, group by group.
+    """Hyper-edges over given source points among the candidates of any one cluster, each once, cluster by cluster.
 
     Parameters
     ----------
@@ -107,7 +126,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
     source, target : (E, d) int64 arrays
         Filled as far as they go.
     counts : (G,) int64 array
-        Filled with how many there are in each group.
+        Filled with how many there are in each cluster.
     """
     order = subsets.shape[1]
     place = np.empty(order, np.int64)
@@ -140,7 +159,7 @@ def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type:
 
 @internal()
 def _once(lists, mask, subsets, place, s, g):  # type: ignore[no-untyped-def]
-    """Whether the detections are distinct and no earlier group holds all the correspondences."""
+    """Whether the detections are distinct and no earlier cluster holds all the correspondences."""
     order = subsets.shape[1]
     for p in range(order):
         k = lists[g, subsets[s, p], place[p]]

@@ -4,57 +4,74 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.hypergraph.random_tuples import distinct_sets
+from rootmatch.options import Options, option
+
 Integers = NDArray[np.int64]
 
-ALL = 6_000
-"""Minimal sets up to which all are listed; beyond, they are drawn."""
-DRAWN = 1_024
-"""Drawn at a time, of which the wider half is used."""
-FIRST_WAVE, LARGEST_WAVE = 8, 128
-"""Minimal sets that are tried side by side; each wave is twice the one before."""
-EVENNESS = 0.7
-"""The widths are blurred by a random factor from here to 1, so that no one point is in all of the first sets."""
+
+@dataclass(frozen=True)
+class MinimalSetOptions(Options):
+    """In which order minimal sets of source points are tried; the work of a search is in benchmarks/guided.py."""
+
+    listed: int = option(6_000, least=1)
+    """Minimal sets up to which all are listed, each once; beyond, they are drawn. A round value, not tuned."""
+    drawn: int = option(1_024, least=1)
+    """Minimal sets drawn at once. A round value, not tuned."""
+    wider_part: float = option(0.5, above=0.0, most=1.0)
+    """Fraction of the drawn sets that is used, the wider ones. A round value, not tuned."""
+    first_wave: int = option(8, least=1)
+    """Minimal sets that are tried together at first; each wave is twice the one before. Not tuned."""
+    largest_wave: int = option(128, least=1)
+    """Minimal sets of the largest wave. Not tuned."""
+    evenness: float = option(0.7, least=0.0, most=1.0)
+    """Widths are blurred by a random factor from here to 1, so that no one point is in all of the first sets. Not
+    tuned."""
+    drawn_in_cluster: int = option(64, least=1)
+    """Minimal sets among the points of a cluster of hypotheses, of which the widest are solved. Not tuned."""
 
 
-def minimal_sets(places: NDArray[np.float64], size: int, rng: np.random.Generator) -> Iterator[Integers]:
+DEFAULT_SETS = MinimalSetOptions()
+
+
+def minimal_sets(
+    positions: NDArray[np.float64], size: int, rng: np.random.Generator, options: MinimalSetOptions = DEFAULT_SETS
+) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of the points (n, 3), wide ones first.
 
     Where there are many the sets are drawn without end (a set may come again); otherwise each comes once.
     """
-    n = len(places)
-    wave = FIRST_WAVE
-    listed = math.comb(n, size) <= ALL
+    n = len(positions)
+    wave = options.first_wave
+    listed = math.comb(n, size) <= options.listed
     ranked = np.empty((0, size), np.int64)
     while True:
         if len(ranked) < wave:
             if listed:
                 drawn = np.array(list(combinations(range(n), size)), dtype=np.int64)
             else:
-                drawn = _distinct(rng, max(DRAWN, 2 * wave), n, size)
-            order = np.argsort(-width(places, drawn) * rng.uniform(EVENNESS, 1.0, len(drawn)), kind="stable")
-            ranked = np.concatenate([ranked, drawn[order[: len(order) if listed else len(order) // 2]]])
+                # at least so many that the wider part makes a wave
+                drawn = distinct_sets(rng, max(options.drawn, math.ceil(wave / options.wider_part)), n, size)
+            blurred = width(positions, drawn) * rng.uniform(options.evenness, 1.0, len(drawn))
+            used = len(drawn) if listed else int(options.wider_part * len(drawn))
+            ranked = np.concatenate([ranked, drawn[np.argsort(-blurred, kind="stable")[:used]]])
         while len(ranked) and (listed or len(ranked) >= wave):
             yield np.ascontiguousarray(ranked[:wave])
             ranked = ranked[wave:]
-            wave = min(2 * wave, LARGEST_WAVE)
+            wave = min(2 * wave, options.largest_wave)
         if listed:
             return
 
 
-def _distinct(rng: np.random.Generator, count: int, n: int, size: int) -> Integers:
-    """About ``count`` sets (…, size) of distinct indices below n."""
-    drawn = np.sort(rng.integers(0, n, (count, size)), axis=1)
-    return np.asarray(drawn[(drawn[:, 1:] != drawn[:, :-1]).all(axis=1)])
-
-
-def width(places: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]:
+def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]:
     """How well sets (S, m) predict: the least altitude of a triangle, the distance of a pair, (S,)."""
-    corners = places[sets]
+    corners = positions[sets]
     first = corners[:, 1] - corners[:, 0]
     if sets.shape[1] == 2:
         return np.asarray(np.sqrt((first**2).sum(axis=1)))
@@ -65,14 +82,21 @@ def width(places: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(area2 / np.maximum(longest, 1e-300)))
 
 
-def widest(places: NDArray[np.float64], members: Integers, size: int, count: int, rng: np.random.Generator) -> Integers:
+def widest(
+    positions: NDArray[np.float64],
+    members: Integers,
+    size: int,
+    count: int,
+    rng: np.random.Generator,
+    options: MinimalSetOptions = DEFAULT_SETS,
+) -> Integers:
     """Up to ``count`` wide sets (≤ count, size) among some of the points."""
-    if math.comb(len(members), size) <= 64:
+    if math.comb(len(members), size) <= options.drawn_in_cluster:
         drawn = np.array(list(combinations(range(len(members)), size)), dtype=np.int64).reshape(-1, size)
     else:
-        drawn = _distinct(rng, 64, len(members), size)
+        drawn = distinct_sets(rng, options.drawn_in_cluster, len(members), size)
     sets = members[drawn]
-    return sets[np.argsort(-width(places, sets), kind="stable")[:count]]
+    return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 
 
 def others_of(sets: Integers, n: int) -> Integers:

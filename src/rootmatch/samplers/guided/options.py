@@ -1,41 +1,121 @@
-"""Options of the guided search: how hard to search."""
+"""Options of the guided search; those of each of its algorithms stand beside the algorithm."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rootmatch.errors import InputError
+from rootmatch.options import Options, option
+from rootmatch.samplers.guided.detection_grid import GridOptions
+from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
+from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
+from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
+from rootmatch.samplers.guided.stopping import StoppingOptions
+from rootmatch.samplers.guided.verification import VerificationOptions
+
+__all__ = [
+    "BatchOptions",
+    "ClusteringOptions",
+    "GridOptions",
+    "GuidedOptions",
+    "MinimalSetOptions",
+    "RefinementOptions",
+    "SequentialTestOptions",
+    "StoppingOptions",
+    "VerificationOptions",
+]
 
 
 @dataclass(frozen=True)
-class GuidedOptions:
+class BatchOptions(Options):
+    """How the work of a search is divided; its cost is measured in benchmarks/guided.py and benchmarks/matches.py."""
+
+    first: int = option(8_000, least=1)
+    """Minimal sets solved before the first look at what was found; each batch is twice the one before. Not tuned."""
+    largest: int = option(400_000, least=1)
+    """Minimal sets of the largest batch. A round value, not tuned."""
+    chunks: int = option(8, least=1)
+    """Parts of a batch, whatever the number of threads, so that the result does not depend on it. Not tuned."""
+    least_kept_per_chunk: int = option(8, least=1)
+    """Survivors of the sequential test that a chunk keeps at the least. A round value, not tuned."""
+    chunk_surplus: float = option(2.0, least=1.0)
+    """A chunk keeps so many times its equal share of the survivors that are verified: some chunks have more of the
+    best. A round value, not tuned."""
+    sets_per_thread: int = option(4_000, least=1)
+    """Minimal sets that are worth waking a thread for, about half a millisecond. Changes no result."""
+    least_verified: int = option(32, least=1)
+    """Survivors of a batch that are verified, at least, for one motion. A round value, not tuned."""
+    sets_per_verified: int = option(500, least=1)
+    """Minimal sets solved for each further one, for one motion. A round value, not tuned."""
+    least_verified_of_many: int = option(1_024, least=1)
+    """Survivors that are verified with several motions, whose few points hardly stand out before. Not tuned."""
+    sets_per_verified_of_many: int = option(20, least=1)
+    """Minimal sets solved for each further one, with several motions. A round value, not tuned."""
+    remembered: int = option(4_000, least=1)
+    """Hypotheses that are kept from batch to batch. A round value, not tuned."""
+    most_batches: int = option(16, least=1)
+    """Batches whose hypotheses are kept apart until they are joined and the weakest forgotten. A round value."""
+
+
+@dataclass(frozen=True)
+class RefinementOptions(Options):
+    """How the best clusters are refined; what is found is measured in benchmarks/guided.py."""
+
+    clusters: int = option(8, least=1)
+    """Clusters that are solved anew from their own correspondences, at least, when none is beyond chance. Not tuned."""
+    cluster_part: float = option(0.25, least=0.0, most=1.0)
+    """Fraction of the clusters that is solved anew then, if that is more. A round value, not tuned."""
+    sets: int = option(8, least=1)
+    """Minimal sets solved anew of each cluster. A round value, not tuned."""
+    rival_sets: float = option(3.0, least=0.0)
+    """Minimal sets, all of them visible, for which the detections of the best hypothesis are tried in every other
+    arrangement: an object that looks like itself has rivals. A round value; `tests/test_guided.py` has such objects."""
+    rival_evidence: float = option(0.5, least=0.0, most=1.0)
+    """Fraction of the highest evidence from which another hypothesis is a rival. A round value, not tuned."""
+
+
+@dataclass(frozen=True)
+class GuidedOptions(Options):
     """How hard to search.
 
     Parameters
     ----------
     budget : int
         Most evaluations: minimal sets solved and points looked up. A search that finds something beyond chance ends
-        long before; one that does not, ends here or when every minimal set was tried.
+        long before; one that does not, ends here or when every minimal set was tried. Half a minute of two cores;
+        not tuned.
     max_seconds : float, optional
         Time after which no new batch begins. What is found then depends on the machine.
     groups : int
-        Most groups of like proposals whose hyper-edges are evaluated.
+        Most clusters of hypotheses whose hyper-edges are evaluated. A round value, not tuned.
     gate : float
-        Distance from a prediction, in σ, within which a detection counts while minimal sets are tried.
+        Distance from a prediction, in σ, within which a detection counts while minimal sets are tried; wide, as it
+        also covers the errors of the minimal set. A round value; what is found: benchmarks/guided.py.
     subsets : int
-        Most d-subsets of source points whose hyper-edges are evaluated; a seeded choice where there are more.
+        Most d-subsets of source points whose hyper-edges are evaluated; a seeded selection of more. A round value,
+        not tuned.
     edges : int
-        Most hyper-edges that are evaluated, those of the strongest groups.
+        Most hyper-edges that are evaluated, those of the strongest clusters. A round value, not tuned.
+    surplus : float
+        Drawn d-subsets for each that is used, as some are drawn twice or repeat a point. A round value.
+    chance_samples : int
+        Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond; not tuned.
+    stopping, test, sets, verification, clustering, refinement, batches, grid
+        Options of the parts; see their classes.
     """
 
-    budget: int = 500_000_000
-    max_seconds: float | None = None
-    groups: int = 1000
-    gate: float = 8.0
-    subsets: int = 20_000
-    edges: int = 300_000
-
-    def __post_init__(self) -> None:
-        for name in ("budget", "groups", "gate", "subsets", "edges"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"Guided: {name} is {getattr(self, name)!r}; give a positive number")
+    budget: int = option(500_000_000, above=0)
+    max_seconds: float | None = option(None, least=0.0)
+    groups: int = option(1000, above=0)
+    gate: float = option(8.0, above=0.0)
+    subsets: int = option(20_000, above=0)
+    edges: int = option(300_000, above=0)
+    surplus: float = option(1.5, least=1.0)
+    chance_samples: int = option(4096, above=0)
+    stopping: StoppingOptions = option(StoppingOptions())
+    test: SequentialTestOptions = option(SequentialTestOptions())
+    sets: MinimalSetOptions = option(MinimalSetOptions())
+    verification: VerificationOptions = option(VerificationOptions())
+    clustering: ClusteringOptions = option(ClusteringOptions())
+    refinement: RefinementOptions = option(RefinementOptions())
+    batches: BatchOptions = option(BatchOptions())
+    grid: GridOptions = option(GridOptions())

@@ -1,108 +1,173 @@
-"""Minimal sets propose where every point is seen; a sequential test ends the false proposals after a look or two.
+"""The sequential probability ratio test that drops false hypotheses after one or two points.
 
-A minimal set of correspondences is solved, each of its roots carries the other source points into the camera, and each
-is looked up in a raster of detections. The evidence is a log-likelihood ratio: a detection near the prediction speaks
-for the proposal by the density of its distance against the density of detections, an empty place against it by the
-chance that a point is not seen. A proposal whose ratio falls below a floor is dropped (Wald's sequential probability
-ratio test). What survives is weighed with the covariance of each prediction, in
-`rootmatch.samplers.guided.verification`.
+A minimal set of correspondences is solved. Each solution is a hypothesis: it carries the other source points into the
+camera's frame, where each is looked up in a grid of detections. A detection near the prediction raises the
+log-likelihood ratio by the density of its distance over the density of detections; an empty position lowers it by the
+probability that the point is not visible. A hypothesis whose ratio falls below a floor is dropped (Wald 1945). The
+survivors are verified with the covariance of each prediction in `rootmatch.samplers.guided.verification`.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.errors import InputError
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, part
 from rootmatch.jit.threads import in_threads
+from rootmatch.options import Options, option
 from rootmatch.problems.padding import target_columns, with_room
-from rootmatch.samplers.guided.detection_grid import Raster, look_up
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
 from rootmatch.samplers.guided.dispatch import set_coordinates, set_frame, set_known, solve_set
 from rootmatch.samplers.guided.screening import ROOTS, screen
 
-__all__ = ["ROOTS", "Rules", "Sets", "prepare_sets", "propose"]
+
+@dataclass(frozen=True)
+class SequentialTestOptions(Options):
+    """What the sequential test assumes of true and false hypotheses; its work is measured in benchmarks/guided.py."""
+
+    visible: float = option(0.85, above=0.0, most=1.0)
+    """Fraction of the source points assumed visible at first, for one motion. A round value, not tuned."""
+    visible_of_many: float = option(0.3, above=0.0, most=1.0)
+    """The same for several motions: the points of the other motions do not count. A round value, not tuned."""
+    decay: float = option(0.75, above=0.0, most=1.0)
+    """Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points.
+    A round value, not tuned."""
+    least_visible: float = option(0.2, above=0.0, most=1.0)
+    """Fraction below which the assumption never falls. A round value, not tuned."""
+    least_visible_odds: float = option(1.5, above=1.0)
+    """Least fraction over the chance of a hit by clutter; below 1 a hit would be no evidence. Not tuned."""
+    most_clutter: float = option(0.6, above=0.0, most=1.0)
+    """Chance of a hit by clutter beyond which it is not believed. A round value, not tuned."""
+    sharpness: float = option(2.5, above=0.0)
+    """The gate over the deviation of a true detection from its prediction, which also has the errors of the minimal
+    set. A round value, not tuned."""
+    drop_ratio: float = option(0.03, above=0.0, most=1.0)
+    """Likelihood ratio below which a hypothesis is dropped. A round value, not tuned."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.least_visible_odds * self.most_clutter >= 1.0:
+            raise InputError(
+                f"SequentialTestOptions: least_visible_odds · most_clutter is "
+                f"{self.least_visible_odds * self.most_clutter:g}; it is a probability, give a product below 1"
+            )
 
 
-class Rules(NamedTuple):
-    """The sequential test, in log-likelihood ratios."""
+class SequentialTest(NamedTuple):
+    """The sequential test as kernels take it, in log-likelihood ratios."""
 
     hit: float
-    """Of a detection at the very place."""
+    """Of a detection exactly at the prediction."""
     fall: float
-    """What is lost of it at the rim of the gate (quadratic in the distance)."""
+    """Loss at the rim of the gate, quadratic in the distance."""
     miss: float
-    """Of an empty place, negative."""
+    """Of an empty position, negative."""
     floor: float
-    """Below it a proposal is dropped."""
+    """A hypothesis below it is dropped."""
     least: int
-    """Correspondences, the minimal set included, below which a survivor is not reported."""
+    """Correspondences, the minimal set included, that a reported survivor must have."""
     normals: bool
     """Whether any source point has a normal."""
 
 
-class Sets(NamedTuple):
-    """Minimal sets of source points and what is the same for all their images."""
+def sequential_test(
+    options: SequentialTestOptions, clutter: float, visible: float, wave: int, least: int, normals: bool
+) -> SequentialTest:
+    """The test of one wave of minimal sets.
+
+    Parameters
+    ----------
+    options : SequentialTestOptions
+    clutter : float
+        Mean number of clutter detections within a gate.
+    visible : float
+        Fraction of the source points assumed visible in the first wave.
+    wave : int
+        Number of the wave, from 0.
+    least, normals
+        See `SequentialTest`.
+    """
+    met = min(1.0 - math.exp(-clutter), options.most_clutter)
+    seen = max(visible * options.decay**wave, options.least_visible, options.least_visible_odds * met)
+    fall = 0.5 * options.sharpness**2
+    return SequentialTest(
+        hit=math.log(seen / met) + math.log(fall),
+        fall=fall,
+        miss=math.log((1.0 - seen) / (1.0 - met)),
+        floor=math.log(options.drop_ratio),
+        least=least,
+        normals=normals,
+    )
+
+
+class PreparedSets(NamedTuple):
+    """Minimal sets of source points and what all their images share."""
 
     points: NDArray[np.int64]
     """(S, m) source points."""
     others: NDArray[np.int64]
-    """(S, n − m) the rest, in the order in which they are looked up."""
+    """(S, n − m) the other points, in the order in which they are looked up."""
     coordinates: NDArray[np.float64]
-    """(S, n − m, 6) of the rest in the frame of the set: place and normal."""
+    """(S, n − m, 6) position and normal of the others in the frame of the set."""
     own: NDArray[np.float64]
     """(S, m, 3) normals of the set's points in its frame."""
     offset: NDArray[np.int64]
-    """(S,) where in the list of arrangements each set begins."""
+    """(S,) index into the arrangements where each set begins."""
 
 
-def prepare_sets(tables: Any, points: NDArray[np.int64], others: NDArray[np.int64], offset: NDArray[np.int64]) -> Sets:
-    """`Sets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
+def prepare_sets(
+    tables: Any, points: NDArray[np.int64], others: NDArray[np.int64], offset: NDArray[np.int64]
+) -> PreparedSets:
+    """`PreparedSets` of minimal sets (S, m), the other points (S, n − m) of each and their offsets (S,)."""
     coordinates, own = set_coordinates(tables, points, others)
-    return Sets(points, others, coordinates, own, offset)
+    return PreparedSets(points, others, coordinates, own, offset)
 
 
 @part
-def _verify(raster, rules, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
-    """Log-likelihood ratio of a frame in the raster's basis, points found, points looked up; −∞ when dropped."""
+def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
+    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
     ratio = 0.0
-    found = 0
+    hits = 0
     looked = 0
-    fall = rules.fall / raster.gate2
+    fall = test.fall / grid.gate2
     for r in range(others.shape[0]):
         a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
         x = ox + a * ex + b * fx + c * gx
         y = oy + a * ey + b * fy + c * gy
         z = oz + a * ez + b * fz + c * gz
-        if rules.normals:
+        if test.normals:
             a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
             away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
             if away > 0.0:
                 continue
         looked += 1
-        k, distance2 = look_up(raster, x, y, z)
+        k, distance2 = look_up(grid, x, y, z)
         if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
             stamp[k] = tick
-            hit = rules.hit - fall * distance2
-            ratio += hit if hit > rules.miss else rules.miss
-            found += 1
+            hit = test.hit - fall * distance2
+            ratio += hit if hit > test.miss else test.miss
+            hits += 1
         else:
-            ratio += rules.miss
-            if ratio < rules.floor:
+            ratio += test.miss
+            if ratio < test.floor:
                 ratio = -np.inf
                 break
-    return ratio, found, looked
+    return ratio, hits, looked
 
 
-def propose(
+def run_sequential_tests(
     tables: Any,
-    raster: Raster,
-    rules: Rules,
-    sets: Sets,
+    grid: DetectionGrid,
+    test: SequentialTest,
+    sets: PreparedSets,
     arrangements: NDArray[np.int32],
     first: int,
     last: int,
@@ -111,80 +176,81 @@ def propose(
     chunks: int,
     threads: int = 1,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Best proposals among the tasks ``first … last − 1``.
+    """Surviving hypotheses of the tasks ``first … last − 1``, those of the highest ratio.
 
     Parameters
     ----------
-    tables, raster, rules, sets
-        The tables may have room behind the targets.
+    tables, grid, test, sets
+        The tables may have padding behind the targets.
     arrangements : (P, m − 1) int32 array
         Images of all points of a minimal set but the last, which runs over all detections.
     first, last : int
         Task t is arrangement t // S + offset, modulo P, of set t % S.
     allowed : (n, n') bool array, or (0, 0) for all
     keep : int
-        Most proposals that a chunk reports.
+        Most hypotheses that a chunk reports.
     chunks : int
-        Pieces that the tasks are cut into; the result depends on it, not on the number of threads.
+        Parts that the tasks are divided into; the result depends on it, not on the number of threads.
     threads : int
-        Threads of Python: compiled code does not hold its lock, and it compiles in half the time of a parallel loop.
+        Python threads: compiled code does not hold the lock, and it compiles in half the time of a parallel loop.
 
     Returns
     -------
-    found : (chunks, keep, m + 2) int64 array
+    survivors : (chunks, keep, m + 2) int64 array
         Minimal set, root, and image of each of its points; −1 first where there is none.
     ratios : (chunks, keep) array
         Log-likelihood ratio.
     counts : (chunks, 3) int64 array
         Minimal sets solved, solutions tested, points looked up.
     """
-    found = np.full((chunks, keep, sets.points.shape[1] + 2), -1, np.int64)
+    survivors = np.full((chunks, keep, sets.points.shape[1] + 2), -1, np.int64)
     ratios = np.full((chunks, keep), -np.inf)
     counts = np.zeros((chunks, 3), np.int64)
-    n_target, m = raster.places.shape[1], sets.points.shape[1]
+    n_target, m = grid.positions.shape[1], sets.points.shape[1]
     columns = target_columns(tables, n_target)
-    raster = raster._replace(rays=with_room(raster.rays, columns))
-    grid = raster.cells.reshape(-1)
-    looks = _looks(rules, sets.others.shape[1], m)
+    grid = grid._replace(rays=with_room(grid.rays, columns))
+    flat_cells = grid.cells.reshape(-1)
+    lookups = _lookups(test, sets.others.shape[1], m)
 
-    def examine(first_chunk: int, last_chunk: int) -> None:
+    def test_chunks(first_chunk: int, last_chunk: int) -> None:
         scratch = np.empty((2 * ROOTS, columns))
         cells = np.empty((2, columns), np.int64)
         passed = np.empty((ROOTS, columns), np.bool_)
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
-        _examine(
-            tables, raster, grid, rules, sets, arrangements, allowed, looks, first, last,
-            first_chunk, last_chunk, chunks, scratch, cells, passed, stamp, image, found, ratios, counts,
+        _test_chunks(
+            tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last,
+            first_chunk, last_chunk, chunks, scratch, cells, passed, stamp, image, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_threads(examine, chunks, threads)
-    return found, ratios, counts
+    in_threads(test_chunks, chunks, threads)
+    return survivors, ratios, counts
 
 
-def _looks(rules: Rules, others: int, minimal: int) -> int:
-    """Points that are looked up before a solution that misses all of them is dropped; 0 where none is."""
-    looks = int(rules.floor / rules.miss) + 1
-    # one that has found nothing at all is not reported
-    return min(looks, others) if looks <= others or rules.least > minimal else 0
+def _lookups(test: SequentialTest, others: int, minimal: int) -> int:
+    """Points that are looked up before a hypothesis that misses all of them is dropped; 0 where none is."""
+    lookups = int(test.floor / test.miss) + 1
+    # a hypothesis without any hit is not reported
+    return min(lookups, others) if lookups <= others or test.least > minimal else 0
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _examine(  # type: ignore[no-untyped-def]
-    tables, raster, grid, rules, sets, arrangements, allowed, looks, first, last, first_chunk, last_chunk, chunks,
-    scratch, cells, passed, stamp, j, found, ratios, counts,
+def _test_chunks(  # type: ignore[no-untyped-def]
+    tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, first_chunk, last_chunk, chunks,
+    scratch, cells, passed, stamp, j, survivors, ratios, counts,
 ):  # fmt: skip
     """Chunks ``first_chunk … last_chunk − 1`` of the tasks.
 
-    ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are its own:
-    what could be allocated or filled in here is so outside, as each array made in jitted code costs compile time.
+    ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are scratch,
+    made outside, as each array made in jitted code costs compile time.
     """
-    tables, raster, grid, sets, arrangements, allowed = borrowed((tables, raster, grid, sets, arrangements, allowed))
+    tables, grid, flat_cells, sets = borrowed((tables, grid, flat_cells, sets))
+    arrangements, allowed = borrowed((arrangements, allowed))
     scratch, cells, passed, stamp, j = borrowed((scratch, cells, passed, stamp, j))
-    found, ratios, counts = borrowed((found, ratios, counts))
+    survivors, ratios, counts = borrowed((survivors, ratios, counts))
     points_of, others_of, coordinates_of, own_of, offset = sets
     count, m = points_of.shape
-    n_target = raster.places.shape[1]
+    n_target = grid.positions.shape[1]
     masked = allowed.shape[0] > 0
     tick = 0
     for chunk in range(first_chunk, last_chunk):
@@ -211,12 +277,13 @@ def _examine(  # type: ignore[no-untyped-def]
                 if not free:
                     for row in range(scratch.shape[0]):
                         scratch[row, k] = np.nan
-            before = set_known(tables, raster, i, j)
-            some = screen(
-                tables, raster, grid, rules.normals, before, coordinates, own_of[s], j, looks, scratch, cells, passed
-            )
-            tested += some
-            looked += some * looks
+            before = set_known(tables, grid, i, j)
+            hypotheses = screen(
+                tables, grid, flat_cells, test.normals, before, coordinates, own_of[s], j, lookups, scratch, cells,
+                passed,
+            )  # fmt: skip
+            tested += hypotheses
+            looked += hypotheses * lookups
             for k in range(n_target):
                 for root in range(ROOTS):
                     if not passed[root, k]:
@@ -225,17 +292,17 @@ def _examine(  # type: ignore[no-untyped-def]
                     tick += 1
                     for p in range(m):
                         stamp[j[p]] = tick
-                    _, frame = set_frame(tables, raster, before, k, scratch, root)
-                    ratio, hits, looks_of_one = _verify(
-                        raster, rules, others, coordinates, masked, allowed, frame, stamp, tick
+                    _, frame = set_frame(tables, grid, before, k, scratch, root)
+                    ratio, hits, own_lookups = _likelihood_ratio(
+                        grid, test, others, coordinates, masked, allowed, frame, stamp, tick
                     )
-                    looked += looks_of_one - looks
-                    if ratio > ratios[chunk, weakest] and hits + m >= rules.least:
+                    looked += own_lookups - lookups
+                    if ratio > ratios[chunk, weakest] and hits + m >= test.least:
                         ratios[chunk, weakest] = ratio
-                        found[chunk, weakest, 0] = s
-                        found[chunk, weakest, 1] = root
+                        survivors[chunk, weakest, 0] = s
+                        survivors[chunk, weakest, 1] = root
                         for p in range(m):
-                            found[chunk, weakest, 2 + p] = j[p]
+                            survivors[chunk, weakest, 2 + p] = j[p]
                         weakest = 0
                         for q in range(ratios.shape[1]):
                             if ratios[chunk, q] < ratios[chunk, weakest]:

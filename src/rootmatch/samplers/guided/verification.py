@@ -1,8 +1,9 @@
-"""Evidence for a proposal, from the covariance of each prediction and the density of detections."""
+"""Verification of hypotheses: their evidence, from the covariance of each prediction and the density of detections."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,40 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, scalar
+from rootmatch.options import Options, option
+from rootmatch.problems.residual_kinds import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
 
-CANDIDATES = 4
-"""Detections that are kept for one source point of a proposal."""
-FAR2 = 1e11
-"""χ² of a detection behind the camera."""
+BEHIND2 = 1e11
+"""χ² of a detection behind the camera: beyond every gate."""
 
 
-def weigh(
+@dataclass(frozen=True)
+class VerificationOptions(Options):
+    """How hypotheses are verified."""
+
+    gate: float = option(GATE, above=0.0)
+    """Distance from a prediction, in standard deviations of it, within which a detection is a candidate: the gate of
+    residuals."""
+    visible: tuple[float, ...] = option((0.95, 0.6, 0.25, 0.1), above=0.0, most=1.0)
+    """Probabilities that a source point is visible, over which the evidence is averaged. Round values, not tuned."""
+    candidates: int = option(4, least=1)
+    """Detections kept for one source point of a hypothesis. A round value, not tuned."""
+
+
+def verify(
     tables: Any,
     points: NDArray[np.int64],
     images: NDArray[np.int64],
     density: float,
-    gate2: float,
     allowed: NDArray[np.bool_],
-    seen: NDArray[np.float64],
+    options: VerificationOptions,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Evidence for proposals from the covariance of each prediction.
+    """Evidence for hypotheses from the covariance of each prediction.
 
-    The ratio of one source point is (1 − v) + v N(e; S) / λ, e the distance of its best detection, S the covariance,
-    λ the density of detections and v the chance that it is seen; its mean by chance is 1, so a product of T or more
-    comes by chance once in T tries. Several v are averaged.
+    The ratio of one source point is (1 − v) + v N(e; S) / λ: e is the distance of its best detection, S the covariance,
+    λ the density of detections and v the probability that it is visible. Its mean by chance is 1, so a product of T or
+    more comes by chance once in T trials. Several v are averaged.
 
     Parameters
     ----------
@@ -43,11 +56,8 @@ def weigh(
         Root, and image of each of the points.
     density : float
         λ.
-    gate2 : float
-        χ² within which a detection is a candidate.
     allowed : (n, n') bool array, or (0, 0) for all
-    seen : (V,) array
-        The chances v.
+    options : VerificationOptions
 
     Returns
     -------
@@ -55,32 +65,33 @@ def weigh(
         Logarithm of the product; −∞ where the root is not there.
     best : (K, n) int64 array
         One detection for each source point, none twice; −1 for none.
-    candidates : (K, n, CANDIDATES) int64 array
+    candidates : (K, n, c) int64 array
         Detections within the gate, nearest first, then −1.
     """
     count, n, n_target = len(points), tables.points.shape[1], tables.rays.shape[1]
     evidence = np.full(count, -np.inf)
     best = np.full((count, n), -1)
-    candidates = np.full((count, n, CANDIDATES), -1)
-    scratch = np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES)
+    candidates = np.full((count, n, options.candidates), -1)
+    scratch = np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(options.candidates)
+    gate2, visible = float(options.gate) ** 2, np.array(options.visible, np.float64)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
-    _weigh(tables, points, roots, sets, density, gate2, allowed, seen, *scratch, evidence, best, candidates)
+    _verify(tables, points, roots, sets, density, gate2, allowed, visible, *scratch, evidence, best, candidates)
     return evidence, best, candidates
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _weigh(  # type: ignore[no-untyped-def]
-    tables, points, roots, images, density, gate2, allowed, seen, out, owner, strength, distances,
+def _verify(  # type: ignore[no-untyped-def]
+    tables, points, roots, images, density, gate2, allowed, visible, out, owner, strength, distances,
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
     tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
-    roots, seen, owner, strength, distances = borrowed((roots, seen, owner, strength, distances))
+    roots, visible, owner, strength, distances = borrowed((roots, visible, owner, strength, distances))
     evidence, best, candidates = borrowed((evidence, best, candidates))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size
-    masked = allowed.shape[0] > 0
+    masked, places = allowed.shape[0] > 0, distances.size
     for q in range(count):
         i = points[q]
         j = images[q]
@@ -121,24 +132,24 @@ def _weigh(  # type: ignore[no-untyped-def]
                     owner[k] = d
                     best[q, d] = k
                     strength[d] = ratio
-                place = held if held < CANDIDATES else CANDIDATES - 1
-                if held < CANDIDATES or chi2 < distances[place]:
+                place = held if held < places else places - 1
+                if held < places or chi2 < distances[place]:
                     while place > 0 and distances[place - 1] > chi2:
                         distances[place] = distances[place - 1]
                         candidates[q, d, place] = candidates[q, d, place - 1]
                         place -= 1
                     distances[place] = chi2
                     candidates[q, d, place] = k
-                    held = held + 1 if held < CANDIDATES else held
+                    held = held + 1 if held < places else held
         total = -np.inf
-        for s in range(seen.size):
+        for s in range(visible.size):
             logarithm = 0.0
             for d in range(n):
                 if out[12, d] != 0.0 and strength[d] < np.inf:
-                    logarithm += math.log((1.0 - seen[s]) + seen[s] * strength[d])
+                    logarithm += math.log((1.0 - visible[s]) + visible[s] * strength[d])
             top = total if total > logarithm else logarithm
             total = top + math.log(math.exp(total - top) + math.exp(logarithm - top))
-        evidence[q] = total - math.log(seen.size)
+        evidence[q] = total - math.log(visible.size)
     return evidence, best, candidates
 
 
@@ -154,4 +165,4 @@ def _squared_distance(rays, variance, out, d, k):  # type: ignore[no-untyped-def
     determinant = a * b - c * c
     chi2 = (f * f * b - 2.0 * f * g * c + g * g * a) / determinant
     ahead = out[0, d] * x + out[1, d] * y + out[2, d] * z > 0.0
-    return (chi2 if ahead and chi2 >= 0.0 else FAR2), determinant
+    return (chi2 if ahead and chi2 >= 0.0 else BEHIND2), determinant

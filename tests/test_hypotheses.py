@@ -1,4 +1,4 @@
-"""Proposals against poselib, differences and plain loops: frames, predictions with their covariance, evidence."""
+"""Hypotheses against poselib, differences and plain loops: frames, predictions with their covariance, evidence."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from rootmatch.problems.up2p import hypotheses as up2p_hypotheses
 from rootmatch.problems.up2p.problem import UP2P
 from rootmatch.problems.up2p.tables import UP2PTables
 from rootmatch.samplers.guided import detection_grid, hypothesis_clustering
+from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
 from rootmatch.samplers.guided.minimal_sets import others_of
-from rootmatch.samplers.guided.sequential_test import Rules, prepare_sets, propose
-from rootmatch.samplers.guided.verification import weigh
+from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
+from rootmatch.samplers.guided.verification import VerificationOptions, verify
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 EVERYTHING = np.empty((0, 0), np.bool_)
@@ -155,12 +156,12 @@ def test_the_axes_of_a_prediction_are_unit_and_across_it() -> None:
             assert np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12, name
 
 
-def test_raster_finds_the_nearest_detection_within_its_gate() -> None:
+def test_grid_finds_the_nearest_detection_within_its_gate() -> None:
     rng = np.random.default_rng(4)
     for count, gate in ((3, 0.02), (20, 0.008), (60, 0.02), (12, 1e-9)):
         rays = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)]) @ turn_to_y((0.2, 0.4, 0.9)).T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        built = detection_grid.build_raster(np.ascontiguousarray(rays.T), gate)
+        built = detection_grid.build_grid(np.ascontiguousarray(rays.T), gate)
         assert np.abs(built.basis @ built.basis.T - np.eye(3)).max() < 1e-12
         gate = math.sqrt(built.gate2)
         cell = 1.0 / built.scale
@@ -186,9 +187,7 @@ def test_density_is_that_of_the_field_of_detections() -> None:
     rng = np.random.default_rng(0)
     rays = np.column_stack([rng.uniform(-0.2, 0.2, 4000), rng.uniform(-0.1, 0.1, 4000), np.ones(4000)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    assert detection_grid.build_raster(np.ascontiguousarray(rays.T), 1e-3).density == pytest.approx(
-        4000 / 0.08, rel=0.1
-    )
+    assert detection_grid.build_grid(np.ascontiguousarray(rays.T), 1e-3).density == pytest.approx(4000 / 0.08, rel=0.1)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -198,13 +197,15 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     tables = problem.prepare(scene.source, scene.target, 0.5)
     n, n_target, m = 5, 6, problem.minimal
     gate = 0.03
-    built = detection_grid.build_raster(tables.rays, gate)
+    built = detection_grid.build_grid(tables.rays, gate)
     points = np.array(list(combinations(range(n), m)), dtype=np.int64)
     sets = prepare_sets(tables, points, others_of(points, n), np.zeros(len(points), np.int64))
     arrangements = np.array(list(permutations(range(n_target), m - 1)), dtype=np.int32)
-    rules = Rules(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, least=n, normals=False)
+    rules = SequentialTest(hit=1.0, fall=0.5, miss=-1.0, floor=-100.0, least=n, normals=False)
     tasks = len(points) * len(arrangements)
-    found, ratios, counts = propose(tables, built, rules, sets, arrangements, 0, tasks, EVERYTHING, 2000, 3)
+    found, ratios, counts = run_sequential_tests(
+        tables, built, rules, sets, arrangements, 0, tasks, EVERYTHING, 2000, 3
+    )
     assert counts[:, 0].sum() == len(points) * math.perm(n_target, m)
     got = {(int(row[0]), *map(int, row[2:])) for row in found.reshape(-1, m + 2) if row[0] >= 0}
     assert (ratios[found[:, :, 0] >= 0] > 0.0).all()
@@ -235,17 +236,19 @@ def test_without_a_floor_all_and_only_the_sets_whose_predictions_are_met_survive
     assert 0.9 * tested <= counts[:, 1].sum() <= 1.3 * tested
 
 
-def test_a_floor_saves_looks_and_keeps_the_truth() -> None:
+def test_a_floor_saves_lookups_and_keeps_the_truth() -> None:
     scene = p3p_scene(10, 10, noise=1.0, seed=1)
     tables = scene.problem.prepare(scene.source, scene.target)
-    built = detection_grid.build_raster(tables.rays, 0.008)
+    built = detection_grid.build_grid(tables.rays, 0.008)
     points = np.array([[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 0, 4]], dtype=np.int64)
     sets = prepare_sets(tables, points, others_of(points, 10), np.zeros(4, np.int64))
     arrangements = np.array(list(permutations(range(20), 2)), dtype=np.int32)
     results = {}
     for floor in (-100.0, -3.5):
-        rules = Rules(hit=3.0, fall=3.0, miss=-1.8, floor=floor, least=8, normals=False)
-        found, ratios, counts = propose(tables, built, rules, sets, arrangements, 0, 4 * 380, EVERYTHING, 4, 2)
+        rules = SequentialTest(hit=3.0, fall=3.0, miss=-1.8, floor=floor, least=8, normals=False)
+        found, ratios, counts = run_sequential_tests(
+            tables, built, rules, sets, arrangements, 0, 4 * 380, EVERYTHING, 4, 2
+        )
         best = found.reshape(-1, 5)[np.argmax(ratios)]
         assert np.array_equal(scene.truth[points[best[0]]], best[2:])
         results[floor] = counts.sum(axis=0)
@@ -270,14 +273,14 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
     tested = []
     for facing, allowed in product((None, normals), (EVERYTHING, mask)):
         tables = scene.problem.prepare(scene.source, scene.target, 1.0, facing)
-        built = detection_grid.build_raster(tables.rays, 0.01)
+        built = detection_grid.build_grid(tables.rays, 0.01)
         sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(len(points), np.int64))
-        rules = Rules(hit=3.0, fall=3.0, miss=miss, floor=-3.5, least=m + 1, normals=facing is not None)
+        rules = SequentialTest(hit=3.0, fall=3.0, miss=miss, floor=-3.5, least=m + 1, normals=facing is not None)
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
-        quick = propose(*given)
+        quick = run_sequential_tests(*given)
         with monkeypatch.context() as patched:
-            patched.setattr("rootmatch.samplers.guided.sequential_test._looks", lambda *_: 0)
-            slow = propose(*given)
+            patched.setattr("rootmatch.samplers.guided.sequential_test._lookups", lambda *_: 0)
+            slow = run_sequential_tests(*given)
         assert np.array_equal(quick[2][:, :2], slow[2][:, :2])
         rows = [{tuple(row) for row in one[0].reshape(-1, m + 2).tolist() if row[0] >= 0} for one in (quick, slow)]
         assert rows[0] <= rows[1]
@@ -316,11 +319,12 @@ def test_evidence_is_the_product_of_likelihood_ratios(name: str) -> None:
     rng = np.random.default_rng(0)
     rows = [scene.truth[:m]] + [rng.permutation(12)[:m] for _ in range(20)]
     seen = np.array([0.9, 0.4])
+    options = VerificationOptions(visible=(0.9, 0.4))
     compared = 0
     for images in rows:
         for root, out in predictions(tables, list(range(m)), list(images)).items():
-            evidence, best, candidates = weigh(
-                tables, np.arange(m)[None], np.array([[root, *images]]), 300.0, 12.25, EVERYTHING, seen
+            evidence, best, candidates = verify(
+                tables, np.arange(m)[None], np.array([[root, *images]]), 300.0, EVERYTHING, options
             )
             # the formula by hand has no rule for two points that claim one detection
             claimed = best[0][best[0] >= 0]
@@ -339,10 +343,11 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
     images = scene.truth[:3]
     roots = predictions(tables, [0, 1, 2], images.tolist())
     mask = np.ones((6, 46), np.bool_)
+    options = VerificationOptions(visible=(0.5,))
     crowded = 0
     for root, out in roots.items():
         rows = np.array([[root, *images]])
-        _, _, everything = weigh(tables, np.arange(3)[None], rows, 100.0, 12.25, EVERYTHING, np.array([0.5]))
+        _, _, everything = verify(tables, np.arange(3)[None], rows, 100.0, EVERYTHING, options)
         for d in range(3, 6):
             spread = np.array([[out[9, d], out[10, d]], [out[10, d], out[11, d]]])
             error = out[3:9, d].reshape(2, 3) @ tables.rays
@@ -357,7 +362,7 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
             crowded += len(inside) == 4
             if inside:
                 mask[d, inside[0]] = False
-        _, best, masked = weigh(tables, np.arange(3)[None], rows, 100.0, 12.25, mask, np.array([0.5]))
+        _, best, masked = verify(tables, np.arange(3)[None], rows, 100.0, mask, options)
         for d, k in product(range(3, 6), range(46)):
             if not mask[d, k]:
                 assert best[0, d] != k
@@ -372,19 +377,19 @@ def test_groups_join_like_proposals_and_list_their_candidates() -> None:
     candidates = np.full((5, 4, 4), -1, np.int64)
     candidates[:, :, 0] = best
     candidates[1, 3, :2] = [5, 6]
-    leaders, lists = hypothesis_clustering.group(evidence, best, candidates, 10, 0.5, 0.5)
+    leaders, lists = hypothesis_clustering.cluster(evidence, best, candidates, 10)
     assert leaders.tolist() == [0, 2]
     assert lists[0].tolist() == [[0] + [-1] * 5, [1] + [-1] * 5, [2, 3] + [-1] * 4, [3, 5, 6, 2, -1, -1]]
     # the last is alike but far weaker than its group's first
     assert lists[1, :, 1:].max() == -1
-    leaders, _ = hypothesis_clustering.group(evidence, best, candidates, 1, 0.9, 0.5)
+    leaders, _ = hypothesis_clustering.cluster(evidence, best, candidates, 1, ClusteringOptions(shared=0.9))
     assert leaders.tolist() == [0]
 
 
 def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
     rng = np.random.default_rng(1)
     n, n_target, groups = 6, 7, 70
-    lists = np.full((groups, n, hypothesis_clustering.LIST), -1, np.int64)
+    lists = np.full((groups, n, ClusteringOptions().candidates), -1, np.int64)
     for g, d in product(range(groups), range(n)):
         chosen = rng.permutation(n_target)[: rng.integers(0, 3)]
         lists[g, d, : len(chosen)] = chosen

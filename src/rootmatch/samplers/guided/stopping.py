@@ -1,0 +1,74 @@
+"""Where the guided search stops: when a hypothesis is beyond chance, and when no better one is to be expected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.options import Options, option
+from rootmatch.samplers.guided.hypotheses import Hypotheses
+
+
+@dataclass(frozen=True)
+class StoppingOptions(Options):
+    """When a search ends before its budget is spent; what it finds by then is in benchmarks/guided.py."""
+
+    beyond_chance: float = option(7.0, above=0.0)
+    """Evidence above the logarithm of the number of tests from which a hypothesis is no false alarm: 7 is one false
+    alarm in a thousand searches. By construction, not tuned."""
+    complete: float = option(0.9, above=0.0, most=1.0)
+    """Fraction of the points that can be matched from which the hypotheses are complete and the search ends. A round
+    value, not tuned."""
+    patience: float = option(1.0, least=0.0)
+    """Minimal sets of the smallest motion that must have been solved, on average, before incomplete hypotheses end
+    the search. A round value, not tuned."""
+    overlap: float = option(0.5, least=0.0, most=1.0)
+    """Fraction of its points that a hypothesis may share with stronger ones and still count as another motion. A round
+    value, not tuned."""
+
+
+def false_alarm_level(tested: int, options: StoppingOptions) -> float:
+    """Evidence that chance reaches once in a thousand searches with so many tested hypotheses."""
+    return math.log(max(tested, 1)) + options.beyond_chance
+
+
+def enough_found(
+    leaders: Hypotheses,
+    level: float,
+    shape: tuple[int, int],
+    motions: float,
+    solved: int,
+    options: StoppingOptions,
+) -> bool:
+    """Whether as many hypotheses as there are motions are beyond chance, and stronger ones would have been met.
+
+    Parameters
+    ----------
+    leaders : Hypotheses
+        The strongest of each cluster, strongest first.
+    level : float
+        See `false_alarm_level`.
+    shape : (n, n')
+    motions : float
+        Number of motions looked for, infinite where unknown.
+    solved : int
+        Minimal sets solved so far.
+    options : StoppingOptions
+    """
+    n, n_target = shape
+    minimal = leaders.points.shape[1]
+    covered: NDArray[np.bool_] = np.zeros(n, np.bool_)
+    sizes: list[int] = []
+    for best in leaders.best[leaders.evidence > level]:
+        matched = best >= 0
+        if (matched & covered).sum() <= options.overlap * matched.sum():
+            covered |= matched
+            sizes.append(int(matched.sum()))
+    if covered.sum() >= options.complete * min(n, n_target):
+        return True
+    # minimal sets that are solved, on average, until one of the smallest motion's is among them
+    expected = math.perm(n_target, minimal) * (n / min(sizes)) ** minimal
+    return len(sizes) >= motions and solved >= options.patience * expected
