@@ -10,7 +10,7 @@ import rootmatch as rm
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.simulation import Scene, up2p_scene
-from rootmatch.solvers.packing.exact_packing import best_packing, relaxation, rounded, worth_at_least
+from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
 from rootmatch.solvers.packing.solver import GroupPacking, inside_groups
 from rootmatch.solvers.packing.tabu_search import pack
 
@@ -56,13 +56,13 @@ def test_branch_and_bound_finds_the_best_of_few_from_nothing(seed: int, most: in
     relaxed = relaxation(elements, values, 10, most)
     best = best_by_trying(elements, values, min(most, 10))
     assert relaxed.bound >= best - 1e-9
-    chosen = worth_at_least(0.0, elements, relaxed, most, 100_000)
+    chosen = packing_above(0.0, elements, relaxed, most, 100_000)
     used = elements[chosen]
     used = used[used >= 0]
     assert len(set(used.tolist())) == len(used)
     assert chosen.sum() <= most
     assert values[chosen].sum() == pytest.approx(best)
-    assert not worth_at_least(best + 1e-6, elements, relaxed, most, 100_000).any()
+    assert not packing_above(best + 1e-6, elements, relaxed, most, 100_000).any()
 
 
 def some_motions(seed: int, groups: int) -> tuple[np.ndarray, np.ndarray]:
@@ -189,7 +189,7 @@ def test_groups_are_found_among_weights_across_them() -> None:
     weights = np.append(rng.uniform(0.4, 1.0, len(truth)), rng.uniform(0.01, 1.0, len(across)))
     _, first = np.unique(np.array(indices), axis=0, return_index=True)
     tensor = AffinityTensor(np.array(indices, np.int32)[first], weights[first], (12, 12))
-    solution = GroupPacking(motions=3, chance=1e-4)(tensor)
+    solution = GroupPacking(motions=3, chance_weight=1e-4)(tensor)
     np.testing.assert_array_equal(solution.assignment, image)
     assert solution.groups is not None
     same = solution.groups[:, None] == solution.groups
@@ -239,7 +239,7 @@ def test_a_small_motion_beside_a_large_one_stays() -> None:
 
 def test_bad_options_are_refused() -> None:
     with pytest.raises(rm.InputError, match="chance"):
-        GroupPacking(chance=0.0)
+        GroupPacking(chance_weight=0.0)
 
 
 def test_hyperedges_that_make_no_group_match_nothing() -> None:

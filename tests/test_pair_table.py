@@ -10,7 +10,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent, ReweightedWalk
 from rootmatch.solvers.ascent.assignment_state import change, empty_state
 from rootmatch.solvers.ascent.pair_table import pairs_of, place_of_pair
-from rootmatch.solvers.ascent.random_walk_start import _contract_among, short_walk
+from rootmatch.solvers.ascent.random_walk_start import WalkOptions, _contract_among, random_walk_start
 from rootmatch.solvers.ascent.start_selection import different, within
 from rootmatch.solvers.ascent.subset_index import build_index, index_support
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
@@ -125,18 +125,17 @@ def test_a_walk_of_all_correspondences_is_the_published_one(steps, monkeypatch):
         unary = np.random.default_rng(seed).random((7, 8)) * 1e-3 if seed % 2 else None
         tensor = AffinityTensor(indices, weights, (7, 8), unary)
         walked = ReweightedWalk(iterations=steps, keep=0)(tensor).assignment
-        np.testing.assert_array_equal(short_walk(tabled(tensor, monkeypatch), steps), walked)
-        np.testing.assert_array_equal(short_walk(build_index(tensor, bucket_bits=9), steps), walked)
+        np.testing.assert_array_equal(random_walk_start(tabled(tensor, monkeypatch), steps), walked)
+        np.testing.assert_array_equal(random_walk_start(build_index(tensor, bucket_bits=9), steps), walked)
 
 
 def test_a_walk_that_forgets_the_lightest_still_finds_what_is_planted(monkeypatch):
-    monkeypatch.setattr("rootmatch.solvers.ascent.random_walk_start.FEWEST", 40)
     indices, weights, truth = planted(2, 12, 14, 3, 4000)
     index = tabled(AffinityTensor(indices, weights, (12, 14)), monkeypatch)
-    np.testing.assert_array_equal(short_walk(index, 10), truth)
+    np.testing.assert_array_equal(random_walk_start(index, 10, WalkOptions(heaviest=40)), truth)
     # Nothing to walk on: what is left is any assignment at all.
     nowhere = tabled(AffinityTensor([[0, 4, 8]], [0.0], (3, 3), np.zeros((3, 3))), monkeypatch)
-    np.testing.assert_array_equal(short_walk(nowhere, 10), discretise(np.full((3, 3), 1 / 9)))
+    np.testing.assert_array_equal(random_walk_start(nowhere, 10), discretise(np.full((3, 3), 1 / 9)))
 
 
 def test_different_candidates_against_the_definition():

@@ -22,7 +22,7 @@ from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
 
 class State(NamedTuple):
-    """An assignment and what it implies; changed in place."""
+    """An assignment with its gains and pair weights; changed in place."""
 
     image: NDArray[np.int64]  # (n,) target or −1
     owner: NDArray[np.int64]  # (n',) source or −1
@@ -108,7 +108,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
         members[own] = members[size[0]]
         image[row], owner[k], inside[a] = -1, -1, False
 
-    # What the subsets of a with d−2 members give; a is not in `members` meanwhile.
+    # Hyper-edges of a with d−2 members; a is not in `members` meanwhile.
     if index.paired:
         others, held, one = index.others, index.held, np.uint32(1)
         for q in range(size[0]):
@@ -120,7 +120,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
                 t += one
                 gains[c] += h
                 if inside[c]:
-                    # The hyper-edge is inside: seen once for each of its other members c, it serves the pairs of c.
+                    # The hyper-edge is inside: found once for each other member c, it counts for the pairs of c.
                     i = source[c]
                     pairs[row, i] += h
                     pairs[i, row] += h
@@ -164,7 +164,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
         members[size[0]] = a
         size[0] += 1
     else:
-        # What rounding leaves over must not look like evidence.
+        # Rounding errors must not look like evidence.
         for i in range(image.size):
             pairs[row, i] = 0.0
             pairs[i, row] = 0.0
@@ -219,5 +219,5 @@ def joint_weight(index: SubsetIndex, state: State, c: int, c2: int, i: int, j: i
                     row = source[rest]
                     total += h if row != i and row != j else 0.0
         more = next_pick(pick, free, count)
-    # Each such hyper-edge was seen once for each of its d − 2 members.
+    # Each such hyper-edge was found once for each of its d − 2 members.
     return total / (order - 2) if order > 3 else total

@@ -11,7 +11,7 @@ Correspondences that share a point are in no hyper-edge together, hence with the
 The best move is made until none improves f: strictly monotone, and the same on any number of threads.
 
 Every step of an ascent, from reaching its base to leaving out idle points, goes through the one call of `change` in
-`_ascend`: Numba copies what is called into each place that calls it, and optimises every copy.
+`_ascend`: Numba copies a called function into every caller, and optimises every copy.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads
@@ -32,17 +33,17 @@ LEAST_STEP = 1e-10
 """A move must gain this part of the score, far above rounding, so that no ascent can go in circles."""
 
 REMOVING, ADDING, CLIMBING, TIDYING = 0, 1, 2, 3
-"""Stages of an ascent: what is not in its base leaves, the base enters, moves, and idle points leave."""
+"""Stages of an ascent: members outside of its base leave, the base enters, moves, and idle points leave."""
 
 PARTS = 4
 """Ranges of ascents for each thread: some ascents are longer than others."""
 
 
 @internal()
-def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
+def _best_move(unary, state, entry_cost, exit_refund):  # type: ignore[no-untyped-def]
     """Largest change of f by one correspondence: (change, entering a or −1, leaving a or −1).
 
-    The penalty is `dearer` for one more, and one less gives back `cheaper`.
+    One more correspondence costs the penalty `entry_cost`, one less gives back `exit_refund`.
     """
     gains, image, owner, pairs = state.gains, state.image, state.owner, state.pairs
     n_target = owner.size
@@ -53,13 +54,13 @@ def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
         if own >= 0:
             mine = i * n_target + own
             loss = gains[mine] + unary[mine]
-            if cheaper - loss > best:
-                best, entering, leaving = cheaper - loss, -1, mine
+            if exit_refund - loss > best:
+                best, entering, leaving = exit_refund - loss, -1, mine
         for k in range(n_target):
             c = i * n_target + k
             gain = gains[c] + unary[c]
             # Nothing else can be better than the gain and one release of the penalty.
-            if gain + cheaper <= best or k == own:
+            if gain + exit_refund <= best or k == own:
                 continue
             j = owner[k]
             change = gain
@@ -69,9 +70,9 @@ def _best_move(unary, state, dearer, cheaper):  # type: ignore[no-untyped-def]
             if own >= 0:
                 change -= loss
                 if j >= 0:
-                    change += pairs[i, j] + cheaper
+                    change += pairs[i, j] + exit_refund
             elif j < 0:
-                change -= dearer
+                change -= entry_cost
             if change > best:
                 best, entering, leaving = change, c, -1
     return best, entering, leaving
@@ -247,62 +248,49 @@ def _climb(
     return images, totals - penalties[sizes], moves
 
 
-def _changes(index: SubsetIndex, state: State) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """All changes of an assignment by a point to a free target, a target to a free point, or an exchange.
-
-    Returns rows (source, its new target, other source, its new target), −1 where nothing changes or a point becomes
-    free; the change of f; and for exchanges what the term Q, not yet in it, may add.
-    """
+def _change_of_score(
+    index: SubsetIndex, state: State, changes: Changes
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Change of f by each change of an assignment, and for exchanges what the term Q, not yet in it, may add."""
     n, n_target, image = index.n, index.n_target, state.image
     gains, unary = state.gains.reshape(n, n_target), index.unary.reshape(n, n_target)
-    every, matched = np.arange(n), image >= 0
-    # Of unmatched points these are of no meaning, and not used.
-    own = (gains + unary)[every, image]
-    # Row i, column j: what i gains at the target of j; transposed, what j gains at the target of i.
-    there, there_unary = gains[:, image], unary[:, image]
-    taken = (there + there_unary).T - own[:, None]
-    traded = there + there_unary + there.T + there_unary.T + state.pairs
-    traded -= own[:, None] + gains[every, image] + unary[every, image]
-    most = index.marginals.reshape(n, n_target)[:, image]
-
-    exchanged = matched & (every > every[:, None])
-    values = np.hstack([gains + unary - own[:, None], np.where(matched, traded, taken)])
-    slack = np.hstack([np.zeros((n, n_target)), np.where(exchanged, np.minimum(most, most.T), 0.0)])
-    usable = np.hstack([np.broadcast_to(state.owner < 0, (n, n_target)), ~matched | exchanged]) & matched[:, None]
-    i, k = np.nonzero(usable)
-    j = k - n_target
-    target = np.where(j < 0, k, image[np.maximum(j, 0)])
-    rows = np.column_stack([i, target, np.where(j < 0, -1, j), np.where(j < 0, -1, image[i])])
-    return rows, values[usable], slack[usable]
+    most = index.marginals.reshape(n, n_target)
+    matched = image >= 0
+    own_gain = np.where(matched, gains[np.arange(n), image], 0.0)
+    own_unary = np.where(matched, unary[np.arange(n), image], 0.0)
+    i, k, j, l = changes  # noqa: E741
+    exchange, handed = (j >= 0) & (k >= 0), (j >= 0) & (k < 0)
+    value = np.where(handed, gains[j, l] + unary[j, l], gains[i, k] + unary[i, k])
+    value[exchange] += gains[j, l][exchange]
+    value[exchange] += unary[j, l][exchange]
+    value[exchange] += state.pairs[i, j][exchange]
+    value -= np.where(exchange, own_gain[i] + own_unary[i] + own_gain[j] + own_unary[j], own_gain[i] + own_unary[i])
+    return value, np.where(exchange, np.minimum(most[i, k], most[j, l]), 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _joint_weights(index, state, rows, weight):  # type: ignore[no-untyped-def]
-    """The terms Q of exchanges, rows as of `_changes`."""
-    for r in range(rows.shape[0]):
-        i, j, n_target = rows[r, 0], rows[r, 2], index.n_target
-        weight[r] = joint_weight(index, state, i * n_target + rows[r, 1], j * n_target + rows[r, 3], i, j)
+def _joint_weights(index, state, i, k, j, l, weight):  # type: ignore[no-untyped-def]  # noqa: E741
+    """The terms Q of exchanges, as of `Changes`."""
+    n_target = index.n_target
+    for r in range(i.size):
+        weight[r] = joint_weight(index, state, i[r] * n_target + k[r], j[r] * n_target + l[r], i[r], j[r])
 
 
-def modifications(
+def scored_neighbours(
     index: SubsetIndex, state: State, penalty: float, keep: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Best `keep` changes of an assignment: a point to a free target, a target to a free point, or an exchange.
+    """The best `keep` assignments that differ by one change (`one_change_neighbours`), exactly scored.
 
     Returns the assignments (keep or fewer, n) and their objectives, best first.
     """
-    rows, change, slack = _changes(index, state)
-    # The term Q of an exchange is looked up where it could decide who is among the best.
+    changes = one_change_neighbours(state.image, index.n_target)
+    change, slack = _change_of_score(index, state, changes)
+    # The term Q of an exchange is looked up where it could decide which are among the best.
     enough = np.partition(change, -keep)[-keep] if 0 < keep < change.size else -np.inf
     open_ = np.flatnonzero((slack > 0) & (change + slack >= enough))
     if open_.size:
         weight = np.empty(open_.size)
-        _joint_weights(index, state, rows[open_], weight)
+        _joint_weights(index, state, *changes.take(open_), weight)
         change[open_] += weight
     chosen = np.argsort(-change, kind="stable")[:keep]
-    images = np.repeat(state.image[None], chosen.size, axis=0)
-    every = np.arange(chosen.size)
-    source, target, other, theirs = rows[chosen].T
-    images[every, source] = target
-    images[every[other >= 0], other[other >= 0]] = theirs[other >= 0]
-    return images, objective(index, state, penalty) + change[chosen]
+    return changes.take(chosen).applied_to(state.image), objective(index, state, penalty) + change[chosen]

@@ -1,9 +1,8 @@
-"""The steps of the multi-start ascent: where ascents start, and what is kept of them."""
+"""The multi-start: where ascents start, step by step, and which optima are kept."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -11,84 +10,47 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.threads import threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
-from rootmatch.solvers.ascent.local_search import climb_from, modifications, state_of
-from rootmatch.solvers.ascent.random_walk_start import short_walk
+from rootmatch.solvers.ascent.local_search import climb_from, scored_neighbours, state_of
+from rootmatch.solvers.ascent.options import AscentOptions
+from rootmatch.solvers.ascent.random_walk_start import random_walk_start
 from rootmatch.solvers.ascent.start_selection import covered, different, forced, packed, within
+from rootmatch.solvers.ascent.stopping import patience, stands_out
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, index_support
 from rootmatch.solvers.base import Alternatives, Solution
 
-if TYPE_CHECKING:
-    from rootmatch.solvers.ascent.solver import MultiStartAscent
-
-POOL = 4
-"""Best supported hyper-edges that are considered, for each start that is made."""
-
-FIRST_ROUND, LARGEST_ROUND = 2, 64
-"""Starts made at once. The first few often find the answer, and those inside it are then not made again."""
-
-CLEAR, CLEAR_AFTER = 1.5, 24
-"""After so many ascents, an assignment that scores so many times as much as any other is not searched for any more."""
-
-PATIENCE, PATIENCE_PART, IN_VAIN = 24, 16, 110_000
-"""Candidates in a row from which nothing better comes, at least; or one of so many correspondences; or as many as read
-so many entries of the index: after the most of these no more are tried. Where the score tells the truth, it is reached
-from one of the first. Where it does not, as good a search as its time allows."""
-
-WALKED = 14
-"""As many where nothing has come yet that is better than the ascent from the random walk: it mostly stays the best."""
-
-RIVALS = 16
-"""Candidates outside of all that was found from which an ascent is made in any case."""
-
-DENSE = 0.2
-"""A core is as dense as hyper-edges of this part of the largest weight among all its points would make it."""
-
-HOPELESS = 1e-3
-"""A candidate is not tried when it promises less than this part of the best objective, as in large, clear problems."""
-
-WORTH = 0.5
-"""A core is put into the best assignment when it scores this part of what it pushes out; an ascent may win the rest."""
-
-POLISHED, NEAR = 12, 0.7
-"""So many optima that score this part of the best go on with exchanges; for all that would cost most of the time."""
-
-LOOKUPS = 20_000
-"""Looked-up subsets that are worth a thread, half a millisecond to some; an ascent takes about 4 C(n, d−1) of them."""
-
-CLAIMED = 0.2
-"""A point is claimed by an answer when it gains this fraction of the median."""
+LOOKUPS_PER_SUBSET = 4.0
+"""An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
 
 
-class Search:
-    """What one call of `MultiStartAscent` has found so far; its steps are numbered as there."""
+class MultiStart:
+    """One run of `MultiStartAscent` and what it has found so far; its steps are numbered as there."""
 
-    def __init__(self, options: MultiStartAscent, index: SubsetIndex) -> None:
+    def __init__(self, options: AscentOptions, index: SubsetIndex) -> None:
         self.options, self.index = options, index
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
-        # Small problems have no more starts that differ.
-        self.starts = min(options.starts, 2 * n * n_target)
-        self.candidates, rank = _candidates(index, POOL * self.starts)
+        self.starts = min(options.starts, options.starts_per_correspondence * n * n_target)
+        self.candidates, rank = _candidates(index, options.pool * self.starts)
         heaviest = index.weights.max(initial=0.0) or 1.0
-        # What a candidate would score with all those that support it, were they one group of points of usual weights.
-        usual = 0.5 * heaviest
+        # The score of a candidate with all those that support it, were they one group of points of usual weights.
+        usual = options.usual_weight * heaviest
         self.promise = usual * _choose(order + rank / (order * usual), order)
-        self.density = max(DENSE * heaviest, options.penalty)
+        self.density = max(options.core_density * heaviest, options.penalty)
         self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
         self.state = self.empty = empty_state(index)
         self.best, self.value = self.empty.image, 0.0
-        lookups = 4.0 * math.comb(min(n, n_target), order - 1)
-        self.effort = lookups / LOOKUPS
+        lookups = LOOKUPS_PER_SUBSET * math.comb(min(n, n_target), order - 1)
+        self.effort = lookups / options.lookups_per_thread
         read = lookups * (1.0 + index.indices.size / math.comb(n * n_target, order - 1))
-        self.patience = max(PATIENCE, n * n_target // PATIENCE_PART, int(IN_VAIN / max(read, 1.0)))
+        self.patience = patience(options.stopping, n * n_target, read)
         self.made, self.moves, self.cut = 0, 0, 0
 
     def ascents(
         self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Ascents from assignments near a state: what they come to, (B, n), and the objectives (B,)."""
+        """Ascents from assignments near a state: the optima (B, n) and their objectives (B,)."""
         threads = threads_worth(int(len(bases) * self.effort))
         images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges, threads)
         self.made += len(bases)
@@ -97,7 +59,7 @@ class Search:
         return images, values
 
     def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
-        """Ascents of the objective itself; keeps what is found."""
+        """Ascents of the objective itself; the optima are kept."""
         images, values = self.ascents(root, bases, self.options.penalty, exchanges)
         for image, value in zip(images, values.tolist(), strict=True):
             key = image.tobytes()
@@ -122,16 +84,19 @@ class Search:
     def from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
         steps = self.options.walk
-        self.climb(self.empty, (short_walk(self.index, steps) if steps else self.empty.image)[None])
+        start = random_walk_start(self.index, steps, self.options.walk_start) if steps else self.empty.image
+        self.climb(self.empty, start[None])
 
     def from_cores(self) -> None:
         """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
-        open_ = self.promise >= HOPELESS * self.value
+        options = self.options
+        after_walk = min(options.stopping.patience_after_walk, self.patience)
+        open_ = self.promise >= options.hopeless * self.value
         grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
-        tried, size, idle, walked = 0, FIRST_ROUND, 0, self.value
+        tried, size, idle, walked = 0, options.first_round, 0, self.value
         while tried < self.starts and not self.settled():
-            if idle >= (self.patience if self.value > walked else min(WALKED, self.patience)):
+            if idle >= (self.patience if self.value > walked else after_walk):
                 break
             chosen = different(self.candidates, open_, min(size, self.starts - tried))
             if chosen.size == 0:
@@ -144,12 +109,12 @@ class Search:
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
             grown.update(new)
             before = self.value
-            useful = (core_values > HOPELESS * before) & ~covered(cores, self.known())
+            useful = (core_values > options.hopeless * before) & ~covered(cores, self.known())
             if useful.any():
                 self.climb(self.empty, cores[useful])
             idle = 0 if self.value > before else idle + len(chosen)
             tried += len(chosen)
-            size = min(2 * size, LARGEST_ROUND)
+            size = min(2 * size, options.largest_round)
         self.cores, self.core_values = self.as_cores(_ranked(grown))
 
     def as_cores(self, grown: Alternatives) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -160,20 +125,21 @@ class Search:
         return cores, np.array([value for _, value in grown]) + extra
 
     def settled(self) -> bool:
-        """Whether enough ascents came to the best assignment, or it stands far out among enough others."""
+        """Whether enough ascents reached the best assignment, or it stands far out among enough others."""
         if self.reached.get(self.best.tobytes(), 0) >= self.options.agreement:
             return True
-        values = sorted((value for _, value in self.found.values()), reverse=True)
-        return sum(self.reached.values()) > CLEAR_AFTER and (len(values) < 2 or values[0] > CLEAR * values[1])
+        values = [value for _, value in self.found.values()]
+        return stands_out(self.options.stopping, values, sum(self.reached.values()))
 
     def from_rivals(self) -> None:
-        """The rest of step 3, whether or not the best assignment is settled: what else is there."""
+        """The rest of step 3, whether or not the best assignment is settled: its rivals."""
         order = self.candidates.shape[1]
-        open_ = (self.promise >= HOPELESS * self.value) & ~within(
+        open_ = (self.promise >= self.options.hopeless * self.value) & ~within(
             self.candidates, self.known(), self.index.n_target, order
         )
-        # Fewer where an ascent is dear.
-        count = int(min(RIVALS, max(RIVALS / 4, RIVALS / 2 / self.effort)))
+        # Fewer, down to a quarter, where an ascent is expensive.
+        most = self.options.rivals
+        count = int(min(most, max(most / 4, most / 2 / self.effort)))
         rivals = different(self.candidates, open_, count)
         if rivals.size:
             self.climb(self.empty, self.alone(rivals))
@@ -188,16 +154,18 @@ class Search:
         while first < len(self.cores):
             root = self.state_of_best()
             bases, first = forced(
-                root.image, root.gains, self.cores, self.core_values, self.index.n_target, WORTH, first, LARGEST_ROUND
-            )
+                root.image, root.gains, self.cores, self.core_values, self.index.n_target,
+                self.options.forced_gain, first, self.options.largest_round,
+            )  # fmt: skip
             if len(bases):
                 self.climb(root, bases)
 
     def polish(self) -> None:
         """Step 5, until the best assignment itself has been through it."""
         while self.best.tobytes() not in self.polished:
-            near = [image for image, value in _ranked(self.found) if value >= NEAR * self.value]
-            waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
+            least = self.options.polished_score * self.value
+            near = [image for image, value in _ranked(self.found) if value >= least]
+            waiting = [image for image in near if image.tobytes() not in self.polished][: self.options.polished]
             self.polished.update(image.tobytes() for image in waiting)
             self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
 
@@ -208,7 +176,7 @@ class Search:
         return self.state
 
     def solution(self) -> Solution:
-        """The best assignment found, and how it came about."""
+        """The best assignment found, its alternatives and statistics."""
         index, best = self.index, self.best
         gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
         total = gains.sum(axis=1, keepdims=True)
@@ -223,15 +191,17 @@ class Search:
             "matched": float(matched.size),
         }
         wanted = matched.size > 0 and self.options.keep > 0
-        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if wanted else []
+        alternatives = self._alternatives(own >= self.options.claimed * np.median(own[matched])) if wanted else []
         return Solution(soft, best, self.value, alternatives, self.cut == 0, self.moves, statistics)
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
         """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
-        images, values = modifications(self.index, self.state_of_best(), self.options.penalty, 4 * self.options.keep)
+        keep = self.options.keep
+        count = self.options.neighbours_per_kept * keep
+        images, values = scored_neighbours(self.index, self.state_of_best(), self.options.penalty, count)
         for image, value in zip(images, values, strict=True):
             self.found.setdefault(image.tobytes(), (image, float(value)))
-        # Cores are answers too, which stopped short of being drawn into the best one.
+        # Cores are assignments too, which stopped short of being drawn into the best one.
         for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
             self.found.setdefault(core.tobytes(), (core, value))
         ranked = _ranked(self.found)
@@ -239,8 +209,8 @@ class Search:
         moved = (images >= 0) & (images != self.best)
         matters = (moved & (self.best >= 0) & claimed).any(axis=1)
         similar = np.flatnonzero(moved.any(axis=1) & ~matters)
-        keep = self.options.keep
-        chosen = np.flatnonzero(matters)[: keep - min(keep // 4, len(similar))]
+        doubtful = int(self.options.doubtful_part * keep)
+        chosen = np.flatnonzero(matters)[: keep - min(doubtful, len(similar))]
         chosen = np.sort(np.append(chosen, similar[: keep - len(chosen)]))
         return [ranked[number] for number in chosen.tolist()]
 

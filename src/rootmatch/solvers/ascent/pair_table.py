@@ -1,7 +1,7 @@
 """Order 3: which hyper-edges contain two given correspondences, by a table of all pairs.
 
 A tensor of triples mostly has several hyper-edges for each pair of correspondences that there can be. Then a pair needs
-no hash: its rank among all pairs is its place in a table, and what completes it, with its weight, lies there side by
+no hash: its rank among all pairs is its row in a table, where the completing correspondences and weights lie side by
 side (compressed rows). Nothing is compared, and an ascent reads memory in order.
 
 Memory beside the tensor: 30 bytes a hyper-edge and 12 a pair.

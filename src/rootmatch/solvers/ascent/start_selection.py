@@ -1,4 +1,4 @@
-"""Which starts differ, which are known already, and which go together: small choices of the multi-start search."""
+"""Selection of starts: which differ, which lie in known assignments, and which go together."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def different(candidates: NDArray[np.int32], open_: NDArray[np.bool_], count: in
 
 @njit(cache=True, nogil=True)
 def _different(candidates, open_, chosen):  # type: ignore[no-untyped-def]
-    """Fill in the chosen ones as far as there is room; their number."""
+    """Fill in the selected ones as far as they fit; their number."""
     order, count = candidates.shape[1], 0
     for c in range(open_.size):
         fits = open_[c]
@@ -83,14 +83,14 @@ def forced(
     cores: Assignments,
     values: NDArray[np.float64],
     n_target: int,
-    worth: float,
+    forced_gain: float,
     first: int,
     count: int,
 ) -> tuple[Assignments, int]:
     """Assignments made of `base` (n,) with a core put in by force, up to `count`, from core `first` on.
 
-    Those cores are used whose value is more than `worth` times what they push out, the gains (n n',) of the members in
-    their way. Returns the assignments (B, n) and the number of the next core.
+    Cores are used whose value is more than `forced_gain` times what they displace, the `gains` (n n',) of the members
+    in their way. Returns the assignments (B, n) and the number of the next core.
     """
     matched = np.flatnonzero(base >= 0)
     owner, own = np.full(n_target, -1), np.zeros(base.size)
@@ -103,6 +103,6 @@ def forced(
     b, i = np.nonzero(new)
     j = owner[cores[b, i]]
     out[b[j >= 0], j[j >= 0]] = True
-    used = np.flatnonzero(new.any(axis=1) & (values > worth * (out @ own)))[:count]
+    used = np.flatnonzero(new.any(axis=1) & (values > forced_gain * (out @ own)))[:count]
     bases = np.where(new[used], cores[used], np.where(out[used], -1, base))
     return bases, first + (int(used[-1]) + 1 if len(used) == count else len(cores))

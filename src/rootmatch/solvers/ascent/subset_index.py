@@ -1,10 +1,10 @@
-"""Which hyper-edges contain given d−1 correspondences: the index that makes a discrete ascent cheap.
+"""Index of the hyper-edges that contain given d−1 correspondences, on which the discrete ascent runs.
 
 Each hyper-edge has d subsets of d−1 correspondences. The hash of a subset is the sum of fixed random 64-bit numbers of
 its correspondences, so that neither order nor sorting matters. Its upper bits name a bucket; buckets are stored one
 after the other (compressed rows). An entry is the number of the hyper-edge, and above it as many further bits of the
 hash as the 32 bits leave over (9 for 8 million hyper-edges): other entries of a bucket are passed over without
-a look at the hyper-edge itself. What passes is compared in full: collisions cost time and never change an answer.
+a look-up of the hyper-edge itself. The others are compared in full: collisions cost time and change no result.
 
 A tensor of order 3 with many hyper-edges for its points has a table of all pairs instead (see `pair_table`).
 
@@ -291,7 +291,7 @@ def _hashed_support(index):  # type: ignore[no-untyped-def]
             for s in range(t, last):
                 total = 0.0
                 for r in range(t, last):
-                    # A choice of values, not of ways: nobody could predict it.
+                    # A conditional value, not a branch, which no processor could predict.
                     h = weights[entries[r] & mask]
                     total += h if entries[r] >> up == entries[s] >> up else 0.0
                 support[entries[s] & mask] += total

@@ -1,1 +1,1 @@
-"""Several motions: groups of points grown one by one, and the most valuable disjoint ones chosen."""
+"""Several motions: groups of correspondences, and the disjoint ones of the highest total evidence."""

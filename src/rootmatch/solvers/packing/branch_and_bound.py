@@ -10,8 +10,8 @@ from numba import njit
 def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ignore[no-untyped-def]
     """The disjoint sets that lose least against a bound, if they lose less than `budget`.
 
-    With prices y ≥ 0 of the elements and z of one of the `most` places, a packing is worth Σ y + `most` z less what it
-    loses: y of each element that no set covers, z of each place that is left, and of each set its price less its value.
+    With prices y ≥ 0 of the elements and z of each of the `most` slots, the value of a packing is Σ y + `most` z less
+    its losses: y of each element that no set covers, z of each free slot, and of each set its price less its value.
     The element that fewest sets can still cover is covered by each in turn, the least loss first, or not at all. The
     loss of a set in equal parts on its elements bounds from below what the open elements must lose.
 
@@ -67,7 +67,7 @@ def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ign
     depth, held, used, fresh = 0, 0, 0, True
     while depth >= 0:
         if fresh:
-            # a new node: what it loses at the least, and where to branch
+            # a new node: a lower bound of its loss, and where to branch
             used += 1
             fresh = False
             option_count[depth] = -1
@@ -111,7 +111,7 @@ def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ign
                                 place -= 1
                             options[depth, place] = g
                             option_count[depth] += 1
-        # undo what was tried here last
+        # undo the last option tried here
         if taken[depth] >= 0:
             for p in range(size[taken[depth]]):
                 state[elements[taken[depth], p]] = 0

@@ -1,4 +1,4 @@
-"""The most valuable disjoint sets: the linear relaxation tells prices, and branch and bound leaves nothing open."""
+"""Weighted set packing, solved exactly: prices of the linear relaxation, then branch and bound."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from rootmatch.solvers.packing.tabu_search import pack
 
 CLOSED = 1e-9
 """Loss, relative to the bound, that is rounding."""
-PATIENCE = 150
-"""Steps without success after which a tabu search ends."""
+DIGITS = 6
+"""Decimals of the relaxed optimum that count when it is rounded; what is beyond is the accuracy of HiGHS."""
+TINY = 1e-300
+"""Least value that is divided by."""
 
 
 class Relaxation(NamedTuple):
-    """Prices of the linear relaxation, by which no disjoint sets are worth more than `bound`."""
+    """Prices (dual values) of the linear relaxation; no disjoint sets have a higher total value than `bound`."""
 
     bound: float
     price: NDArray[np.float64]
@@ -47,8 +49,8 @@ def relaxation(elements: NDArray[np.int64], values: NDArray[np.float64], count: 
     limits = np.append(np.ones(count), most)
     solved = linprog(-values, A_ub=matrix, b_ub=limits, bounds=(0.0, None), method="highs-ds")
     if solved.x is None:
-        # any prices bound: what the best set of an element would pay for it alone
-        price, part = np.zeros(count + 1), values / max(float(values.max()), 1e-300)
+        # any prices are a bound: here the value of the best set of each element
+        price, part = np.zeros(count + 1), values / max(float(values.max()), TINY)
         np.maximum.at(price, elements[member, place], values[member])
     else:
         price, part = np.maximum(-solved.ineqlin.marginals, 0.0), solved.x
@@ -63,11 +65,12 @@ def best_packing(
     most: int,
     start: NDArray[np.bool_],
     nodes: int,
+    patience: int = 150,
 ) -> NDArray[np.bool_]:
     """Disjoint sets (G,) of the largest total value, at most so many of them.
 
-    A set that loses more against the prices than the best packing known cannot be in a better one, which leaves few to
-    branch on.
+    A set that loses more against the prices than the best packing known cannot be in a better one, so that few sets
+    remain to branch on.
 
     Parameters
     ----------
@@ -78,18 +81,20 @@ def best_packing(
     start : (G,) bool array
         Disjoint sets to begin with.
     nodes : int
-        Most nodes of branch and bound, after which the best that was found is the answer.
+        Most nodes of branch and bound, after which the best packing found so far is returned.
+    patience : int
+        Of the tabu search that branch and bound begins with.
     """
-    # branch and bound is as quick as what it begins with is good
-    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
-    better = worth_at_least(float(values[chosen].sum()), elements, relaxed, most, nodes)
+    # the better the start, the quicker is branch and bound
+    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, patience)
+    better = packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
     return better if better.any() else chosen
 
 
-def worth_at_least(
+def packing_above(
     least: float, elements: NDArray[np.int64], relaxed: Relaxation, most: int, nodes: int
 ) -> NDArray[np.bool_]:
-    """The most valuable disjoint sets (G,) that so many nodes find; none where none are worth more than `least`."""
+    """Disjoint sets (G,) of the largest total value found within so many nodes; none if that is not above `least`."""
     chosen = np.zeros(len(relaxed.loss), np.bool_)
     budget = relaxed.bound - least - CLOSED * relaxed.bound
     left = np.flatnonzero(relaxed.loss < budget)
@@ -106,7 +111,7 @@ def rounded(
     """Disjoint sets (G,), those first that the relaxation gives the largest part."""
     chosen = np.zeros(len(values), np.bool_)
     used, held = np.zeros(len(relaxed.price), np.bool_), 0
-    for number in np.lexsort((-values, -relaxed.part.round(6))):
+    for number in np.lexsort((-values, -relaxed.part.round(DIGITS))):
         mine = elements[number][elements[number] >= 0]
         if held < most and not used[mine].any():
             used[mine] = True

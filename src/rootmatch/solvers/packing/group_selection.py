@@ -1,4 +1,4 @@
-"""Which of many groups go together: disjoint ones of the largest total value."""
+"""Selection among many groups: disjoint ones of the highest total evidence."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.solvers.packing.exact_packing import best_packing, relaxation, rounded, worth_at_least
-
-NODES, MORE_NODES, FEW_NODES = 400_000, 50_000, 5_000
-"""Nodes of branch and bound for the best large groups, with the small ones too, and in the place of one of them."""
+from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
+from rootmatch.solvers.packing.options import SelectionOptions
 
 
-class GroupChoice:
+class GroupSelection:
     """Groups that compete, and the disjoint sets of them."""
 
     def __init__(
@@ -22,7 +20,9 @@ class GroupChoice:
         values: NDArray[np.float64],
         shape: tuple[int, int],
         motions: int | Literal["auto"],
+        options: SelectionOptions,
     ) -> None:
+        self.options = options
         self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
         self.most = len(groups) if motions == "auto" else int(motions)
@@ -32,13 +32,14 @@ class GroupChoice:
             row[: 2 * len(points)] = np.concatenate([points, shape[0] + group[points]])
 
     def best(self, least: int) -> NDArray[np.bool_]:
-        """The chosen groups.
+        """The selected groups.
 
         Chance makes so many of the smallest groups that the search would begin poorly among them. So the best groups of
-        at least so many points are chosen first, and all compete with those.
+        at least so many points are selected first, and all compete with those.
         """
         chosen = np.zeros(len(self.groups), np.bool_)
-        for allowed, nodes in ((np.flatnonzero(self.sizes >= least), NODES), (np.arange(len(self.groups)), MORE_NODES)):
+        large, every = np.flatnonzero(self.sizes >= least), np.arange(len(self.groups))
+        for allowed, nodes in ((large, self.options.nodes_of_large), (every, self.options.nodes)):
             if len(allowed) == 0:
                 continue
             elements, values = self.elements[allowed], self.values[allowed]
@@ -46,13 +47,13 @@ class GroupChoice:
             start = rounded(elements, values, self.relaxed, self.most)
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
-            found = best_packing(elements, values, self.relaxed, self.most, start, nodes)
+            found = best_packing(elements, values, self.relaxed, self.most, start, nodes, self.options.patience)
             chosen = np.zeros(len(self.groups), np.bool_)
             chosen[allowed[found]] = True
         return chosen
 
-    def answer(self, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Assignment and labels of chosen groups, the largest first."""
+    def solution(self, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Assignment and labels of selected groups, the largest first."""
         assignment, labels = np.full(self.shape[0], -1, np.int64), np.full(self.shape[0], -1, np.int64)
         numbers = np.flatnonzero(chosen)
         for label, number in enumerate(numbers[np.argsort(-self.sizes[numbers], kind="stable")]):
@@ -63,23 +64,24 @@ class GroupChoice:
     def without_each(
         self, chosen: NDArray[np.bool_]
     ) -> tuple[list[tuple[NDArray[np.int64], NDArray[np.int64]]], float]:
-        """The best answers without each of the chosen groups, and the least lead.
+        """The best solutions without each of the selected groups, and the least lead.
 
-        A group that has half of the smaller of both in common with the chosen one is no other. The lead is over what
-        takes its place: 1 less the value of the groups that are new over that of those gone. What is worth less than
-        half of the group is not looked for.
+        A group that has half of the smaller of both in common with the selected one counts as the same. The lead is
+        over what takes its place: 1 less the evidence of the new groups over that of those gone. What has less than
+        half of the group's evidence is not looked for.
         """
         others, lead = [], 1.0
-        best, _ = self.answer(chosen)
+        best, _ = self.solution(chosen)
         for number in np.flatnonzero(chosen):
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
-            allowed = np.flatnonzero(2 * shared < np.minimum(self.sizes, self.sizes[number]))
-            least = self.values[chosen].sum() - 0.5 * self.values[number]
+            same = self.options.rival_overlap * np.minimum(self.sizes, self.sizes[number])
+            allowed = np.flatnonzero(shared < same)
+            least = self.values[chosen].sum() - self.options.rival_value * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
-            found[allowed] = worth_at_least(
-                least, self.elements[allowed], self.relaxed.of(allowed), self.most, FEW_NODES
+            found[allowed] = packing_above(
+                least, self.elements[allowed], self.relaxed.of(allowed), self.most, self.options.nodes_of_rivals
             )  # fmt: skip
-            other, labels = self.answer(found)
+            other, labels = self.solution(found)
             if ((other >= 0) & (other != best)).any():
                 others.append((other, labels))
                 lead = min(lead, 1.0 - self.values[found & ~chosen].sum() / self.values[chosen & ~found].sum())

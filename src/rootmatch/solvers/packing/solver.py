@@ -1,4 +1,4 @@
-"""Several groups of points that go together: dense groups found one by one, and the best set of them chosen at once."""
+"""The solver for several motions: groups of correspondences, and the best disjoint set of them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.solvers.base import Solution, is_empty, nothing
+from rootmatch.options import option
+from rootmatch.solvers.base import Solution, empty_solution, is_empty
 from rootmatch.solvers.packing.fitted_groups import FittedGroups, GroupFit
-from rootmatch.solvers.packing.group_selection import GroupChoice
-from rootmatch.solvers.packing.hyperedge_groups import GrownGroups
+from rootmatch.solvers.packing.group_selection import GroupSelection
+from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups
+from rootmatch.solvers.packing.options import PackingOptions
 
 
 @dataclass(frozen=True)
@@ -21,14 +23,14 @@ class GroupPacking:
     """Disjoint groups of correspondences, each of one motion, that together are the best evidence.
 
     The sum of all weights, which the other solvers climb, lets weights across the groups count, and with many small
-    groups there are more of those by chance than true ones within. Here a group of m correspondences is worth
+    groups there are more of those by chance than true ones within. Here the evidence of a group of m correspondences is
 
         (m − d + 1) (log 1/w̄ − ½ mean r²) − m c,
 
-    the logarithm of the likelihood of its motion against chance: a minimal set of d − 1 fixes the motion, and each
+    the log-likelihood of its motion against chance: a minimal set of d − 1 fixes the motion, and each
     further correspondence agrees within the noise (r² over all C(m, d) hyper-edges; those not in the tensor have the
     gate's) where by chance a hyper-edge has the mean weight w̄; c, the logarithm of the number of images that a point
-    may have, is what a correspondence must explain.
+    may have, is the cost of a correspondence.
 
     1. Groups grow from single hyper-edges by ascents (`hyperedge_groups`); where whole groups can be fitted, from
        cliques of hyper-edges in every way that their motion allows (`fitted_groups`).
@@ -37,39 +39,37 @@ class GroupPacking:
     Parameters
     ----------
     motions : int or "auto"
-        Most groups; "auto": as many as are worth it.
-    chance : float
+        Most groups; "auto": as many as have positive evidence.
+    chance_weight : float
         w̄, the mean weight of a random hyper-edge.
     fit : GroupFit, optional
-        What is known of whole groups. Then ½ mean r² and log 1/w̄ give way to their χ² and to the weight of a detection
-        that is as sure as they are: chance agrees in each hyper-edge for itself, but not in all at once.
-    starts : int
-        Most hyper-edges that grow.
-    columns : int
-        Most groups that compete, the most valuable.
+        Fits of whole groups, where the problem has them. Then ½ mean r² and log 1/w̄ are replaced by their χ² and by
+        the weight of a detection at random: chance agrees in single hyper-edges, but not in all at once.
+    options : PackingOptions
     """
 
     motions: int | Literal["auto"] = "auto"
-    chance: float = 1e-3
+    chance_weight: float = 1e-3
     fit: GroupFit | None = None
-    starts: int = 20_000
-    columns: int = 6_000
+    options: PackingOptions = option(PackingOptions())
 
     def __post_init__(self) -> None:
-        if min(self.starts, self.columns) < 1 or not self.chance > 0.0:
-            raise InputError("GroupPacking: expected starts, columns ≥ 1 and chance > 0")
+        if not self.chance_weight > 0.0:
+            raise InputError(f"GroupPacking: chance_weight is {self.chance_weight!r}; give a number above 0")
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor) or tensor.size == 0:
-            return nothing(tensor)
-        by_hyperedges = GrownGroups(tensor, self.chance, self.starts)
-        source = by_hyperedges if self.fit is None else FittedGroups(tensor, self.fit, by_hyperedges)
-        groups, values = self._choose(source)
-        packing = GroupChoice(groups, values, tensor.shape, self.motions)
-        chosen = packing.best(tensor.order + 2)
+            return empty_solution(tensor)
+        by_hyperedges = HyperedgeGroups(tensor, self.chance_weight, self.options.growth)
+        source: HyperedgeGroups | FittedGroups = by_hyperedges
+        if self.fit is not None:
+            source = FittedGroups(tensor, self.fit, by_hyperedges, self.options.cliques)
+        groups, values = self._competing(source)
+        packing = GroupSelection(groups, values, tensor.shape, self.motions, self.options.selection)
+        chosen = packing.best(tensor.order + self.options.selection.large)
         alternatives, lead = packing.without_each(chosen)
-        assignment, labels = self._enlarged(*packing.answer(chosen), source, tensor.shape)
+        assignment, labels = self._enlarged(*packing.solution(chosen), source, tensor.shape)
         soft = np.zeros(tensor.shape)
         for group, value in zip(groups, values / max(values.max(initial=0.0), 1e-300), strict=True):
             members = np.flatnonzero(group >= 0)
@@ -84,22 +84,22 @@ class GroupPacking:
             soft, assignment, inside_groups(tensor, assignment, labels), ranked, True, source.made, statistics, labels
         )
 
-    def _choose(self, source: GrownGroups | FittedGroups) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """The groups that compete, the most valuable first, and what they are worth."""
+    def _competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The groups that compete, those of the highest evidence first, and their evidence."""
         groups = source.groups()
-        values = source.worth(groups)
-        worth = np.flatnonzero(values > 0.0)
-        worth = worth[np.argsort(-values[worth], kind="stable")][: self.columns]
-        return groups[worth], values[worth]
+        values = source.evidence(groups)
+        positive = np.flatnonzero(values > 0.0)
+        best = positive[np.argsort(-values[positive], kind="stable")][: self.options.selection.columns]
+        return groups[best], values[best]
 
     def _enlarged(
         self,
         assignment: NDArray[np.int64],
         labels: NDArray[np.int64],
-        source: GrownGroups | FittedGroups,
+        source: HyperedgeGroups | FittedGroups,
         shape: tuple[int, int],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Groups after points that are left have joined where it pays, the most valuable first.
+        """Groups with the unmatched points added that raise their evidence, those that raise it most first.
 
         A true point may be in few hyper-edges: where it lies beside another one, or on one line with two.
         """
@@ -113,7 +113,7 @@ class GroupPacking:
             best = (0.0, 0, -1, -1)
             pairs = np.array(np.meshgrid(points, pixels, indexing="ij")).reshape(2, -1)
             for label, group in enumerate(groups):
-                gain = source.with_each(group, pairs) - source.worth(group[None])[0]
+                gain = source.with_each(group, pairs) - source.evidence(group[None])[0]
                 which = int(np.argmax(gain))
                 if gain[which] > best[0]:
                     best = (float(gain[which]), label, int(pairs[0, which]), int(pairs[1, which]))

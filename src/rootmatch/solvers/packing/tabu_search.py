@@ -7,6 +7,11 @@ from numba import njit
 
 from rootmatch.jit.internal import internal
 
+LEAST_TENURE, STRIDE, SPREAD = 3, 7, 11
+"""Steps for which a set that left may not enter again: 3 to 13, spread evenly without a random number. Not tuned."""
+ROUNDING = 1e-9
+"""Improvement that is rounding."""
+
 
 @njit(cache=True)
 def pack(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
@@ -77,7 +82,7 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
             if out == 0 and least >= 0:
                 change -= values[least]
             # a set that may not enter does so all the same where that is the best ever
-            if change > gain and (banned[g] < step or value + change > best_value + 1e-9):
+            if change > gain and (banned[g] < step or value + change > best_value + ROUNDING):
                 gain, entering = change, g
         if entering < 0:
             continue
@@ -90,11 +95,11 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
                 out += 1
                 held -= 1
                 _leave(elements, owner, inside, holder)
-                banned[holder] = step + 3 + 7 * step % 11
+                banned[holder] = step + LEAST_TENURE + STRIDE * step % SPREAD
         if out == 0 and least >= 0:
             held -= 1
             _leave(elements, owner, inside, least)
-            banned[least] = step + 3 + 7 * step % 11
+            banned[least] = step + LEAST_TENURE + STRIDE * step % SPREAD
         for p in range(width):
             if elements[entering, p] < 0:
                 break
@@ -102,7 +107,7 @@ def pack(elements, values, count, most, start, patience):  # type: ignore[no-unt
         inside[entering] = True
         held += 1
         value += gain
-        if value > best_value + 1e-9:
+        if value > best_value + ROUNDING:
             best_value, improved = value, step
             # `best[:] = inside` would be compiled with all the text of an error: four seconds
             for g in range(sets):
