@@ -221,7 +221,7 @@ def main() -> None:
         "--first-seed",
         type=int,
         default=1000,
-        help="seeds below 4000 tuned the defaults; docs/comparison.md reports from 20000 on",
+        help="below 4000 for tuning, reported from 20000 on",
     )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")

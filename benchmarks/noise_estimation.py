@@ -41,7 +41,7 @@ def main() -> None:
         "--first-seed",
         type=int,
         default=1000,
-        help="seeds below 4000 tuned the defaults; docs/comparison.md reports from 20000 on",
+        help="below 4000 for tuning, reported from 20000 on",
     )
     options = parser.parse_args()
     print("| scenes | count | within 1.5 | from the right matches | by χ² | accuracy |\n" + "| --- " * 6 + "|")
