@@ -88,6 +88,10 @@ class Status(Enum):
         "or evaluate more hyper-edges"
     )
 
+    def __bool__(self) -> bool:
+        """Only a match that can be believed is true."""
+        return self is Status.MATCHED
+
     def __str__(self) -> str:
         return self.value.format(to_tell=Problem.to_tell, to_check=Problem.to_check)
 

@@ -39,6 +39,8 @@ class SamplingLimits:
         Most that an exhaustive sweep evaluates unasked: about a minute on two cores, and on a card.
     affordable : int
         Up to here all are evaluated after a search that found nothing beyond chance: some seconds on two cores.
+    random : int
+        Most random hyper-edges drawn unasked: about half a minute on two cores.
     per_searched : int
         Such a search spends one evaluation for so many hyper-edges, about half of the time of the sweep: the
         evaluations of a sweep are far cheaper.
@@ -49,6 +51,7 @@ class SamplingLimits:
     exhaustive: int = 4_000_000_000
     exhaustive_on_device: int = 100_000_000_000
     affordable: int = 500_000_000
+    random: int = 200_000_000
     per_searched: int = 20
     cheap_on_device: int = 1_000_000_000
 
@@ -79,11 +82,19 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
     searched = 0
     if callable(sampler):
         sampled = sampler(sampling)
+        if not isinstance(sampled, SampledTensor):
+            raise InputError(
+                f"hyperedges: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
+                "rootmatch.samplers.base.SampledTensor"
+            )
         if sampled.conclusive or not fallback:
             return sampled, selection.chosen(options.backend, 0.0, single)
         searched = sampled.evaluated
     if sampler == "random":
         samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
+        most = LIMITS.random if options.limit is None else options.limit
+        if samples > most:
+            raise InputError(f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise limit=")
         backend = _backend(task, samples, single)
         tensor, evaluated = random_tensor(
             *_sizes(sampling),

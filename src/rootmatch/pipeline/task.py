@@ -14,7 +14,7 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import wide_first
-from rootmatch.pipeline.validation import check_choice, split_candidates
+from rootmatch.pipeline.validation import check_callable, check_choice, check_count, check_positive, split_candidates
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, parse_noise
 from rootmatch.samplers.base import Sampler, SamplingTask
@@ -53,12 +53,28 @@ class MatchOptions:
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
             raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
-        if self.motions != "auto" and not (isinstance(self.motions, int | np.integer) and self.motions >= 1):
-            raise InputError(f'motions: {self.motions!r} given; give a whole number of at least 1, or "auto"')
+        if isinstance(self.motions, str):
+            check_choice("motions", self.motions, ("auto",))
+        elif self.motions is None:
+            raise InputError('motions: None given; give a whole number of at least 1, or "auto"')
+        else:
+            check_count("motions", self.motions)
+        check_count("seed", self.seed, least=0)
+        check_count("samples", self.samples)
+        check_count("limit", self.limit)
+        check_count("max_hyperedges", self.max_hyperedges)
+        check_positive("rho", self.rho)
         check_choice("backend", self.backend, selection.NAMES)
-        if self.hyperedges is not None and not callable(self.hyperedges):
+        check_callable("progress", self.progress, "a function of two numbers, done and total")
+        if self.scheduler is not None and not isinstance(self.scheduler, str):
+            raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
+        if isinstance(self.hyperedges, str):
             check_choice("hyperedges", self.hyperedges, HYPEREDGES)
-        get_solver(self.solver or "ascent")
+        else:
+            check_callable("hyperedges", self.hyperedges, f"a sampler, or one of {', '.join(HYPEREDGES)}")
+        if self.residual is not None and not isinstance(self.residual, str | Residual):
+            raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
+        get_solver("ascent" if self.solver is None else self.solver)
 
     @property
     def is_paper(self) -> bool:
@@ -73,7 +89,7 @@ class MatchOptions:
     @property
     def chosen_solver(self) -> Solver:
         """The solver of one group of points."""
-        return get_solver(self.solver or ("power-l1" if self.is_paper else "ascent"))
+        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
 
     @property
     def packs_motions(self) -> bool:
@@ -139,6 +155,9 @@ class MatchingTask:
         InputError
             If the input cannot be used; the text says what to do.
         """
+        if not isinstance(problem, Problem):
+            kind = "the class" if isinstance(problem, type) else "given"
+            raise InputError(f"problem: {problem!r} {kind}; give a problem such as rootmatch.P3P(camera)")
         options = options or MatchOptions()
         estimates = isinstance(noise, str)
         if estimates:

@@ -1,7 +1,8 @@
-"""What `match` and `residuals` were asked for, checked: one clear error for each mistake."""
+"""Validation of arguments and options: their type, their range, and one clear error for each mistake."""
 
 from __future__ import annotations
 
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -62,3 +63,31 @@ def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
     """Refuse a value that is none of the choices."""
     if value not in choices:
         raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
+
+
+def check_count(name: str, value: Any, least: int = 1) -> None:
+    """Refuse anything but a whole number of at least ``least``; None passes."""
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}")
+
+
+def check_positive(name: str, value: Any) -> None:
+    """Refuse anything but a positive, finite number; None passes."""
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < float("inf"):
+        raise InputError(f"{name}: {_shortened(value)} given; give a positive number")
+
+
+def check_callable(name: str, value: Any, purpose: str) -> None:
+    """Refuse anything that cannot be called, classes included; None passes."""
+    if value is not None and (isinstance(value, type) or not callable(value)):
+        raise InputError(f"{name}: {_shortened(value)} given; give {purpose}")
+
+
+def _shortened(value: Any) -> str:
+    """What was given, in at most a few words."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
