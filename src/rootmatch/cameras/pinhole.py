@@ -105,3 +105,11 @@ class Camera:
         return np.stack(
             [self.fx * xyz[..., 0] / xyz[..., 2] + self.cx, self.fy * xyz[..., 1] / xyz[..., 2] + self.cy], axis=-1
         )
+
+
+def check_camera(camera: object, name: str = "camera") -> None:
+    """Refuse anything but a camera, such as its matrix."""
+    if not isinstance(camera, Camera):
+        raise InputError(
+            f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
+        )

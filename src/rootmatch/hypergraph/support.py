@@ -77,7 +77,8 @@ def scores_of(
     a, i = np.nonzero(answers >= 0)
     chosen[a, i, answers[a, i]] = True
     which, edges = inside(indices, chosen.reshape(count, -1))
-    scores = np.bincount(which, weights[edges], count)
+    # of no hyper-edges at all the counts are integers, whatever the weights
+    scores = np.bincount(which, weights[edges], count).astype(np.float64)
     if unary is not None:
         scores += np.bincount(a, unary[i, answers[a, i]], count)
     return np.asarray(scores)

@@ -94,7 +94,9 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
         most = LIMITS.random if options.limit is None else options.limit
         if samples > most:
-            raise InputError(f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise limit=")
+            raise InputError(
+                f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise limit="
+            )
         backend = _backend(task, samples, single)
         tensor, evaluated = random_tensor(
             *_sizes(sampling),

@@ -25,6 +25,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
         array = np.ascontiguousarray(points, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name}: it is not an array of numbers; give shape (m, {dimension})") from None
+    if array.ndim == 3 and array.shape[1:] == (1, dimension):
+        array = array[:, 0]  # as OpenCV hands points over
     if array.ndim != 2 or array.shape[1] != dimension:
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.pinhole import Camera, check_camera
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.p3p.resultant import quartic_in_ratio
@@ -51,6 +51,9 @@ class P3P(Problem):
     takes_normals: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
+
+    def __post_init__(self) -> None:
+        check_camera(self.camera)
 
     def tables(self, points: PointSets) -> P3PTables:
         """Tables for the kernels; see `Problem.tables`."""

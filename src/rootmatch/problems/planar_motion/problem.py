@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.pinhole import Camera, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Bearings
@@ -67,6 +67,9 @@ class PlanarMotion(Problem):
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
     def __post_init__(self) -> None:
+        check_camera(self.camera)
+        if self.camera2 is not None:
+            check_camera(self.camera2, "camera2")
         self.__dict__.update(
             axis=plain_direction(self.axis, "axis"),
             axis2=plain_direction(self.axis2, "axis2"),

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.pinhole import Camera, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -69,6 +69,7 @@ class UP2P(Problem):
     least_for_pose: ClassVar[int] = LEAST_ABSOLUTE
 
     def __post_init__(self) -> None:
+        check_camera(self.camera)
         self.__dict__.update(
             vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
             vertical_world=plain_direction(self.vertical_world, "vertical_world"),
