@@ -1,7 +1,4 @@
-"""The application: commands, exit codes, and errors as one line on standard error.
-
-Exit codes: 0 success, 1 no trustworthy match or an ambiguous one, 2 bad input, 130 interrupted.
-"""
+"""The application: its commands, and errors as one line on standard error."""
 
 from __future__ import annotations
 
@@ -15,13 +12,12 @@ from typer.core import TyperGroup
 
 from rootmatch._version import __version__
 from rootmatch.cli.benchmark import benchmark
+from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
 from rootmatch.errors import RootmatchError
 
-BAD_INPUT = 2
-INTERRUPTED = 130
 STOPPED = "interrupted; no partial output is left"
 
 COMMANDS: dict[str, Callable[..., None]] = {

@@ -13,6 +13,7 @@ import typer
 
 from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
+from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.problem_options import ProblemName, build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError
@@ -20,9 +21,6 @@ from rootmatch.errors import InputError
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
     from rootmatch.match import Match
-
-NOT_TRUSTED = 1
-"""Exit code of an untrusted or ambiguous match."""
 
 
 class Preset(StrEnum):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from rootmatch.io.calibration import (
+from rootmatch.io.atomic_output import check_output, check_output_folder, folder_written_whole, written_whole
+from rootmatch.io.camera_files import (
     DIRECTIONS,
     Calibration,
     parse_camera,
@@ -11,9 +12,8 @@ from rootmatch.io.calibration import (
     read_camera,
     write_camera,
 )
-from rootmatch.io.outputs import check_output, check_output_folder, folder_written_whole, written_whole
-from rootmatch.io.points import PointSet, read_candidates, read_points, read_truth, write_matches, write_points
-from rootmatch.io.tables import write_table
+from rootmatch.io.csv_tables import write_table
+from rootmatch.io.point_files import PointSet, read_candidates, read_points, read_truth, write_matches, write_points
 
 __all__ = [
     "DIRECTIONS",

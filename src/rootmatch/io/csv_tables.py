@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rootmatch.errors import InputError
-from rootmatch.io.outputs import written_whole
+from rootmatch.io.atomic_output import written_whole
 
 
 def read_text(path: Path) -> str:

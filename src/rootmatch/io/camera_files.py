@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
-from rootmatch.io.outputs import written_whole
-from rootmatch.io.tables import read_text
+from rootmatch.io.atomic_output import written_whole
+from rootmatch.io.csv_tables import read_text
 
 NUMBERS = ("fx", "fy", "cx", "cy")
 DISTORTION = ("distortion", "distortion_coefficients", "dist", "distcoeffs", "k1", "k2", "k3", "p1", "p2")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.io.tables import number, read_table, refuse_repeats, write_table
+from rootmatch.io.csv_tables import number, read_table, refuse_repeats, write_table
 
 COORDINATES = ("x", "y", "z")
 NORMALS = ("nx", "ny", "nz")
