@@ -1,0 +1,388 @@
+"""Every exported problem × every public feature: it works, or it gives one clear error that agrees with what is declared.
+
+A problem that is added to `rootmatch.problems.PROBLEMS` needs a line in `CASES` here and has to keep all of it. Scenes
+are small and easy: what is asked for is that features and problems go together, not how far either goes.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from robot_scenes import INTRINSICS, moved_points, robot, zoomed
+from rootmatch.hypergraph.affinity import KINDS, NOISE_KINDS
+from rootmatch.problems import PROBLEMS, problem_class
+from rootmatch.problems.derived.problem import DerivedProblem
+from rootmatch.problems.kernels import ProblemKernels, kernels_of
+from rootmatch.report.pictures import match_figure
+from rootmatch.report.text import match_record
+from rootmatch.samplers.completion import Completion
+from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.solvers import SOLVERS
+
+CAMERA = rm.Camera(*INTRINSICS)
+
+
+class Case(NamedTuple):
+    """A problem and an easy scene of it: ``truth`` (n,) indexes the target; ``camera`` is the centre of the camera."""
+
+    problem: rm.Problem
+    source: np.ndarray
+    target: np.ndarray
+    truth: np.ndarray
+    noise: float
+    R: np.ndarray
+    t: np.ndarray
+
+    @property
+    def n(self) -> int:
+        return len(self.source)
+
+    @property
+    def n_target(self) -> int:
+        return len(self.target)
+
+    @property
+    def kernels(self) -> ProblemKernels:
+        return kernels_of(self.problem.prepare(self.source, self.target))
+
+    def match(self, **options: Any) -> rm.Match:
+        return rm.match(self.source, self.target, self.problem, **{"noise": self.noise, **options})
+
+
+def simulated(scene: Any) -> Case:
+    R, t = scene.poses[0]
+    return Case(scene.problem, scene.source, scene.target, scene.truth, scene.noise, R, t)
+
+
+def planar() -> Case:
+    scene = robot(7, outliers=1, noise=0.05, seed=4)
+    problem = rm.PlanarMotion(CAMERA, axis=scene.vertical, axis2=scene.vertical)
+    return Case(problem, scene.source, scene.target, scene.truth, 0.05, scene.rotation, scene.translation)
+
+
+def derived() -> Case:
+    """A problem as `rootmatch.derive` makes them, with formulas whose kernels `PlanarMotion` has compiled already."""
+    case = planar()
+    assert isinstance(case.problem, rm.PlanarMotion)
+    behind = case.problem.derived
+    return case._replace(problem=DerivedProblem("own", behind.generated, behind.source, behind.target))
+
+
+def unknown_zoom() -> Case:
+    scene = zoomed(6, outliers=1, noise=0.1, seed=1)
+    problem = rm.UP2PF((320.0, 240.0), vertical_camera=scene.vertical)
+    return Case(problem, scene.source, scene.target, scene.truth, 0.1, scene.rotation, scene.translation)
+
+
+def point_sets(problem: type[rm.Similarity], dimension: int) -> Case:
+    source, target, truth = moved_points(dimension, 7, 1, 0.002, 3, 1.0 if problem is rm.Rigid else 1.7)
+    pose = np.linalg.lstsq(np.c_[source, np.ones(7)], target[truth], rcond=None)[0].T
+    scale = np.linalg.det(pose[:, :dimension]) ** (1.0 / dimension)
+    return Case(problem(dimension), source, target, truth, 0.002, pose[:, :dimension] / scale, pose[:, dimension])
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "p3p": lambda: simulated(p3p_scene(6, 1, noise=0.2, seed=1)),
+    "up2p": lambda: simulated(up2p_scene(6, 1, noise=0.2, seed=1)),
+    "3p1": lambda: simulated(three_plus_one_scene(7, 1, noise=0.1, seed=1, baseline=4.0)),
+    "planar": planar,
+    "up2pf": unknown_zoom,
+    "similarity": lambda: point_sets(rm.Similarity, 2),
+    "similarity in space": lambda: point_sets(rm.Similarity, 3),
+    "rigid": lambda: point_sets(rm.Rigid, 2),
+    "rigid in space": lambda: point_sets(rm.Rigid, 3),
+    "derived": derived,
+}
+case_of = cache(lambda name: CASES[name]())
+
+
+@cache
+def plain_match(name: str) -> rm.Match:
+    return case_of(name).match()
+
+
+@pytest.fixture(params=list(CASES))
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def case(name: str) -> Case:
+    return case_of(name)
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as here:
+        yield here.scheduler_address
+
+
+def one_to_one(assignment: np.ndarray, shape: tuple[int, int]) -> bool:
+    matched = assignment[assignment >= 0]
+    return bool(
+        assignment.shape == shape[:1]
+        and assignment.dtype == np.int64
+        and assignment.min() >= -1
+        and assignment.max() < shape[1]
+        and len(set(matched.tolist())) == len(matched)
+    )
+
+
+def holds(match: rm.Match, case: Case) -> None:
+    """What every match keeps, whatever it was asked for."""
+    shape = case.n, case.n_target
+    assert one_to_one(match.assignment, shape)
+    for other, _ in match.alternatives:
+        assert one_to_one(other, shape)
+        assert not np.array_equal(other, match.assignment)
+    assert match.soft.shape == match.tensor.shape == shape
+    assert (match.soft >= 0.0).all()
+    assert 0.0 <= match.margin <= 1.0
+    assert match.probability is None or 0.0 <= match.probability <= 1.0
+    assert isinstance(match.converged, bool)
+    assert isinstance(match.status, rm.Status)
+    assert match.advice
+    assert match.hyperedges > 0
+    assert match.score >= 0.0
+    assert ((match.motions >= 0) == (match.assignment >= 0)).all()
+    sizes = np.bincount(match.motions[match.motions >= 0])
+    assert (np.diff(sizes) <= 0).all()
+    assert (sizes > 0).all()
+
+
+def right(match: rm.Match, case: Case) -> None:
+    holds(match, case)
+    assert match.assignment.tolist() == case.truth.tolist()
+
+
+def same(one: rm.Match, other: rm.Match) -> None:
+    np.testing.assert_array_equal(one.assignment, other.assignment)
+    np.testing.assert_allclose(one.score, other.score, rtol=1e-12)
+    assert one.status is other.status
+
+
+def refused(argument: str, case: Case, use: Callable[[], object]) -> None:
+    """One error in one line: the argument, the problem, what it lacks; what to do instead."""
+    with pytest.raises(rm.InputError) as caught:
+        use()
+    text = str(caught.value)
+    assert text.startswith(f"{argument}: {case.problem.name} ")
+    assert "; " in text
+    assert "\n" not in text
+
+
+def works_or_is_refused(declared: object, argument: str, case: Case, use: Callable[[], rm.Match]) -> None:
+    if declared:
+        right(use(), case)
+    else:
+        refused(argument, case, use)
+
+
+def test_every_exported_problem_is_here() -> None:
+    assert set(PROBLEMS) <= set(CASES)
+    for name in PROBLEMS:
+        assert problem_class(name).name == name
+        assert getattr(rm, problem_class(name).__name__) is problem_class(name) is type(case_of(name).problem)
+
+
+def test_what_is_declared_fits_together(case: Case) -> None:
+    problem = case.problem
+    assert problem.order == problem.minimal + 1
+    assert case.source.shape[1] == problem.source_dimension
+    assert case.target.shape[1] == problem.target_dimension
+    assert problem.least_for_pose == 0 or problem.least_for_pose >= problem.minimal
+    assert len(case.kernels.residuals) == len(KINDS)
+    assert 1 <= problem.constraints <= problem.pair_count
+
+
+def test_polynomials_of_minimal_sets_share_a_root(case: Case) -> None:
+    sets = np.array([[*range(case.problem.minimal - 1), last] for last in (case.problem.minimal - 1, case.problem.minimal)])
+    polynomials = case.problem.coefficients(case.source[sets], case.target[case.truth[sets]])
+    assert polynomials.shape == (2, case.problem.degree + 1)
+    first, second = (np.roots(row) for row in polynomials)
+    assert np.abs(first[:, None] - second).min() < 0.05 * (1.0 + np.abs(first).min())
+
+
+def test_match(name: str, case: Case) -> None:
+    match = plain_match(name)
+    right(match, case)
+    assert match.status is rm.Status.MATCHED
+    assert match.score == pytest.approx(match.tensor.score(match.assignment))
+    assert (match.probability is not None) == case.problem.fits_answers
+
+
+def test_matcher_takes_frames_of_any_size(name: str, case: Case) -> None:
+    matcher = rm.Matcher(case.source, case.problem, noise=case.noise)
+    same(matcher.match(case.target), plain_match(name))
+    fewer = np.delete(case.target, case.truth[0], axis=0)
+    same(matcher.match(fewer), rm.match(case.source, fewer, case.problem, noise=case.noise))
+    same(matcher.match(case.target, noise=np.full(case.n_target, case.noise)), plain_match(name))
+
+
+def test_pose(name: str, case: Case) -> None:
+    match = plain_match(name)
+    if not case.problem.least_for_pose:
+        refused("pose", case, match.pose)
+        return
+    if hasattr(case.problem, "camera"):
+        pytest.importorskip("poselib")
+    (pose,) = match.pose()
+    assert pose is not None
+    R, t = pose
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    np.testing.assert_allclose(R @ R.T, np.eye(len(R)), atol=1e-9)
+    np.testing.assert_allclose(R, case.R, atol=0.02)
+    if case.problem.source_dimension == 2 and hasattr(case.problem, "camera"):
+        np.testing.assert_allclose(t, case.t / np.linalg.norm(case.t), atol=0.05)
+    else:
+        np.testing.assert_allclose(t, case.t, atol=0.2)
+    assert (pose.scale == 1.0) == (case.problem.name != "similarity")
+    few = pickle.loads(pickle.dumps(match))
+    few.assignment[case.problem.least_for_pose - 1 :] = -1
+    assert few.pose() == [None]
+
+
+def test_normals(case: Case) -> None:
+    """Towards the camera all points are visible; a point that looks away is not matched."""
+    visible = np.ones((case.n, 3))
+    if case.problem.takes_normals:
+        visible = -case.R.T @ case.t - case.source
+    works_or_is_refused(case.problem.takes_normals, "normals", case, lambda: case.match(normals=visible))
+    if case.problem.takes_normals:
+        visible[0] *= -1.0
+        match = case.match(normals=visible)
+        holds(match, case)
+        assert match.assignment[0] != case.truth[0]
+
+
+@pytest.mark.parametrize("kind", ["mask", "weights"])
+def test_candidates(case: Case, kind: str) -> None:
+    allowed = np.random.default_rng(0).random((case.n, case.n_target)) < 0.6
+    allowed[np.arange(case.n), case.truth] = True
+    right(case.match(candidates=allowed if kind == "mask" else 0.3 * allowed), case)
+    allowed[0] = False
+    match = case.match(candidates=allowed if kind == "mask" else 0.3 * allowed)
+    holds(match, case)
+    assert match.assignment[0] == -1
+
+
+@pytest.mark.parametrize("motions", [2, "auto"])
+def test_motions(case: Case, motions: Any) -> None:
+    """There is one; what is matched is right, and asked for any number of them that one is found."""
+    match = case.match(motions=motions)
+    holds(match, case)
+    matched = match.assignment >= 0
+    assert (match.assignment[matched] == case.truth[matched]).all()
+    if motions == "auto":
+        assert matched.all()
+        assert (match.motions == 0).all()
+
+
+def test_noise_is_estimated(case: Case) -> None:
+    match = case.match(noise="auto")
+    right(match, case)
+    assert case.noise / 10.0 < match.noise < 10.0 * case.noise
+
+
+def test_noise_of_each_point(name: str, case: Case) -> None:
+    same(case.match(noise=np.full(case.n_target, case.noise)), plain_match(name))
+    right(case.match(noise=case.noise * np.linspace(0.8, 2.0, case.n_target)), case)
+
+
+def test_noise_of_source_and_target_apart(name: str, case: Case) -> None:
+    declared = case.problem.noisy_source
+    pair = case.noise, case.noise
+    works_or_is_refused(declared, "noise", case, lambda: case.match(noise=pair))
+    if declared:
+        same(case.match(noise=pair), plain_match(name))
+        each = np.full(case.n, 1.5 * case.noise), np.full(case.n_target, case.noise)
+        right(case.match(noise=each), case)
+        assert case.match(noise=each).score > plain_match(name).score
+
+
+def test_exhaustive(name: str, case: Case) -> None:
+    same(case.match(hyperedges="exhaustive"), plain_match(name))
+
+
+def test_random(case: Case) -> None:
+    right(case.match(hyperedges="random", samples=100_000), case)
+
+
+def test_paper_preset(case: Case) -> None:
+    match = case.match(preset="paper", samples=20_000)
+    holds(match, case)
+    assert (match.assignment >= 0).all()
+
+
+def test_guided(case: Case) -> None:
+    works_or_is_refused(case.kernels.hypotheses, "hyperedges", case, lambda: case.match(hyperedges="guided"))
+    if not case.kernels.hypotheses:
+        refused("hyperedges", case, lambda: case.match(hyperedges=rm.Guided()))
+
+
+def test_completion(case: Case) -> None:
+    works_or_is_refused(case.kernels.completion, "hyperedges", case, lambda: case.match(hyperedges=Completion()))
+
+
+def test_scheduler(name: str, case: Case, scheduler: str) -> None:
+    same(case.match(scheduler=scheduler), plain_match(name))
+    matcher = rm.Matcher(case.source, case.problem, noise=case.noise, scheduler=scheduler)
+    same(matcher.match(case.target), plain_match(name))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_residual(case: Case, kind: str) -> None:
+    """True hyper-edges have far smaller residuals than random ones."""
+    rng = np.random.default_rng(0)
+    order = case.problem.order
+    source = np.array([rng.permutation(case.n)[:order] for _ in range(200)])
+    wrong = np.array([rng.permutation(case.n_target)[:order] for _ in range(200)])
+    points = case.source, case.target, case.problem, source
+    true = rm.residuals(*points, case.truth[source], kind, case.noise)
+    false = rm.residuals(*points, wrong, kind, case.noise)
+    assert true.shape == (200,)
+    assert (true >= 0.0).all()
+    assert np.median(true) < 0.3 * np.median(false)
+    if kind in NOISE_KINDS:
+        assert np.median(true) < 3.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_each_solver(case: Case, solver: str) -> None:
+    right(case.match(solver=solver), case)
+
+
+def test_json(name: str, case: Case) -> None:
+    record = json.loads(json.dumps(match_record(plain_match(name)), allow_nan=False))
+    assert record["assignment"] == case.truth.tolist()
+    assert record["status"] == "matched"
+    assert record["noise"] == case.noise
+    each = case.match(noise=np.full(case.n_target, case.noise))
+    assert json.loads(json.dumps(match_record(each), allow_nan=False))["noise"] is None
+
+
+def test_picture(name: str, case: Case) -> None:
+    match = plain_match(name)
+    figure = match_figure(match.source, match.target, match.assignment, motions=match.motions, truth=case.truth)
+    assert len(figure.axes) == 2
+    assert len(figure.artists) == case.n
+
+
+def test_pickling(name: str, case: Case) -> None:
+    again = pickle.loads(pickle.dumps(case.problem))
+    assert again == case.problem
+    assert hash(again) == hash(case.problem)
+    match = plain_match(name)
+    kept = pickle.loads(pickle.dumps(match))
+    same(kept, match)
+    assert kept.problem == case.problem
+    assert match_record(kept) == match_record(match)
