@@ -176,7 +176,7 @@ def test_what_cannot_be_completed_says_so() -> None:
     scene = rm.simulation.p3p_scene(6, 0, 1.0, 0)
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     weigh = affinity("joint", None)
-    with pytest.raises(rm.InputError, match="predicts no points"):
+    with pytest.raises(rm.InputError, match="no predictions"):
         Completion()(SamplingTask(tables, weigh.residual.kernel_kind(2), weigh, (6, 6), 4))
     with pytest.raises(rm.InputError, match=r"gate is 0\.0; give a number above 0"):
         Completion(gate=0.0)

@@ -304,6 +304,6 @@ def test_mistakes_are_said() -> None:
         VerificationOptions(visible=())
     scene = p3p_scene(6)
 
-    with pytest.raises(InputError, match="no guided search"):
+    with pytest.raises(InputError, match="no hypotheses to guide"):
         Guided()(SamplingTask(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6

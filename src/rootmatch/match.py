@@ -24,6 +24,8 @@ from rootmatch.pipeline.sampling import sample
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
 from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 
@@ -171,7 +173,9 @@ def residuals(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
         )
     chosen = kind if isinstance(kind, Residual) else Residual(kind)
-    return cpu.residuals(tables, chosen.kernel_kind(problem.pair_count), first, second)
+    kernel_kind = chosen.kernel_kind(problem.pair_count)
+    Capability.RESIDUAL.require(type(kernel_kind) in kinds_of(tables), problem.name)
+    return cpu.residuals(tables, kernel_kind, first, second)
 
 
 def match(

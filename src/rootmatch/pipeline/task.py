@@ -16,7 +16,9 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affin
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.pipeline.validation import check_callable, check_choice, check_count, check_positive, split_candidates
 from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.points import PointSets, parse_noise
+from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler, SamplingTask
 from rootmatch.solvers import Solver, get_solver
 
@@ -202,9 +204,12 @@ class MatchingTask:
     @cached_property
     def sampling_task(self) -> SamplingTask:
         """What a sampler is given, the source points in `order`."""
+        kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
+        Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
         return SamplingTask(
+            problem=self.problem.name,
             tables=self.tables,
-            kind=self.affinity.residual.kernel_kind(self.problem.pair_count),
+            kind=kind,
             affinity=self.affinity,
             shape=self.shape,
             order=self.problem.order,

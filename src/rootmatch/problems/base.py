@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points
 from rootmatch.problems.points import PointSets, parse_noise
 from rootmatch.problems.pose_fit.base import Fit
@@ -80,11 +80,8 @@ class Problem(ABC):
         InputError
             If the points cannot be used; the text says why.
         """
-        if normals is not None and not self.takes_normals:
-            raise InputError(
-                f"normals: {self.name} does not use them, as its source is not seen by one calibrated camera; "
-                "leave them out"
-            )
+        if normals is not None:
+            Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order)
         second = check_points(target, self.target_dimension, "target", self.order)
         facing = None if normals is None else check_normals(normals, len(first))

@@ -32,6 +32,8 @@ class Capability(Enum):
         'use hyperedges="exhaustive" or "random"',
     )
     """Declared by `ProblemKernels.completion`."""
+    RESIDUAL = "residual", "has no kernels of that kind", 'use another kind, such as residual="joint"'
+    """Declared by `ProblemKernels.residuals`."""
 
     def require(self, declared: object, problem: str) -> None:
         """Raise the one error unless the capability is declared.

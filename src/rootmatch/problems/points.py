@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_noise
 
 Floats = NDArray[np.float64]
@@ -79,13 +79,9 @@ def parse_noise(noise: ArrayLike, shape: tuple[int, int], noisy_source: bool, na
     """
     n, n_target = shape
     if isinstance(noise, tuple | list) and len(noise) == 2:
-        if noisy_source:
-            first, second = noise
-            return check_noise(first, n, "noise of the source"), check_noise(second, n_target, "noise of the target")
-        raise InputError(
-            f"noise: a pair given, but the source points of {name} are exact; give one number or one for each of "
-            f"{n_target} target points"
-        )
+        Capability.SOURCE_NOISE.require(noisy_source, name)
+        first, second = noise
+        return check_noise(first, n, "noise of the source"), check_noise(second, n_target, "noise of the target")
     sigma = check_noise(noise, n_target)
     return np.full(n, np.sqrt(np.mean(sigma**2))), sigma
 

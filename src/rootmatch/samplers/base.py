@@ -37,6 +37,8 @@ class SamplingTask:
     """(n, n') possible correspondences, others are never tried; None for all."""
     progress: Progress | None = None
     """Called now and then with (done, total), in units of the sampler's own."""
+    problem: str = "the problem"
+    """Name of the problem, for messages."""
 
     @property
     def allowed(self) -> NDArray[np.bool_]:

@@ -11,11 +11,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
 from rootmatch.options import Options, option
+from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion_kernels import Completions, can_complete
 from rootmatch.samplers.exhaustive import given_tensor
@@ -79,8 +79,7 @@ class Completion(Options):
             If the problem's minimal sets predict no points.
         """
         tables, shape, order = task.tables, task.shape, task.order
-        if not can_complete(type(tables)):
-            raise InputError('hyperedges: this problem predicts no points; use "exhaustive" or "random"')
+        Capability.COMPLETION.require(can_complete(type(tables)), task.problem)
         images = enumeration.target_arrangements(shape[1], order - 1).astype(np.int64)
         tasks = self._tasks(tables, shape[0], order)
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)

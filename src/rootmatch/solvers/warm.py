@@ -19,10 +19,10 @@ from rootmatch.solvers.packing.tabu_search import pack
 def is_cold(several: bool = False) -> bool:
     """Whether the largest kernel of the ascent, or of the packing of several motions, is not compiled.
 
-    That is neither in Numba's cache on disk nor by now in this process.
+    That is neither in Numba's cache on disk nor by now in this process. Nothing is where NUMBA_DISABLE_JIT is set.
     """
     kernel: Any = branch_and_bound.search if several else local_search._ascend
-    if kernel.signatures:
+    if getattr(kernel, "signatures", True):
         return False
     folder, file = Path(kernel.stats.cache_path or ""), Path(kernel.py_func.__code__.co_filename)
     return next(folder.glob(f"{file.stem}.{kernel.__name__}-*.nbi"), None) is None

@@ -1,3 +1,3 @@
 """Zoom: point sets of a plane that a scale and a translation take to each other."""
 
-from rootmatch.problems.zoom.problem import Zoom as Zoom
+from .problem import Zoom as Zoom

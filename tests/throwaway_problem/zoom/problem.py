@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.zoom.tables import ZoomTables
+
+from .tables import ZoomTables
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rootmatch.backends import cpu
-from rootmatch.errors import InputError
+from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, random_hyperedges
@@ -44,8 +44,7 @@ class Guided(GuidedOptions):
             If the problem's minimal sets make no hypotheses.
         """
         tables, affinity = task.tables, task.affinity
-        if not has_hypotheses(type(tables)):
-            raise InputError('hyperedges: this problem has no guided search; use "exhaustive" or "random"')
+        Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
         search = Search(task, self)
         search.run()
         search.refine()
