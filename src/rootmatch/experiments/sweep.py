@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +20,7 @@ from rootmatch.experiments.progress import Progress
 from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row, Store, versions_in_use
 from rootmatch.experiments.unit import Task, Unit, evaluate
+from rootmatch.experiments.worker_lifetime import end_with
 
 Plan = dict[Setting, tuple[tuple[Method, tuple[int, ...]], ...]]
 """What is to be tried on each setting: methods, each with its sample sizes."""
@@ -111,7 +113,9 @@ def check_jobs(jobs: int) -> None:
         raise InputError("jobs: 0 given; give a number of processes, or -1 for one a processor")
 
 
-def _timed(function: Evaluate, unit: Unit) -> Result:
+def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:
+    if parent is not None:
+        end_with(parent)
     start = time.process_time()
     rows = function(unit)
     return Result(rows, time.process_time() - start, versions_in_use())
@@ -125,7 +129,7 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
         # A worker that has grown by 300 MB, as the compiler makes it, is replaced once it is idle; nothing is lost.
         warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
         try:
-            yield from parallel(joblib.delayed(_timed)(function, unit) for unit in work)
+            yield from parallel(joblib.delayed(_timed)(function, unit, os.getpid()) for unit in work)
         except BrokenProcessPool:
             raise RootmatchError(
                 "a worker process died, of lack of memory perhaps; what is done is kept and the same command goes on, "
