@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from numba import cuda, types
+from numba import cuda
 from numpy.typing import NDArray
 
 from rootmatch.backends.cpu import decode as decode
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
 from rootmatch.errors import InputError
-from rootmatch.jit.dispatch import OVERLOADS
+from rootmatch.jit.cuda import SIMULATED as SIMULATED
+from rootmatch.jit.cuda import make_known as make_known
 from rootmatch.jit.float32 import is_single
 from rootmatch.problems.residual_dispatch import (
     PANEL_ROWS,
@@ -33,8 +34,6 @@ from rootmatch.problems.residual_dispatch import (
     slab_residual,
 )
 
-SIMULATED: bool = bool(cuda.config.ENABLE_CUDASIM) if hasattr(cuda, "config") else False
-"""Whether Numba's simulator stands in for a card (``NUMBA_ENABLE_CUDASIM=1``)."""
 THREADS = 4 if SIMULATED else 128
 """Threads a block."""
 BLOCKS = 8
@@ -47,25 +46,6 @@ LONGEST = 8
 """Highest order of a hyper-edge."""
 CAPACITY = 1 << 20
 """Hyper-edges below the gate that there is room for at first; a launch that finds more is repeated with more room."""
-
-if not SIMULATED:
-    from numba.cuda.extending import lower_builtin, overload
-
-    @lower_builtin(np.sqrt, types.Float)
-    def _sqrt(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        """numba-cuda knows the root of `math` only."""
-        return context.get_function(math.sqrt, signature)(builder, arguments)
-
-
-_known: set[Any] = set()
-
-
-def make_known() -> None:
-    """Tell numba-cuda which kernel serves which types, as `rootmatch.jit.dispatch` tells it the processor."""
-    for function, choice in OVERLOADS:
-        if function not in _known and not SIMULATED:
-            overload(function)(choice)
-        _known.add(function)
 
 
 def evaluate_kernel(tables, kind, source_index, target_index, residual):  # type: ignore[no-untyped-def]

@@ -9,8 +9,8 @@ import numpy as np
 from numba import cuda
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.backends.cuda import SIMULATED
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.cuda import SIMULATED
 
 THREADS = 2 if SIMULATED else 128
 """Threads a block, a power of two."""

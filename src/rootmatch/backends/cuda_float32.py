@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numba import cuda
 
-from rootmatch.backends.cuda import LONGEST, SIMULATED, Sweep, drawn, launch, on_device
+from rootmatch.backends.cuda import LONGEST, Sweep, drawn, launch, on_device
 from rootmatch.backends.cuda import evaluated as evaluated
 from rootmatch.backends.strongest import Enumeration, Found, Progress
+from rootmatch.jit.cuda import SIMULATED
 from rootmatch.jit.float32 import rounded
 from rootmatch.problems.residual_dispatch import edge_residual
 

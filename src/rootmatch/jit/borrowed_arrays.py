@@ -1,9 +1,9 @@
-"""Arrays without an owner: inner loops that count no references.
+"""Borrowed arrays: inner loops that count no references.
 
 Numba counts the references to an array whenever a name is given to it or to a part of it, by an atomic instruction that
-takes longer than many a kernel's arithmetic: half of the time of a sweep went there, more with several threads, which
-wait for one another's counts. It leaves out what it can prove to cancel, which in a large function is little. The
-caller of a driver holds its arrays until it returns, so the driver need not count at all.
+takes longer than many a kernel's arithmetic. It leaves out what it can prove to cancel, which in a large function is
+little, and several threads wait for one another's counts. The caller of a driver holds its arrays until it returns, so
+the driver need not count at all: it borrows them. `docs/architecture.md` says what that is worth.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import lower_builtin, type_callable
+
+from rootmatch.jit.fallback import MISSING, warn_lost
 
 
 def borrowed(value: Any) -> Any:
@@ -24,7 +25,7 @@ def borrowed(value: Any) -> Any:
     return value
 
 
-def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """LLVM's value without the pointers to what counts references."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value=value)
@@ -33,22 +34,52 @@ def _stripped(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
         parts: list[Any] = list(kind)  # type: ignore[call-overload]
         for position, part in enumerate(parts):
-            inner = _stripped(context, builder, part, builder.extract_value(value, position))
-            value = builder.insert_value(value, inner, position)
+            stripped = _without_owner(context, builder, part, builder.extract_value(value, position))
+            value = builder.insert_value(value, stripped, position)
     return value
 
 
-# Not `numba.extending.overload`, which would compile a function for each combination of types, a tenth of a second
-# each; least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the
-# ascent that are set on several ways through a loop, and the results were wrong.
-@type_callable(borrowed)
-def _type_of_borrowed(context: Any) -> Callable[[Any], Any]:
-    def type_of(value: Any) -> Any:
-        return value
+def _as_extension() -> None:
+    """Make it known to Numba as typing and lowering of its own.
 
-    return type_of
+    Not as an overload, which would be a function to compile for each combination of types, a tenth of a second each;
+    least of all with inline="always": where Numba copied the body into its caller it mixed up variables of the ascent
+    that are set on several ways through a loop, and the results were wrong.
+    """
+    from numba.core import cpu, datamodel
+    from numba.extending import lower_builtin, type_callable
+
+    # what the lowering needs, looked at now: there it would be too late to do without
+    insides: Any = datamodel
+    _ = cpu.CPUContext.make_array
+    insides.default_manager.lookup(types.Array(types.float64, 1, "C")).get_field_position("meminfo")
+
+    @type_callable(borrowed)
+    def typed(context: Any) -> Callable[[Any], Any]:
+        def type_of(value: Any) -> Any:
+            return value
+
+        return type_of
+
+    @lower_builtin(borrowed, types.Any)  # type: ignore[no-untyped-call]
+    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _without_owner(context, builder, signature.args[0], arguments[0])
 
 
-@lower_builtin(borrowed, types.Any)  # type: ignore[no-untyped-call]
-def _without_owner(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return _stripped(context, builder, signature.args[0], arguments[0])
+def _as_overload() -> None:
+    """Make it known as a function that hands its argument back."""
+    from numba.extending import overload
+
+    @overload(borrowed)
+    def same(value: Any) -> Callable[[Any], Any]:
+        def implementation(value: Any) -> Any:
+            return value
+
+        return implementation
+
+
+try:
+    _as_extension()
+except MISSING as error:
+    _as_overload()
+    warn_lost("references are counted in the innermost loops: sweeps and the ascent are slower", error)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from rootmatch.jit.internal import internal
+from rootmatch.jit.options import FORCED
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
 """Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
 
 
-scalar = internal(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+scalar = internal(fastmath=FASTMATH, error_model="numpy", **FORCED)
 """Decorator of scalar kernels: straight-line arithmetic that LLVM inlines, and vectorises in the loop around it."""
 
 
-kernel = internal(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+kernel = internal(fastmath=FASTMATH, error_model="numpy", **FORCED)
 """Decorator of what loops: row kernels and large scalars.
 
 Inlined too, into the driver: a function of its own would be there twice, optimised apart, and a process that has just

@@ -1,11 +1,8 @@
-"""Which kernel serves which problem and residual, decided by types while compiling.
+"""Functions that are another in compiled code, by the types of their arguments; and what those types are.
 
-A driver calls `edge_residual` and `slab_residual`; the type of the problem's tables and the type of the kind (both
-NamedTuples) choose the kernel. One driver thus serves every problem, and the on-disk cache of Numba finds it again:
-a driver that took the kernel as an argument, or closed over it, would be compiled anew in each process.
-
-Tables of single precision get the kernel's twin (`rootmatch.jit.float32`), in `edge_residual`, `fill_panel` and
-`slab_residual`.
+A driver calls such a function; while it is compiled a choice, given the types, says what it is. One driver thus serves
+every problem, and the on-disk cache of Numba finds it again: a driver that took the kernel as an argument, or closed
+over it, would be compiled anew in each process.
 """
 
 from __future__ import annotations
@@ -14,8 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.core.typing.templates import AbstractTemplate, infer_global
-from numba.extending import lower_builtin, overload
+from numba.extending import overload
+
+from rootmatch.jit.fallback import MISSING, warn_lost
+from rootmatch.jit.options import FORCED
 
 OVERLOADS: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 """Functions that choose a kernel by type, each with its choice; a backend of another target makes them known there."""
@@ -26,8 +25,7 @@ def chooses(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
         OVERLOADS.append((function, choice))
-        result: Callable[..., Any] = overload(function, jit_options={"forceinline": True})(choice)
-        return result
+        return _overloaded(function, choice)
 
     return known
 
@@ -39,19 +37,79 @@ def calls(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callab
     """
 
     def known(choice: Callable[..., Any]) -> Callable[..., Any]:
-        class Chosen(AbstractTemplate):
-            key = function
-
-            def generic(self, arguments: Any, keywords: Any) -> Any:
-                return types.Dispatcher(choice(*arguments)).get_call_type(self.context, arguments, keywords)
-
-        infer_global(function, types.Function(Chosen))  # type: ignore[no-untyped-call]
-
-        @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[no-untyped-call]
-        def called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            kernel = types.Dispatcher(choice(*signature.args))
-            return context.get_function(kernel, signature)(builder, arguments)
-
+        if CALLED_DIRECTLY:
+            _replaced(function, choice)
+        else:
+            _overloaded(function, _calling(choice))
         return choice
 
     return known
+
+
+def _overloaded(function: Callable[..., Any], choice: Callable[..., Any]) -> Callable[..., Any]:
+    options: Any = dict(FORCED)
+    result: Callable[..., Any] = overload(function, jit_options=options)(choice)
+    return result
+
+
+def _calling(choice: Callable[..., Any]) -> Callable[..., Any]:
+    """The choice of a function that calls the kernel which ``choice`` names."""
+
+    def overloaded(*arguments: Any) -> Callable[..., Any]:
+        kernel = choice(*arguments)
+
+        def implementation(*arguments: Any) -> Any:
+            return kernel(*arguments)
+
+        return implementation
+
+    return overloaded
+
+
+def _replaced(function: Callable[..., Any], choice: Callable[..., Any]) -> None:
+    """Tell Numba's typing and lowering that a call of the function is one of the kernel."""
+    from numba.core.typing.templates import AbstractTemplate, infer_global
+    from numba.extending import lower_builtin
+
+    class Chosen(AbstractTemplate):
+        key = function
+
+        def generic(self, arguments: Any, keywords: Any) -> Any:
+            return types.Dispatcher(choice(*arguments)).get_call_type(self.context, arguments, keywords)
+
+    infer_global(function, types.Function(Chosen))  # type: ignore[no-untyped-call]
+
+    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[no-untyped-call]
+    def called(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kernel = types.Dispatcher(choice(*signature.args))
+        return context.get_function(kernel, signature)(builder, arguments)
+
+
+def _probe() -> None:
+    """A function that no compiled code calls."""
+
+
+CALLED_DIRECTLY = True
+"""Whether `calls` replaces a call by one of the kernel; else an overload stands between them."""
+
+try:
+    from numba.core.cpu import CPUContext
+
+    # what the lowering needs, looked at now: there it would be too late to do without
+    _ = types.Dispatcher.get_call_type, CPUContext.get_function
+    _replaced(_probe, lambda: None)
+except MISSING as error:
+    CALLED_DIRECTLY = False
+    warn_lost("kernels are called through functions in between: the first match takes longer", error)
+
+
+def class_of(value: Any) -> Any:
+    """The class of a NamedTuple that is given as it is, as its class, or as its Numba type."""
+    if isinstance(value, type):
+        return value
+    return getattr(value, "instance_class", None) or type(value)
+
+
+def field_type(tables: Any, name: str) -> Any:
+    """Numba's type of a field of a NamedTuple that is given as its Numba type."""
+    return tables.types[class_of(tables)._fields.index(name)]

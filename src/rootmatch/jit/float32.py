@@ -12,6 +12,7 @@ inf, nan``), not from ``np.inf``, which is a double; and an integer never meets 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.internal import internal
 
 EPSILON = float(np.finfo(np.float32).eps)
@@ -43,7 +45,12 @@ def constant(value: Any) -> Any:
 
 
 def twin(kernel: Any) -> Any:
-    """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off."""
+    """The kernel in single precision: jitted with the kernel's options, or plain where compilation is switched off.
+
+    The kernel itself where this Python's code cannot be remade.
+    """
+    if not can_remake():
+        return kernel
     if kernel not in _twins:
         remade: Any = _remade(getattr(kernel, "py_func", kernel))
         _twins[kernel] = internal(**kernel.asked)(remade) if hasattr(kernel, "asked") else remade
@@ -53,6 +60,22 @@ def twin(kernel: Any) -> Any:
 def made() -> tuple[Any, ...]:
     """The kernels that have been given a twin."""
     return tuple(_twins)
+
+
+def _probe() -> float:
+    return 0.5
+
+
+@cache
+def can_remake() -> bool:
+    """Whether the constants of a function can be exchanged in this version of Python."""
+    try:
+        if type(_remade(_probe)()) is not np.float32:  # type: ignore[arg-type]
+            raise ValueError("constants of bytecode are not where they were")
+    except MISSING as error:
+        warn_lost("nothing is computed in single precision: a screen on a card is no faster", error)
+        return False
+    return True
 
 
 def _remade(function: FunctionType) -> FunctionType:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from rootmatch.jit.dispatch import class_of
+
 Kernel = Callable[..., Any]
 
 
@@ -135,5 +137,5 @@ class Tables(Protocol):
 
 def kernels_of(tables: Any) -> ProblemKernels:
     """The record of some tables, of their class, or of their Numba type."""
-    record: ProblemKernels = getattr(tables, "instance_class", tables).kernels()
+    record: ProblemKernels = class_of(tables).kernels()
     return record

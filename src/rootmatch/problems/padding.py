@@ -13,6 +13,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from rootmatch.jit.dispatch import class_of
 from rootmatch.problems.kernels import kernels_of
 
 LANES = 8
@@ -58,7 +59,7 @@ def _columns_overload(tables: Any, targets: Any) -> Callable[..., Any]:
             return targets
 
         return as_given
-    position = tables.instance_class._fields.index(names[0])
+    position = class_of(tables)._fields.index(names[0])
 
     def implementation(tables: Any, targets: Any) -> Any:
         return tables[position].shape[1]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import kernel
-from rootmatch.jit.dispatch import calls, chooses
+from rootmatch.jit.dispatch import calls, chooses, class_of
 from rootmatch.jit.float32 import serving
 from rootmatch.problems.kernels import ResidualKernels, kernels_of
 
@@ -35,9 +35,7 @@ BLOCK_ROWS, BLOCK_COLUMNS = 56, 64
 
 def residual_kernels(tables: Any, kind: Any) -> ResidualKernels:
     """The kernels of tables and kind, both given as they are or as their Numba types."""
-    chosen = getattr(kind, "instance_class", None) or type(kind)
-    record = kernels_of(tables)
-    return record.residuals[chosen]
+    return kernels_of(tables).residuals[class_of(kind)]
 
 
 def slab_of_rows(row: Callable[..., Any]) -> Any:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.support import supported_answers
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.cache import is_compiled
 from rootmatch.solvers.ascent import local_search
 from rootmatch.solvers.ascent.solver import MultiStartAscent
 from rootmatch.solvers.packing import branch_and_bound
@@ -21,11 +19,7 @@ def is_cold(several: bool = False) -> bool:
 
     That is neither in Numba's cache on disk nor by now in this process. Nothing is where NUMBA_DISABLE_JIT is set.
     """
-    kernel: Any = branch_and_bound.search if several else local_search._ascend
-    if getattr(kernel, "signatures", True):
-        return False
-    folder, file = Path(kernel.stats.cache_path or ""), Path(kernel.py_func.__code__.co_filename)
-    return next(folder.glob(f"{file.stem}.{kernel.__name__}-*.nbi"), None) is None
+    return not is_compiled(branch_and_bound.search if several else local_search._ascend)
 
 
 def warm(*orders: int) -> None:

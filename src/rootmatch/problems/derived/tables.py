@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import kernel
-from rootmatch.jit.dispatch import chooses
+from rootmatch.jit.dispatch import chooses, class_of, field_type
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
@@ -82,12 +82,12 @@ def derived_slab(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: An
 
 
 def _name(tables: Any) -> str:
-    return str(next(iter(tables.types[tables.fields.index("tag")].dtype.fields)))
+    return str(next(iter(field_type(tables, "tag").dtype.fields)))
 
 
 @chooses(derived_edge)
 def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]:
-    function = _EDGE[_name(tables), kind.instance_class]
+    function = _EDGE[_name(tables), class_of(kind)]
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any) -> Any:
         return function(tables, kind, i, j)
@@ -97,7 +97,7 @@ def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]
 
 @chooses(derived_slab)
 def _slab_overload(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Callable[..., Any]:
-    function = _SLAB[_name(tables), kind.instance_class]
+    function = _SLAB[_name(tables), class_of(kind)]
 
     def implementation(tables: Any, kind: Any, i: Any, j: Any, first: Any, scratch: Any, out: Any) -> Any:
         function(tables, kind, i, j, first, scratch, out)

@@ -1,0 +1,213 @@
+"""Numba's insides are used in one folder, and matching works without each of them."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
+DOCUMENTED = {
+    "numba": {"njit", "cuda", "get_num_threads", "set_num_threads", "__version__"},
+    "numba.extending": {"overload"},
+}
+"""What may be used outside of jit/, by module."""
+INSIDES = {
+    "__code__", "co_consts", "co_names", "co_code", "signatures", "nopython_signatures", "stats", "py_func",
+    "overloads", "targetoptions", "targetdescr", "targetctx", "typingctx", "instance_class", "get_call_template",
+    "get_call_type", "inspect_llvm", "inspect_asm", "enable_caching",
+}  # fmt: skip
+"""Attributes of jitted functions, of Numba's types and of bytecode."""
+
+
+def insides_used(text: str) -> list[str]:
+    """What a module uses that Numba or Python does not promise."""
+    tree, names, found = ast.parse(text), {}, []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for one in node.names:
+                if one.name.split(".")[0] in ("numba", "llvmlite", "numba_cuda"):
+                    names[one.asname or one.name] = one.name
+                    if one.name != "numba":
+                        found.append(one.name)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in (
+            "numba",
+            "llvmlite",
+            "numba_cuda",
+        ):
+            allowed = DOCUMENTED.get(node.module or "", set())
+            found += [f"{node.module}.{one.name}" for one in node.names if one.name not in allowed]
+        elif isinstance(node, ast.Attribute) and node.attr in INSIDES:
+            found.append(node.attr)
+        elif isinstance(node, ast.Constant) and node.value in INSIDES:
+            found.append(str(node.value))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in names:
+            module = names[node.value.id]
+            if node.attr not in DOCUMENTED.get(module, set()):
+                found.append(f"{module}.{node.attr}")
+    return found
+
+
+def test_insides_are_used_in_jit_alone() -> None:
+    outside = [path for path in SOURCES.rglob("*.py") if path.parent != SOURCES / "jit"]
+    assert len(outside) > 150
+    faults = {
+        str(path.relative_to(SOURCES)): used for path in outside if (used := insides_used(path.read_text("utf-8")))
+    }
+    assert faults == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from numba.core import types",
+        "import llvmlite.binding",
+        "from numba.extending import lower_builtin",
+        "from numba.cuda.extending import overload",
+        "import numba\nnumba.core.registry",
+        "kernel.py_func.__code__",
+        "getattr(kernel, 'signatures')",
+        "tables.instance_class",
+    ],
+)
+def test_an_inside_is_noticed(text: str) -> None:
+    assert insides_used(text)
+
+
+def test_jit_uses_them() -> None:
+    assert {name for path in (SOURCES / "jit").glob("*.py") for name in insides_used(path.read_text("utf-8"))} > {
+        "numba.core.registry.CPUDispatcher", "numba.extending.lower_builtin", "py_func", "co_consts",
+    }  # fmt: skip
+
+
+WITHOUT = """
+import builtins, json, sys, types as python_types, warnings
+import numba, numba.core.typing.templates, numba.extending
+
+GONE, CHANGED, WORK = json.loads(sys.argv[1])
+original = builtins.__import__
+
+
+class Changed:
+    def __init__(self):
+        pass
+
+
+def importing(name, globals=None, locals=None, fromlist=(), level=0):
+    # to rootmatch alone: Numba itself goes on with what it has
+    if str((globals or {}).get("__name__")).startswith("rootmatch."):
+        for one in fromlist or ():
+            if [name, one] in GONE:
+                raise ImportError(f"cannot import name {one!r} from {name!r}")
+            if [name, one] in CHANGED:
+                return python_types.SimpleNamespace(**{one: Changed})
+    return original(name, globals, locals, fromlist, level)
+
+
+builtins.__import__ = importing
+found = {}
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    import rootmatch as rm
+    from rootmatch.simulation import p3p_scene, up2p_scene
+    for make in (p3p_scene, up2p_scene)[-WORK["problems"]:] if WORK else ():
+        scene = make(6, 1, 0.5, 1)
+        match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, seed=1, hyperedges=WORK["hyperedges"],
+                         solver=WORK["solver"], **({"samples": 100_000} if WORK["hyperedges"] == "random" else {}))
+        found[make.__name__] = match.assignment.tolist(), scene.truth.tolist(), match.score
+found["warnings"] = [str(one.message) for one in caught if issubclass(one.category, RuntimeWarning)]
+print(json.dumps(found))
+"""
+DISPATCHER = ["numba.core.registry", "CPUDispatcher"]
+COMPILER = ["numba.core", "compiler"]
+TEMPLATE = ["numba.core.typing.templates", "AbstractTemplate"]
+LOWER = ["numba.extending", "lower_builtin"]
+MODEL = ["numba.core", "datamodel"]
+INLINED, ENTRIES, BETWEEN, COUNTED = "need not be inlined", "compiled for Python too", "in between", "are counted"
+
+
+def without(folder: Path, gone: list[list[str]], changed: list[list[str]] = [], work: object = None) -> dict:  # noqa: B006
+    """What a process finds to which insides of Numba are not there."""
+    # compiled code would be found on disk, whatever it was compiled with
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": os.pathsep.join(sys.path)}
+    program = [sys.executable, "-c", WITHOUT, json.dumps([gone, changed, work])]
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    found: dict = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("gone", "changed", "losses"),
+    [
+        ([], [], []),
+        ([DISPATCHER], [], [ENTRIES]),
+        ([], [DISPATCHER], [ENTRIES]),
+        ([COMPILER], [], [INLINED, ENTRIES]),
+        ([TEMPLATE], [], [BETWEEN]),
+        ([MODEL], [], [COUNTED]),
+        ([LOWER], [], [BETWEEN, COUNTED]),
+    ],
+)
+def test_each_loss_is_told_once(
+    tmp_path: Path, gone: list[list[str]], changed: list[list[str]], losses: list[str]
+) -> None:
+    told = without(tmp_path, gone, changed)["warnings"]
+    assert len(told) == len(losses)
+    for loss in losses:
+        assert sum(loss in one for one in told) == 1
+
+
+@pytest.mark.parametrize(
+    ("gone", "problems", "hyperedges", "solver"),
+    [
+        ([DISPATCHER], 1, "exhaustive", "power-l1"),
+        ([COMPILER], 1, "exhaustive", "power-l1"),
+        ([MODEL], 1, "exhaustive", "power-l1"),
+        ([TEMPLATE], 1, "random", "power-l1"),
+        ([DISPATCHER, COMPILER, MODEL, TEMPLATE], 2, "exhaustive", "ascent"),
+    ],
+    ids=["entries", "options", "borrowed", "calls", "all"],
+)
+def test_matching_works_without(
+    tmp_path: Path, gone: list[list[str]], problems: int, hyperedges: str, solver: str
+) -> None:
+    found = without(tmp_path, gone, work={"problems": problems, "hyperedges": hyperedges, "solver": solver})
+    for problem in ("p3p_scene", "up2p_scene")[-problems:]:
+        assignment, truth, score = found[problem]
+        assert assignment == truth, problem
+        assert score > 7.0
+    assert found["warnings"]
+
+
+def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) -> None:
+    from rootmatch.algebra.vector import dot
+    from rootmatch.jit import float32
+    from rootmatch.jit.fallback import JitFallbackWarning
+    from rootmatch.simulation import up2p_scene
+
+    def unlike(function: object) -> object:
+        raise TypeError("code() got an unexpected argument")
+
+    scene = up2p_scene(5, 0, 0.5, 1)
+    tables = scene.problem.prepare(scene.source, scene.target[scene.truth], 0.5)
+    monkeypatch.setattr(float32, "_remade", unlike)
+    float32.can_remake.cache_clear()
+    try:
+        with pytest.warns(JitFallbackWarning, match="single precision"):
+            kernel = float32.serving(float32.rounded(tables), dot)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            again = float32.serving(float32.rounded(tables), dot)
+        assert kernel is again is dot
+    finally:
+        monkeypatch.undo()
+        float32.can_remake.cache_clear()
+    assert float32.serving(float32.rounded(tables), dot) is not dot
