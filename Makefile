@@ -2,16 +2,20 @@
 # installs there what it needs. `make PYTHON=python3.12 test` chooses another interpreter.
 PYTHON ?= python3
 VENV := .venv
+# The oldest versions that pyproject.toml declares have wheels for these two.
+OLDEST_PYTHONS ?= python3.11 python3.12 $(PYTHON)
+OLDEST := .venv-oldest
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
 SOURCES := $(shell find src -name '*.py')
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test smoke-oldest lint format clean
 
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
+	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
 	@echo "make lint    ruff, mypy and the import layers"
 	@echo "make format  let ruff put the code in order"
 	@echo "make clean   remove .venv, caches and what the demonstration wrote"
@@ -21,6 +25,10 @@ demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
+
+# Compiled kernels of one version of Numba are not found by another.
+smoke-oldest: $(OLDEST)/made.stamp
+	@test ! -x $(OLDEST)/bin/python || PYTHONPATH=src $(OLDEST)/bin/python -m pytest -p no:cacheprovider tests/test_smoke.py
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -33,7 +41,7 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) $(OUTPUT) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) $(OUTPUT) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Some systems split venv's pip (ensurepip) off their python3; where pip itself is there it can fill the new .venv.
@@ -58,6 +66,21 @@ $(VENV)/dev.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.py
 	@echo "Installing rootmatch with what its tests and checks need into $(VENV) (once; a few minutes)"
 	$(PIP) install -q -e '.[dev]'
 	@touch $(VENV)/runtime.stamp $@
+
+$(OLDEST)/made.stamp: pyproject.toml .ci/oldest.py
+	@rm -rf $(OLDEST)
+	@mkdir $(OLDEST)
+	@for python in $(OLDEST_PYTHONS); do \
+	  $$python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' 2>/dev/null || continue; \
+	  echo "Installing the oldest versions declared into $(OLDEST) (once; a minute or two)"; \
+	  { $$python -m venv $(OLDEST) >$(OLDEST)/log 2>&1 \
+	    || { $$python -m venv --clear --without-pip $(OLDEST) && $$python -m pip --python $(OLDEST)/bin/python install -q pip; } \
+	    && $(OLDEST)/bin/python .ci/oldest.py symbolic test:pytest >$(OLDEST)/pins.txt \
+	    && $(OLDEST)/bin/python -m pip --disable-pip-version-check install -q -r $(OLDEST)/pins.txt; } || exit 1; \
+	  touch $@; exit 0; \
+	done; \
+	echo "Left out: no Python 3.11 or 3.12 here, and the oldest versions declared have no wheels for newer ones." >&2; \
+	rm -rf $(OLDEST)
 
 # Numba finds a compiled driver by the driver's own file, so a kernel edited elsewhere would go unnoticed.
 $(VENV)/kernels.stamp: $(VENV)/made.stamp $(SOURCES)

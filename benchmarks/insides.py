@@ -1,0 +1,160 @@
+"""What each use of Numba's insides and the second process of a first match are worth, in turns with and without.
+
+    python benchmarks/insides.py borrowed --turns 5     # sweeps and the ascent whose drivers count no references
+    python benchmarks/insides.py internal --turns 3     # a first match whose jitted functions have no entries for Python
+    python benchmarks/insides.py calls --turns 3        # ... whose kernels are called without a function in between
+    python benchmarks/insides.py second --turns 3       # ... of the command, which a second process helps
+
+Each turn is a process of its own. "Without" is what `rootmatch.jit` does where Numba lacks the inside. Times of sweeps
+are of this process alone, those of first matches of processor time (user and system, of children too) and by the clock;
+medians, and the medians of the turns' ratios without / with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+GONE = {
+    "borrowed": ("numba.core", "datamodel"),
+    "internal": ("numba.core.registry", "CPUDispatcher"),
+    "calls": ("numba.core.typing.templates", "AbstractTemplate"),
+}
+"""What is imported from where by the part of `rootmatch.jit` of that name, and by no other."""
+MATCH = "import sys; from rootmatch.cli.app import main; sys.argv[0] = 'rootmatch'; main()"
+ALONE = "from rootmatch.cli import match; import contextlib; "
+ALONE += "match.compiled_beside = lambda *given: contextlib.nullcontext(); "
+
+
+def hide(module: str, name: str) -> None:
+    """Let rootmatch, but not Numba itself, find that name no more."""
+    import builtins
+    import warnings
+
+    original = builtins.__import__
+
+    def importing(target: str, globals: Any = None, locals: Any = None, fromlist: Any = (), level: int = 0) -> Any:
+        asks = str((globals or {}).get("__name__"))
+        if target == module and name in (fromlist or ()) and asks.startswith("rootmatch."):
+            raise ImportError(f"{module}.{name} is hidden")
+        return original(target, globals, locals, fromlist, level)
+
+    builtins.__import__ = importing
+    warnings.simplefilter("ignore", RuntimeWarning)
+
+
+def sweeps() -> dict[str, float]:
+    """Processor seconds of sweeps and of the solver, the least of seven."""
+    import rootmatch as rm
+    from rootmatch.simulation import p3p_scene, up2p_scene
+    from rootmatch.solvers import get_solver
+
+    found = {}
+    for make, n in ((p3p_scene, 10), (up2p_scene, 20)):
+        scene = make(n, 2, 1.0, 1)
+        match = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
+        works = {
+            "sweep": lambda scene=scene: rm.match(
+                scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive", solver="power-l1"
+            ),
+            "ascent": lambda match=match: get_solver("ascent")(match.tensor, seed=1),
+        }
+        for name, work in works.items():
+            times = []
+            for _ in range(8):
+                started = time.process_time()
+                work()
+                times.append(time.process_time() - started)
+            found[f"{make.__name__} {name}"] = min(times[1:])
+    return found
+
+
+def child(what: str, without: bool) -> None:
+    """The work of one process."""
+    if without:
+        hide(*GONE[what])
+    if what == "borrowed":
+        print(json.dumps(sweeps()))
+        return
+    import rootmatch as rm
+    from rootmatch.simulation import p3p_scene
+
+    scene = p3p_scene(10, 5, 1.0, 1)
+    rm.match(scene.source, scene.target, scene.problem, noise=1.0)
+
+
+def measured(what: str, without: bool, folder: Path) -> dict[str, float]:
+    """One process: seconds by what was done."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    program = [sys.executable, __file__, what, "--child", *(["--without"] if without else [])]
+    if what == "borrowed":
+        environment["NUMBA_NUM_THREADS"] = "1"
+    if what == "second":
+        scene = folder / "scene"
+        made = [
+            sys.executable,
+            "-m",
+            "rootmatch",
+            "simulate",
+            "p3p",
+            "--points",
+            "10",
+            "--outliers",
+            "5",
+            "--noise",
+            "1",
+        ]
+        subprocess.run([*made, "--output", str(scene)], check=True, capture_output=True)
+        program = [sys.executable, "-c", (ALONE if without else "") + MATCH, "match"]
+        program += [f"{scene}/model.csv", f"{scene}/image.csv", "--problem", "p3p", "--camera", f"{scene}/camera.json"]
+    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1) or (what != "second" and done.returncode):
+        sys.exit(done.stderr)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if what == "borrowed":
+        found: dict[str, float] = json.loads(done.stdout)
+        return found
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"processor time": spent, "clock": time.perf_counter() - started}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=[*GONE, "second"])
+    parser.add_argument("--turns", type=int, default=3)
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--without", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.child:
+        child(given.what, given.without)
+        return
+    rows: dict[str, list[tuple[float, float]]] = {}
+    with tempfile.TemporaryDirectory() as base:
+        for turn in range(given.turns):
+            both = []
+            for without in (False, True):
+                # sweeps are timed when all is compiled; a first match begins with nothing
+                folder = Path(base, str(without), "" if given.what == "borrowed" else str(turn))
+                folder.mkdir(parents=True, exist_ok=True)
+                both.append(measured(given.what, without, folder))
+            for name in both[0]:
+                rows.setdefault(name, []).append((both[0][name], both[1][name]))
+            print(turn, {name: [round(x, 4) for x in pairs[-1]] for name, pairs in rows.items()}, file=sys.stderr)
+    for name, pairs in rows.items():
+        here, there = (statistics.median(side) for side in zip(*pairs, strict=True))
+        ratio = statistics.median(b / a for a, b in pairs)
+        print(f"{name}: {here:.3g} s with, {there:.3g} s without, {ratio:.2f} times; load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()
