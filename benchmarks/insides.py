@@ -1,9 +1,9 @@
 """What each use of Numba's insides and the second process of a first match are worth, in turns with and without.
 
-    python benchmarks/insides.py borrowed --turns 5     # sweeps and the ascent whose drivers count no references
-    python benchmarks/insides.py internal --turns 3     # a first match whose jitted functions have no entries for Python
-    python benchmarks/insides.py calls --turns 3        # ... whose kernels are called without a function in between
-    python benchmarks/insides.py second --turns 3       # ... of the command, which a second process helps
+    python benchmarks/insides.py borrowed --turns 5    # sweeps and the ascent, whose drivers count no references
+    python benchmarks/insides.py internal --turns 3    # a first match; jitted functions have no entries for Python
+    python benchmarks/insides.py calls --turns 3       # ... kernels are called without a function in between
+    python benchmarks/insides.py second --turns 3      # ... of the command, helped by a second process
 
 Each turn is a process of its own. "Without" is what `rootmatch.jit` does where Numba lacks the inside. Times of sweeps
 are of this process alone, those of first matches of processor time (user and system, of children too) and by the clock;
