@@ -7,21 +7,18 @@ from pathlib import Path
 
 import pytest
 
-WARM = """
-from rootmatch.solvers.warm import is_cold, warm
-assert is_cold()
-warm()
-assert not is_cold()
-"""
+from rootmatch.cli.cold import LATE
 
 SOLVE = """
 import sys
 import numpy as np
 from rootmatch.solvers.warm import is_cold
 assert not is_cold()
-from rootmatch.kernels import contraction
-from rootmatch.solvers import local_search, pair_table, reweighted_walk, search, selection, short_walk, subset_index
+import pkgutil
+from importlib import import_module
 from rootmatch import AffinityTensor
+from rootmatch.hypergraph import contraction
+from rootmatch.solvers import ascent
 rng = np.random.default_rng(1)
 order = int(sys.argv[1])
 edges = [rng.permutation(9)[:order] * 8 + rng.permutation(8)[:order] for _ in range(3000)]
@@ -30,7 +27,8 @@ from rootmatch.solvers import get_solver
 solution = get_solver("ascent")(tensor)
 assert abs(solution.score - tensor.score(solution.assignment)) < 1e-9
 hits = 0
-for module in (contraction, local_search, pair_table, reweighted_walk, search, selection, short_walk, subset_index):
+parts = [import_module(f"{ascent.__name__}.{part.name}") for part in pkgutil.iter_modules(ascent.__path__)]
+for module in (contraction, *parts):
     for name, value in vars(module).items():
         if hasattr(value, "stats") and value.py_func.__module__ == module.__name__ and name != "_first_fault":
             assert not value.stats.cache_misses, name
@@ -41,20 +39,20 @@ assert hits >= 7
 
 def test_a_solution_finds_all_its_kernels_after_warming(tmp_path: Path) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    for program in ([WARM], [SOLVE, "4"], [SOLVE, "3"]):
+    for program in ([LATE, "4", "solver"], [LATE, "3", "solver"], [SOLVE, "4"], [SOLVE, "3"]):
         done = subprocess.run([sys.executable, "-c", *program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 
 SEARCH = """
 import rootmatch as rm
-from rootmatch.kernels import proposals
+from rootmatch.samplers.guided import hypothesis_clustering as clustering
 from rootmatch.simulation import p3p_scene, up2p_scene
 make = {"p3p": p3p_scene, "up2p": up2p_scene}[PROBLEM]
 scene = make(12, 8, 1.0, 1)
 normals = scene.source if NORMALS else None
 rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided", normals=normals)
-for kernel in (proposals._group, proposals.candidate_hyperedges):
+for kernel in (clustering._cluster, clustering.candidate_hyperedges):
     assert sum(kernel.stats.cache_hits.values()) == 1
     assert not kernel.stats.cache_misses
 """
@@ -63,18 +61,17 @@ for kernel in (proposals._group, proposals.candidate_hyperedges):
 @pytest.mark.parametrize(("problem", "normals"), [("p3p", True), ("up2p", False)])
 def test_a_search_finds_its_kernels_after_warming(tmp_path: Path, problem: str, normals: bool) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    warm = "from rootmatch.samplers.guided.warm import warm; warm()"
     search = SEARCH.replace("PROBLEM", repr(problem)).replace("NORMALS", repr(normals))
-    for program in (warm, search):
-        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
+    for program in ([LATE, "4", "search"], [search]):
+        done = subprocess.run([sys.executable, "-c", *program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 
 PACKED = """
 import rootmatch as rm
 from rootmatch.simulation import up2p_scene
-from rootmatch.solvers.packing_search import search
-from rootmatch.solvers.set_packing import pack
+from rootmatch.solvers.packing.branch_and_bound import search
+from rootmatch.solvers.packing.tabu_search import pack
 from rootmatch.solvers.warm import is_cold
 assert not is_cold(several=True)
 scene = up2p_scene(10, 4, 0.5, 1, motions=2)
@@ -87,7 +84,12 @@ for kernel in (pack, search):
 
 def test_a_packing_finds_its_kernels_after_warming(tmp_path: Path) -> None:
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    warm = "from rootmatch.solvers.warm import is_cold, warm_packing; assert is_cold(several=True); warm_packing()"
-    for program in (warm, PACKED):
-        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, check=False)
+    for program in ([LATE, "4", "groups"], [PACKED]):
+        done = subprocess.run([sys.executable, "-c", *program], env=env, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
+
+
+def test_an_empty_cache_is_cold(tmp_path: Path) -> None:
+    program = "from rootmatch.solvers.warm import is_cold; assert is_cold() and is_cold(several=True)"
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert subprocess.run([sys.executable, "-c", program], env=env, check=False).returncode == 0

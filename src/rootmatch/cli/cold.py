@@ -15,18 +15,22 @@ if TYPE_CHECKING:
     from rootmatch.problems.base import Problem
     from rootmatch.solvers import Solution, Solver
 
-WARM = """
-import gc, sys
-gc.disable()
-from rootmatch.samplers.guided import warm as search
-from rootmatch.solvers import warm as solver
-if "groups" in sys.argv:
-    solver.warm_packing()
-if "search" in sys.argv:
-    search.warm()
-if "solver" in sys.argv:
-    solver.warm(int(sys.argv[1]))
-"""
+LATE = "import sys; from rootmatch.cli.cold import compile_late; compile_late(int(sys.argv[1]), sys.argv[2:])"
+"""The second process."""
+
+
+def compile_late(order: int, parts: list[str]) -> None:
+    """Compile what comes late in a match of hyper-edges of that order: the "groups", the "search", the "solver"."""
+    from rootmatch.samplers.guided import warm as search
+    from rootmatch.solvers import warm as solver
+
+    gc.disable()  # a compiler makes millions of objects and few cycles: a tenth of the time
+    if "groups" in parts:
+        solver.warm_packing()
+    if "search" in parts:
+        search.warm()
+    if "solver" in parts:
+        solver.warm(order)
 
 
 class Awaiting:
@@ -57,12 +61,12 @@ def compiled_beside(problem: Problem, several: bool) -> Iterator[Solver | None]:
     late = ["groups"] if several else []
     late += [] if several and problem.fits_groups else ["search", "solver"]
     process = subprocess.Popen(
-        [sys.executable, "-c", WARM, str(problem.order), *late],
+        [sys.executable, "-c", LATE, str(problem.order), *late],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    gc.disable()  # a compiler makes millions of objects and few cycles: a tenth of the time
+    gc.disable()  # as there
     try:
         yield None if several else Awaiting(get_solver("ascent"), process)
     finally:
