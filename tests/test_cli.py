@@ -523,7 +523,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     from rich.console import Console
 
     from rootmatch.match import Status
-    from rootmatch.report.text import match_record, print_match
+    from rootmatch.report.json_record import match_record
+    from rootmatch.report.text import print_match
 
     make: Callable[..., Any] = SimpleNamespace
     found = make(

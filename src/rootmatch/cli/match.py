@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import ExitStack
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from rootmatch.cli import match_options as option
 from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
-from rootmatch.cli.problem_options import ProblemName, build_problem, flag
+from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError
 
@@ -23,219 +23,40 @@ if TYPE_CHECKING:
     from rootmatch.match import Match
 
 
-class Preset(StrEnum):
-    """Named sets of options."""
-
-    PAPER = "paper"
-
-
-INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
-
-
 def match(
-    model: Annotated[
-        Path,
-        typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
-    ],
-    image: Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")],
-    problem: Annotated[ProblemName, typer.Option(help="Which minimal problem.", rich_help_panel=INPUT)],
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FX,FY,CX,CY",
-            help="p3p, up2p, 3p1, planar: camera in pixels, or a camera file (JSON).",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="PX|auto",
-            help="Standard deviation of a pixel coordinate, or auto to estimate it.",
-            rich_help_panel=INPUT,
-        ),
-    ] = "1",
-    vertical_camera: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="up2p, up2pf: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
-        ),
-    ] = None,
-    vertical_world: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="up2p, up2pf: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
-        ),
-    ] = None,
-    vertical_noise: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help="up2p: standard deviation of the measured vertical.",
-            show_default="0",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    camera2: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FX,FY,CX,CY",
-            help="3p1, planar: the second camera.",
-            show_default="as the first",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    axis: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="3p1, planar: the common direction in the first camera.",
-            show_default="0,1,0",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    axis2: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="3p1, planar: the same direction in the second camera.",
-            show_default="0,1,0",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    axis_noise: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help="3p1: standard deviation of the measured directions.",
-            show_default="0",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    centre: Annotated[
-        str | None, typer.Option(metavar="CX,CY", help="up2pf: principal point in pixels.", rich_help_panel=INPUT)
-    ] = None,
-    dimension: Annotated[
-        int | None,
-        typer.Option(
-            metavar="2|3", help="similarity, rigid: dimension of the points.", show_default="2", rich_help_panel=INPUT
-        ),
-    ] = None,
-    normals: Annotated[
-        bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
-    ] = True,
-    candidates: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="The possible source,target pairs, optionally with a prior weight.",
-            rich_help_panel=INPUT,
-        ),
-    ] = None,
-    motions: Annotated[
-        str,
-        typer.Option(metavar="K|auto", help="Number of rigid motions to find.", rich_help_panel=METHOD),
-    ] = "1",
-    preset: Annotated[
-        Preset | None,
-        typer.Option(help="The method as published; other options override it.", rich_help_panel=METHOD),
-    ] = None,
-    hyperedges: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHICH",
-            help="Which to evaluate: auto, exhaustive, random, or (p3p, up2p) guided.",
-            show_default="auto",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    samples: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Number of random hyper-edges.", show_default="100000 if random", rich_help_panel=METHOD
-        ),
-    ] = None,
-    residual: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND", help="joint, normalised, svd, qr or qr-both.", show_default="joint", rich_help_panel=METHOD
-        ),
-    ] = None,
-    rho: Annotated[
-        float | None,
-        typer.Option(
-            metavar="R",
-            help="Spread of the affinity, in units of the residual.",
-            show_default="1 for joint and normalised, else per problem",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    solver: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="ascent, power-l1, power-dense and others.",
-            show_default="ascent",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    limit: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Most hyper-edges that an exhaustive search may evaluate.",
-            show_default="4e9, on a card 1e11",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    max_hyperedges: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Keep at most the N strongest hyper-edges in memory.",
-            show_default="5000000",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    backend: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Where to compute: auto, cpu, cuda or cuda-float32.",
-            show_default="auto",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT.",
-            rich_help_panel=METHOD,
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(help="Random seed; the same seed gives the same match.", rich_help_panel=METHOD)
-    ] = 0,
-    output: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion.", rich_help_panel=OUTPUT)
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="PICTURE", help="Draw the match: .png, .svg or .pdf.", rich_help_panel=OUTPUT)
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
-    ] = False,
-    truth: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV", help="Ground truth source,target to compare the matches with.", rich_help_panel=OUTPUT
-        ),
-    ] = None,
-    progress: Annotated[
-        bool | None,
-        typer.Option(help="Show progress.", show_default="for long work in a terminal", rich_help_panel=OUTPUT),
-    ] = None,
+    model: option.Model,
+    image: option.Image,
+    problem: option.Problem,
+    camera: option.Camera = None,
+    noise: option.Noise = "1",
+    vertical_camera: option.VerticalCamera = None,
+    vertical_world: option.VerticalWorld = None,
+    vertical_noise: option.VerticalNoise = None,
+    camera2: option.Camera2 = None,
+    axis: option.Axis = None,
+    axis2: option.Axis2 = None,
+    axis_noise: option.AxisNoise = None,
+    centre: option.Centre = None,
+    dimension: option.Dimension = None,
+    normals: option.Normals = True,
+    candidates: option.Candidates = None,
+    motions: option.Motions = "1",
+    preset: option.Preset = None,
+    hyperedges: option.Hyperedges = None,
+    samples: option.Samples = None,
+    residual: option.Residual = None,
+    rho: option.Rho = None,
+    solver: option.Solver = None,
+    limit: option.Limit = None,
+    max_hyperedges: option.MaxHyperedges = None,
+    backend: option.Backend = None,
+    scheduler: option.Scheduler = None,
+    seed: option.Seed = 0,
+    output: option.Output = None,
+    plot: option.Plot = None,
+    as_json: option.AsJson = False,
+    truth: option.Truth = None,
+    progress: option.Progress = None,
 ) -> None:
     """Match points to image detections by geometry alone.
 
@@ -369,7 +190,9 @@ def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json:
     from rootmatch.report import text
 
     if as_json:
-        print(json.dumps(text.match_record(found), allow_nan=False))
+        from rootmatch.report.json_record import match_record
+
+        print(json.dumps(match_record(found), allow_nan=False))
         print(f"rootmatch: {found.advice}", file=sys.stderr)
         return
     from rich.console import Console

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.io import written_whole
+from rootmatch.report.point_labels import draw_labels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,8 +32,6 @@ SUFFIXES = (".png", ".svg", ".pdf")
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
-LABELS_AT_MOST = 80
-"""Points per side above which labels would only clutter the picture."""
 ASIDE = np.deg2rad(20.0)
 """Rotation of the 3D view away from the camera's, so that depth shows."""
 DEFAULT_VIEW = (30.0, -60.0, 0.0)
@@ -141,8 +140,8 @@ def match_figure(
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
     handles += _draw_unmatched((left, right), (source[match < 0], _unmatched_targets(target, match)), titles)
-    _draw_names(left, flat, _names(source_names, len(source)), towards=-1.0)
-    _draw_names(right, flat_target, _names(target_names, len(target)), towards=1.0)
+    draw_labels(left, flat, _names(source_names, len(source)), towards=-1.0)
+    draw_labels(right, flat_target, _names(target_names, len(target)), towards=1.0)
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=9, frameon=False)
     return figure
 
@@ -315,39 +314,3 @@ def _connect(figure: Figure, left: Transform, right: Transform, starts: Floats, 
             zorder=-1,
         )
         figure.add_artist(line)
-
-
-def _draw_names(axes: Any, points: Floats, names: Sequence[str], towards: float) -> None:
-    """Label the points, each where the label covers the fewest points and other labels.
-
-    ``towards`` is −1 to try the left first and 1 to try the right first: the side without connecting lines.
-    """
-    if len(points) > LABELS_AT_MOST:
-        return
-    from matplotlib.patheffects import withStroke
-
-    size = 7.0
-    page = axes.transData.transform(points) * 72.0 / axes.figure.dpi  # printer's points
-    taken = np.column_stack([page - 3.5, page + 3.5])  # boxes left, bottom, right, top
-    steps = np.array([(1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1)]) * [towards, 1.0]
-    for index, name in enumerate(names):
-        half = np.array([0.31 * size * len(name), 0.5 * size])
-        reach = np.where(np.all(steps != 0, axis=1), 3.5, 5.0)[:, None] + half
-        offsets = steps * reach
-        boxes = np.hstack([page[index] + offsets - half, page[index] + offsets + half])
-        others = np.delete(taken, index, axis=0)
-        overlap = np.minimum(boxes[:, None, 2:], others[:, 2:]) - np.maximum(boxes[:, None, :2], others[:, :2])
-        cost = np.prod(np.maximum(overlap, 0.0), axis=2).sum(axis=1) + 0.01 * np.arange(len(steps))
-        best = int(np.argmin(cost))
-        axes.annotate(
-            name,
-            points[index],
-            xytext=offsets[best],
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=size,
-            path_effects=[withStroke(linewidth=2.0, foreground="white")],
-            annotation_clip=False,
-        )
-        taken = np.vstack([taken, boxes[best]])

@@ -1,10 +1,9 @@
-"""A match as text and as a JSON record: a table for people, an object for programs."""
+"""A match as text: the table of ``rootmatch match``."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,31 +19,6 @@ Integers = NDArray[np.int64]
 ALTERNATIVES_SHOWN = 5
 NAMES_SHOWN = 40
 """Unmatched points listed by name; the rest are counted."""
-
-
-def match_record(match: Match) -> dict[str, Any]:
-    """The match as numbers, lists and strings that JSON can hold.
-
-    Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
-    there is none), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status`` (``"matched"``,
-    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where
-    it differs by point). Indices are zero-based row numbers. A number that is not finite becomes null.
-    """
-    return {
-        "assignment": match.assignment.tolist(),
-        "score": _finite(match.score),
-        "margin": _finite(match.margin),
-        "probability": None if match.probability is None else _finite(match.probability),
-        "motions": match.motions.tolist(),
-        "alternatives": [
-            {"assignment": other.tolist(), "score": _finite(score)} for other, score in match.alternatives
-        ],
-        "status": match.status.name.lower(),
-        "converged": match.converged,
-        "seconds": _finite(match.seconds),
-        "hyperedges": int(match.hyperedges),
-        "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
-    }
 
 
 def match_weights(match: Match) -> NDArray[np.float64]:
@@ -166,7 +140,3 @@ def _share(probability: float) -> str:
     """A probability with as many digits as it takes to tell it from 1."""
     digits = next((d for d in (2, 3, 4) if round(probability, d) < 1.0), 0)
     return f"{probability:.{digits}f}" if digits else "> 0.9999"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,220 @@
+"""Options and arguments of ``rootmatch match``: their types, help and panels. Public contract: names and defaults."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rootmatch.cli.problem_options import ProblemName
+
+INPUT, OUTPUT, METHOD = "Points and cameras", "Output", "Method"
+
+
+class PresetName(StrEnum):
+    """Named sets of options."""
+
+    PAPER = "paper"
+
+
+Model = Annotated[
+    Path,
+    typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
+]
+Image = Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")]
+Problem = Annotated[ProblemName, typer.Option(help="Which minimal problem.", rich_help_panel=INPUT)]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FX,FY,CX,CY",
+        help="p3p, up2p, 3p1, planar: camera in pixels, or a camera file (JSON).",
+        rich_help_panel=INPUT,
+    ),
+]
+Noise = Annotated[
+    str,
+    typer.Option(
+        metavar="PX|auto",
+        help="Standard deviation of a pixel coordinate, or auto to estimate it.",
+        rich_help_panel=INPUT,
+    ),
+]
+VerticalCamera = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="up2p, up2pf: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
+    ),
+]
+VerticalWorld = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="up2p, up2pf: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
+    ),
+]
+VerticalNoise = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help="up2p: standard deviation of the measured vertical.",
+        show_default="0",
+        rich_help_panel=INPUT,
+    ),
+]
+Camera2 = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FX,FY,CX,CY",
+        help="3p1, planar: the second camera.",
+        show_default="as the first",
+        rich_help_panel=INPUT,
+    ),
+]
+Axis = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="3p1, planar: the common direction in the first camera.",
+        show_default="0,1,0",
+        rich_help_panel=INPUT,
+    ),
+]
+Axis2 = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="3p1, planar: the same direction in the second camera.",
+        show_default="0,1,0",
+        rich_help_panel=INPUT,
+    ),
+]
+AxisNoise = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help="3p1: standard deviation of the measured directions.",
+        show_default="0",
+        rich_help_panel=INPUT,
+    ),
+]
+Centre = Annotated[
+    str | None, typer.Option(metavar="CX,CY", help="up2pf: principal point in pixels.", rich_help_panel=INPUT)
+]
+Dimension = Annotated[
+    int | None,
+    typer.Option(
+        metavar="2|3", help="similarity, rigid: dimension of the points.", show_default="2", rich_help_panel=INPUT
+    ),
+]
+Normals = Annotated[
+    bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
+]
+Candidates = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="CSV",
+        help="The possible source,target pairs, optionally with a prior weight.",
+        rich_help_panel=INPUT,
+    ),
+]
+Motions = Annotated[
+    str,
+    typer.Option(metavar="K|auto", help="Number of rigid motions to find.", rich_help_panel=METHOD),
+]
+Preset = Annotated[
+    PresetName | None,
+    typer.Option(help="The method as published; other options override it.", rich_help_panel=METHOD),
+]
+Hyperedges = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WHICH",
+        help="Which to evaluate: auto, exhaustive, random, or (p3p, up2p) guided.",
+        show_default="auto",
+        rich_help_panel=METHOD,
+    ),
+]
+Samples = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Number of random hyper-edges.", show_default="100000 if random", rich_help_panel=METHOD
+    ),
+]
+Residual = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND", help="joint, normalised, svd, qr or qr-both.", show_default="joint", rich_help_panel=METHOD
+    ),
+]
+Rho = Annotated[
+    float | None,
+    typer.Option(
+        metavar="R",
+        help="Spread of the affinity, in units of the residual.",
+        show_default="1 for joint and normalised, else per problem",
+        rich_help_panel=METHOD,
+    ),
+]
+Solver = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="ascent, power-l1, power-dense and others.",
+        show_default="ascent",
+        rich_help_panel=METHOD,
+    ),
+]
+Limit = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Most hyper-edges that an exhaustive search may evaluate.",
+        show_default="4e9, on a card 1e11",
+        rich_help_panel=METHOD,
+    ),
+]
+MaxHyperedges = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Keep at most the N strongest hyper-edges in memory.",
+        show_default="5000000",
+        rich_help_panel=METHOD,
+    ),
+]
+Backend = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Where to compute: auto, cpu, cuda or cuda-float32.",
+        show_default="auto",
+        rich_help_panel=METHOD,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT.",
+        rich_help_panel=METHOD,
+    ),
+]
+Seed = Annotated[int, typer.Option(help="Random seed; the same seed gives the same match.", rich_help_panel=METHOD)]
+Output = Annotated[
+    Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion.", rich_help_panel=OUTPUT)
+]
+Plot = Annotated[
+    Path | None, typer.Option(metavar="PICTURE", help="Draw the match: .png, .svg or .pdf.", rich_help_panel=OUTPUT)
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
+]
+Truth = Annotated[
+    Path | None,
+    typer.Option(metavar="CSV", help="Ground truth source,target to compare the matches with.", rich_help_panel=OUTPUT),
+]
+Progress = Annotated[
+    bool | None,
+    typer.Option(help="Show progress.", show_default="for long work in a terminal", rich_help_panel=OUTPUT),
+]
