@@ -101,7 +101,7 @@ class Completion(Options):
         evaluated = sum(number for _, number in results)
         found = _each_once(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])
-        tensor = given_tensor(tables, task.kind, task.affinity, shape, source, target)
+        tensor = given_tensor(task, source, target)
         chance = max(1.0, float(tensor.weights.sum())) / max(task.hyperedge_count, 1.0)
         return SampledTensor(tensor, evaluated + len(found), 1.0, chance)
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
-from rootmatch.backends.strongest import Backend, Enumeration
-from rootmatch.backends.strongest import Progress as Progress
+from rootmatch.backends.strongest import Backend, Enumeration, Progress
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
+from rootmatch.samplers.base import SamplingTask
 
 
 def exhaustive_residuals(
@@ -56,7 +56,7 @@ def exhaustive_residuals(
         Number of hyper-edges evaluated.
     """
     work = Enumeration.of(tables, kind, shape, order, candidates)
-    found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress)
+    found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress=progress)
     indices = cpu.decode(found.codes, work.bases, work.arrangements, shape[1], shape[0])
     return indices, found.residuals, found.evaluated
 
@@ -81,16 +81,9 @@ def exhaustive_tensor(
     return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 
 
-def given_tensor(
-    tables: Any,
-    kind: residual_kinds.Kind,
-    affinity: Affinity,
-    shape: tuple[int, int],
-    source: NDArray[np.int64],
-    target: NDArray[np.int64],
-) -> AffinityTensor:
+def given_tensor(task: SamplingTask, source: NDArray[np.int64], target: NDArray[np.int64]) -> AffinityTensor:
     """Tensor of those of the given hyper-edges (E, d), (E, d) whose residual is below the gate, in their order."""
-    residuals = cpu.residuals(tables, kind, source, target)
-    keep = residuals <= affinity.gate
-    indices = (source[keep] * shape[1] + target[keep]).astype(np.int32)
-    return AffinityTensor.unchecked(indices, affinity.weights(residuals[keep]), shape)
+    residuals = cpu.residuals(task.tables, task.kind, source, target)
+    keep = residuals <= task.affinity.gate
+    indices = (source[keep] * task.shape[1] + target[keep]).astype(np.int32)
+    return AffinityTensor.unchecked(indices, task.affinity.weights(residuals[keep]), task.shape)

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
-from rootmatch.backends.strongest import Backend, Block
-from rootmatch.backends.strongest import Progress as Progress
+from rootmatch.backends.strongest import Backend, Block, Progress
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.rows import sorted_rows

@@ -73,7 +73,7 @@ class Solver(Protocol):
 def empty_solution(tensor: AffinityTensor) -> Solution:
     """The solution of a tensor without any weight: no point is matched."""
     empty = np.full(tensor.shape[0], -1, np.int64)
-    return Solution(np.zeros(tensor.shape), empty, 0.0, [], True, 0)
+    return Solution(np.zeros(tensor.shape), empty, 0.0, [], converged=True, iterations=0)
 
 
 def is_empty(tensor: AffinityTensor) -> bool:

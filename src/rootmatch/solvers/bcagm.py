@@ -74,13 +74,13 @@ class BlockCoordinateAscent(Options):
         assignment = np.where((soft * x).sum(axis=1) > 0, best, -1)
         total = soft.sum(axis=1, keepdims=True)
         return Solution(
-            soft / np.where(total > 0, total, 1.0),
-            assignment,
-            run.score,
-            best_neighbours(tensor, assignment, self.keep),
-            run.settled,
-            done,
-            {"contractions": float(run.contractions), "alpha": run.alpha},
+            soft=soft / np.where(total > 0, total, 1.0),
+            assignment=assignment,
+            score=run.score,
+            alternatives=best_neighbours(tensor, assignment, self.keep),
+            converged=run.settled,
+            iterations=done,
+            statistics={"contractions": float(run.contractions), "alpha": run.alpha},
         )
 
 

@@ -67,13 +67,13 @@ class KLProjection(Options):
         soft, change, rounds = project(y / y.max(), float(matches), self.iterations, self.tolerance)
         assignment = discretise(soft)
         return Solution(
-            soft,
-            assignment,
-            tensor.score(assignment),
-            best_neighbours(tensor, assignment, self.keep),
-            bool(change <= self.tolerance),
-            int(rounds),
-            {"change": float(change), "matches": float(matches)},
+            soft=soft,
+            assignment=assignment,
+            score=tensor.score(assignment),
+            alternatives=best_neighbours(tensor, assignment, self.keep),
+            converged=bool(change <= self.tolerance),
+            iterations=int(rounds),
+            statistics={"change": float(change), "matches": float(matches)},
         )
 
 

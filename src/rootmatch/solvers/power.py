@@ -98,13 +98,13 @@ class PowerIteration:
             "sparsity": float(np.mean(soft.max(axis=1) >= 0.99 * soft.sum(axis=1))),
         }
         return Solution(
-            soft,
-            assignment,
-            tensor.score(assignment),
-            best_neighbours(tensor, assignment, self.keep),
-            bool(change <= self.tolerance),
-            done,
-            statistics,
+            soft=soft,
+            assignment=assignment,
+            score=tensor.score(assignment),
+            alternatives=best_neighbours(tensor, assignment, self.keep),
+            converged=bool(change <= self.tolerance),
+            iterations=done,
+            statistics=statistics,
         )
 
 

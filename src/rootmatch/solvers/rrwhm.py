@@ -82,13 +82,13 @@ class ReweightedWalk(Options):
             done += 1
         assignment = discretise(x)
         return Solution(
-            x,
-            assignment,
-            tensor.score(assignment),
-            best_neighbours(tensor, assignment, self.keep),
-            bool(change < self.tolerance),
-            done,
-            {"change": change},
+            soft=x,
+            assignment=assignment,
+            score=tensor.score(assignment),
+            alternatives=best_neighbours(tensor, assignment, self.keep),
+            converged=bool(change < self.tolerance),
+            iterations=done,
+            statistics={"change": change},
         )
 
 

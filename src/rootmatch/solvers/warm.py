@@ -33,7 +33,7 @@ def warm(*orders: int) -> None:
         indices = (sources * shape[1] + targets).astype(np.int32)
         tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
         answer = MultiStartAscent()(tensor).assignment
-        supported_answers(indices, tensor.weights, None, shape[1], answer[None], 0.1)
+        supported_answers(indices, tensor.weights, None, shape[1], answer[None], fraction=0.1)
 
 
 def warm_packing() -> None:

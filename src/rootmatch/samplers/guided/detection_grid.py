@@ -108,7 +108,10 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
         nearer = (distance2 <= reach * reach) & (distance2 < window)
         window[nearer] = distance2[nearer]
         cells[rows, columns][nearer] = k
-    return DetectionGrid(cells, positions, rotated, basis, corner, 1.0 / size, gate * gate, _density(inside, gate))
+    return DetectionGrid(
+        cells, positions, rotated, basis, corner,
+        scale=1.0 / size, gate2=gate * gate, density=_density(inside, gate),
+    )  # fmt: skip
 
 
 def _density(positions: NDArray[np.float64], gate: float) -> float:

@@ -49,7 +49,7 @@ class Guided(GuidedOptions):
         search.run()
         search.refine()
         source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, self, search.rng)
-        tensor = given_tensor(tables, task.kind, affinity, task.shape, source, target)
+        tensor = given_tensor(task, source, target)
         drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
         by_chance = cpu.residuals(tables, task.kind, *drawn)
         # no sample is large enough to say that chance never agrees

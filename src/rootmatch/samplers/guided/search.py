@@ -74,7 +74,7 @@ class Search:
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 last = min(tasks, done + max(options.chunks, batch // (self.n_target - self.minimal + 1)))
-                self._try(sets, test, arrangements, done, last, self.allowed)
+                self._try(sets, test, arrangements, first=done, last=last, allowed=self.allowed)
                 done, batch = last, min(2 * batch, options.largest)
                 if self.progress is not None:
                     self.progress(min(self.evaluated, self.options.budget), self.options.budget)
@@ -99,7 +99,7 @@ class Search:
         options = self.options.test
         visible = (options.visible if self.single else options.visible_of_many) * min(1.0, self.n_target / self.n)
         clutter = self.density * math.pi * self.grid.gate2
-        return sequential_test(options, clutter, visible, wave, self.minimal + 1, self.normals)
+        return sequential_test(options, clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:
         limit = self.options.max_seconds
@@ -113,8 +113,8 @@ class Search:
         self.refine()
         leaders, _, hypotheses = self._clustered()
         return enough_found(
-            hypotheses.take(leaders), self._false_alarm_level(), self.shape, self.motions, self.solved,
-            self.options.stopping,
+            hypotheses.take(leaders), self._false_alarm_level(), self.shape,
+            motions=self.motions, solved=self.solved, options=self.options.stopping,
         )  # fmt: skip
 
     def _try_rivals(self) -> None:
@@ -136,7 +136,7 @@ class Search:
         for points in minimal_sets(self.positions, self.minimal, self.rng, self.options.sets):
             some = points[:wanted]
             sets = self._prepared(some, len(arrangements))
-            self._try(sets, self._test(0), arrangements, 0, len(some) * len(arrangements), mask)
+            self._try(sets, self._test(0), arrangements, first=0, last=len(some) * len(arrangements), allowed=mask)
             wanted -= len(some)
             if wanted <= 0 or self._spent():
                 return
@@ -149,6 +149,7 @@ class Search:
         sets: PreparedSets,
         test: SequentialTest,
         arrangements: NDArray[np.int32],
+        *,
         first: int,
         last: int,
         allowed: NDArray[np.bool_],
@@ -163,8 +164,9 @@ class Search:
         keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
         threads = max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
         survivors, ratios, counts = run_sequential_tests(
-            self.padded, self.grid, test, sets, arrangements, first, last, allowed, keep, options.chunks, threads
-        )
+            self.padded, self.grid, test, sets, arrangements,
+            first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
+        )  # fmt: skip
         self.solved += int(counts[:, 0].sum())
         self.tested += int(counts[:, 1].sum())
         self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
@@ -177,7 +179,7 @@ class Search:
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates."""
         evidence, best, candidates = verify(
-            self.tables, points, images, self.density, self.allowed, self.options.verification
+            self.tables, points, images, self.density, self.allowed, options=self.options.verification
         )
         self.evaluated += len(points) * (self.n - self.minimal)
         real = evidence > -np.inf
@@ -198,7 +200,7 @@ class Search:
         points, images = [], []
         for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
             matched = np.flatnonzero(hypotheses.best[leader] >= 0)
-            chosen = widest(self.positions, matched, self.minimal, options.sets, self.rng, self.options.sets)
+            chosen = widest(self.positions, matched, self.minimal, options.sets, self.rng, options=self.options.sets)
             points.append(np.repeat(chosen, ROOTS, axis=0))
             images.append(np.repeat(hypotheses.best[leader][chosen], ROOTS, axis=0))
         if points:

@@ -40,16 +40,16 @@ def empty_state(index: SubsetIndex) -> State:
     """The empty assignment."""
     order = index.indices.shape[1]
     return State(
-        np.full(index.n, -1, np.int64),
-        np.full(index.n_target, -1, np.int64),
-        np.zeros(index.n * index.n_target, np.bool_),
-        np.zeros(index.n, np.int64),
-        np.zeros(1, np.int64),
-        np.zeros(index.n * index.n_target),
-        np.zeros((index.n, index.n)),
-        np.zeros(1),
-        np.empty(order, np.int64),
-        np.empty(order, np.int64),
+        image=np.full(index.n, -1, np.int64),
+        owner=np.full(index.n_target, -1, np.int64),
+        inside=np.zeros(index.n * index.n_target, np.bool_),
+        members=np.zeros(index.n, np.int64),
+        size=np.zeros(1, np.int64),
+        gains=np.zeros(index.n * index.n_target),
+        pairs=np.zeros((index.n, index.n)),
+        total=np.zeros(1),
+        pick=np.empty(order, np.int64),
+        subset=np.empty(order, np.int64),
     )
 
 

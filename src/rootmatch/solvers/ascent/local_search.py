@@ -195,9 +195,10 @@ def climb_from(
     index: SubsetIndex,
     root: State,
     bases: NDArray[np.int64],
+    *,
     penalty: float,
     limit: int,
-    exchanges: bool,
+    exchanges: bool = False,
     threads: int = 1,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Ascents from assignments, the rows of `bases` (B, n), without the points that gain nothing.
@@ -206,19 +207,22 @@ def climb_from(
     tried only when wanted, and where no other move is left. Returns the assignments (B, n), their objectives (B,) and
     numbers of moves (B,), `limit` where an ascent was cut short.
     """
-    return _climb(index, root, None, bases, penalty, limit, exchanges, True, threads)
+    return _climb(
+        index, root, None, bases, penalty=penalty, limit=limit, exchanges=exchanges, tidy=True, threads=threads
+    )
 
 
 def climb(index: SubsetIndex, state: State, penalty: float, limit: int, exchanges: bool) -> int:
     """Make the best move in a state until none improves f; the number of moves, `limit` when it was cut short."""
-    moves = _climb(index, state, state, state.image[None].copy(), penalty, limit, exchanges, False, 1)[2]
+    base = state.image[None].copy()
+    _, _, moves = _climb(index, state, state, base, penalty=penalty, limit=limit, exchanges=exchanges)
     return int(moves[0])
 
 
 def state_of(index: SubsetIndex, image: NDArray[np.int64]) -> State:
     """The state of an assignment (n,)."""
     state = empty_state(index)
-    _climb(index, state, state, np.array(image, np.int64)[None], 0.0, 0, False, False, 1)
+    _climb(index, state, state, np.array(image, np.int64)[None], penalty=0.0, limit=0)
     return state
 
 
@@ -227,11 +231,12 @@ def _climb(
     root: State,
     state: State | None,
     bases: NDArray[np.int64],
+    *,
     penalty: float,
     limit: int,
-    exchanges: bool,
-    tidy: bool,
-    threads: int,
+    exchanges: bool = False,
+    tidy: bool = False,
+    threads: int = 1,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Ascents on some threads, in the given state or in new ones."""
     count, n, order = len(bases), index.n, index.indices.shape[1]

@@ -52,7 +52,9 @@ class MultiStart:
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Ascents from assignments near a state: the optima (B, n) and their objectives (B,)."""
         threads = threads_worth(int(len(bases) * self.effort))
-        images, values, moves = climb_from(self.index, root, bases, penalty, self.options.limit, exchanges, threads)
+        images, values, moves = climb_from(
+            self.index, root, bases, penalty=penalty, limit=self.options.limit, exchanges=exchanges, threads=threads
+        )
         self.made += len(bases)
         self.moves += int(moves.sum())
         self.cut += int(np.sum(moves >= self.options.limit))
@@ -154,8 +156,8 @@ class MultiStart:
         while first < len(self.cores):
             root = self.state_of_best()
             bases, first = forced(
-                root.image, root.gains, self.cores, self.core_values, self.index.n_target,
-                self.options.forced_gain, first, self.options.largest_round,
+                root, self.cores, self.core_values, first,
+                forced_gain=self.options.forced_gain, count=self.options.largest_round,
             )  # fmt: skip
             if len(bases):
                 self.climb(root, bases)
@@ -192,7 +194,9 @@ class MultiStart:
         }
         wanted = matched.size > 0 and self.options.keep > 0
         alternatives = self._alternatives(own >= self.options.claimed * np.median(own[matched])) if wanted else []
-        return Solution(soft, best, self.value, alternatives, self.cut == 0, self.moves, statistics)
+        return Solution(
+            soft, best, self.value, alternatives, converged=self.cut == 0, iterations=self.moves, statistics=statistics
+        )
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
         """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.solvers.ascent.assignment_state import State
+
 Assignments = NDArray[np.int64]
 
 
@@ -78,24 +80,16 @@ def packed(cores: Assignments, n: int, n_target: int) -> Assignments:
 
 
 def forced(
-    base: Assignments,
-    gains: NDArray[np.float64],
-    cores: Assignments,
-    values: NDArray[np.float64],
-    n_target: int,
-    forced_gain: float,
-    first: int,
-    count: int,
+    state: State, cores: Assignments, values: NDArray[np.float64], first: int, *, forced_gain: float, count: int
 ) -> tuple[Assignments, int]:
-    """Assignments made of `base` (n,) with a core put in by force, up to `count`, from core `first` on.
+    """The assignment of a state with one core forced into it, up to `count` times, from core `first` on.
 
-    Cores are used whose value is more than `forced_gain` times what they displace, the `gains` (n n',) of the members
-    in their way. Returns the assignments (B, n) and the number of the next core.
+    Cores are used whose value is more than `forced_gain` times what they displace, the gains of the members in their
+    way. Returns the assignments (B, n) and the number of the next core.
     """
-    matched = np.flatnonzero(base >= 0)
-    owner, own = np.full(n_target, -1), np.zeros(base.size)
-    owner[base[matched]] = matched
-    own[matched] = gains.reshape(-1, n_target)[matched, base[matched]]
+    base, owner = state.image, state.owner
+    matched, own = np.flatnonzero(base >= 0), np.zeros(base.size)
+    own[matched] = state.gains.reshape(base.size, -1)[matched, base[matched]]
     cores, values = cores[first:], values[first:]
     new = (cores >= 0) & (cores != base)
     # Whose own target is given up or taken; one that is both is lost once.

@@ -81,8 +81,10 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     if bucket_bits is None and worth_a_table(tensor.size, tensor.order, size):
         table = pair_table(tensor.indices, tensor.weights, size)
         return SubsetIndex(
-            tensor.indices, tensor.weights, unary, table.marginals, source, np.empty(0, np.uint64), table.start,
-            np.empty(0, np.uint32), True, table.others, table.held, table.sums, 0, 0, 0, *tensor.shape,
+            tensor.indices, tensor.weights, unary, table.marginals, source,
+            keys=np.empty(0, np.uint64), start=table.start, entries=np.empty(0, np.uint32), paired=True,
+            others=table.others, held=table.held, sums=table.sums, bucket_shift=0, tag_shift=0, edge_bits=0,
+            n=tensor.shape[0], n_target=tensor.shape[1],
         )  # fmt: skip
     bits = max(1, (count // 2).bit_length()) if bucket_bits is None else bucket_bits
     edge_bits = max(1, (tensor.size - 1).bit_length())
@@ -94,8 +96,10 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     else:
         start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits)
     return SubsetIndex(
-        tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source, keys, start, entries, False,
-        np.empty(0, np.uint16), np.empty(0), np.empty(0), *shifts, edge_bits, *tensor.shape,
+        tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source,
+        keys=keys, start=start, entries=entries, paired=False,
+        others=np.empty(0, np.uint16), held=np.empty(0), sums=np.empty(0),
+        bucket_shift=shifts[0], tag_shift=shifts[1], edge_bits=edge_bits, n=tensor.shape[0], n_target=tensor.shape[1],
     )  # fmt: skip
 
 

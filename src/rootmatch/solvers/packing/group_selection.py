@@ -47,7 +47,9 @@ class GroupSelection:
             start = rounded(elements, values, self.relaxed, self.most)
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
-            found = best_packing(elements, values, self.relaxed, self.most, start, nodes, self.options.patience)
+            found = best_packing(
+                elements, values, self.relaxed, self.most, start, nodes=nodes, patience=self.options.patience
+            )
             chosen = np.zeros(len(self.groups), np.bool_)
             chosen[allowed[found]] = True
         return chosen

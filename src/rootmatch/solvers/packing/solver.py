@@ -80,9 +80,11 @@ class GroupPacking:
             "starts": float(source.made), "columns": float(len(groups)),
             "evidence": float(values[chosen].sum()), "lead": lead,
         }  # fmt: skip
+        score = inside_groups(tensor, assignment, labels)
         return Solution(
-            soft, assignment, inside_groups(tensor, assignment, labels), ranked, True, source.made, statistics, labels
-        )
+            soft, assignment, score, ranked, converged=True, iterations=source.made, statistics=statistics,
+            groups=labels,
+        )  # fmt: skip
 
     def _competing(self, source: HyperedgeGroups | FittedGroups) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The groups that compete, those of the highest evidence first, and their evidence."""
