@@ -531,6 +531,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         assignment=np.array([1, -1, 0]),
         score=np.float64("nan"),
         margin=0.0,
+        probability=None,
+        converged=False,
         motions=np.array([0, -1, 1]),
         alternatives=[(np.array([0, -1, 1]), np.inf)],
         soft=np.array([[0.0, 0.5], [0.0, 0.0], [0.25, 0.0]]),
@@ -543,6 +545,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     record = match_record(found)
     assert record["score"] is None
     assert record["noise"] is None
+    assert record["probability"] is None
+    assert record["converged"] is False
     assert record["alternatives"] == [{"assignment": [0, -1, 1], "score": None}]
     json.dumps(record, allow_nan=False)
     print_match(found, Console(width=80), truth=np.array([1, 0, -1]), source_names=["a", "b", "c"])

@@ -230,7 +230,7 @@ def match(
     residual : str or Residual
     rho : float
         Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 in units of σ, else
-        `Problem.paper_rho`.
+        `Problem.paper_rho`, or `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
     solver : str or Solver
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.

@@ -23,6 +23,8 @@ from rootmatch.samplers.base import Sampler, SamplingTask
 from rootmatch.solvers import Solver, get_solver
 
 Hyperedges = Literal["auto", "exhaustive", "random", "guided"]
+EXACT = 0.01
+"""σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
 HYPEREDGES: tuple[Hyperedges, ...] = ("auto", "exhaustive", "random", "guided")
 
 
@@ -98,11 +100,12 @@ class MatchOptions:
         """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
         return self.motions != 1 and self.solver is None and not self.is_paper
 
-    def affinity(self, problem: Problem) -> Affinity:
-        """From a hyper-edge's residual to its weight, for a problem."""
+    def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
+        """From a hyper-edge's residual to its weight, for a problem and data with or without noise."""
         residual = self.residual or ("qr" if self.is_paper else "joint")
         in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
-        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else problem.paper_rho)
+        paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho
+        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else paper_rho)
         chosen.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
         return chosen
 
@@ -165,8 +168,8 @@ class MatchingTask:
         if estimates:
             check_choice("noise", noise, ("auto",))
             noise = 1.0
-        weigh = options.affinity(problem)
         points = problem.validated(source, target, noise, normals)
+        weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= EXACT))
         allowed, prior = split_candidates(candidates, *points.shape)
         return cls(problem, points, weigh, options, noise, estimates, allowed, prior)
 

@@ -56,6 +56,8 @@ class Problem(ABC):
     paper_rho: ClassVar[float] = 1e-6
     """ρ of the paper's preset. The scale of |R₂ₙ,₂ₙ| differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
     medians of false hyper-edges in the paper's scenes."""
+    paper_rho_of_exact_data: ClassVar[float] = 1e-12
+    """The same for data without noise, whose residuals are those of rounding (`rootmatch reproduce`, rho-scan.csv)."""
 
     def validated(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
