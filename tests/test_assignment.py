@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.assignment import discretise, drop_unsupported, gains, margin
-from rootmatch.hypergraph.tensor import AffinityTensor
-from solver_oracles import planted
+from rootmatch.hypergraph.assignment import discretise, margin
 
 
 @pytest.mark.parametrize(("n", "n_target"), [(4, 4), (3, 5), (5, 3), (1, 4)])
@@ -36,42 +34,6 @@ def test_discretise_leaves_out_what_has_no_evidence():
 def test_discretise_refuses(bad):
     with pytest.raises(InputError, match="soft"):
         discretise(bad)
-
-
-def test_gains_are_losses_of_score_when_a_point_goes():
-    indices, weights, truth = planted(1, 7, 8, 3, 500, hidden=1)
-    tensor = AffinityTensor(indices, weights, (7, 8))
-    gain = gains(truth, tensor)
-    for i in range(7):
-        without = truth.copy()
-        without[i] = -1
-        assert gain[i] == pytest.approx(tensor.score(truth) - tensor.score(without), abs=1e-12)
-
-
-def test_unsupported_points_are_dropped_and_no_others():
-    indices, weights, truth = planted(2, 9, 10, 3, 300, hidden=2)
-    tensor = AffinityTensor(indices, weights, (9, 10))
-    full = truth.copy()
-    free = np.setdiff1d(np.arange(10), truth)
-    full[truth < 0] = free[:2]
-    np.testing.assert_array_equal(drop_unsupported(full, tensor, 0.2), truth)
-    np.testing.assert_array_equal(drop_unsupported(truth, tensor, 0.2), truth)
-
-
-def test_dropping_goes_on_until_nothing_changes():
-    # 0-1-2 hold together; 3 leans on 4 and 4 on 3 alone, more weakly.
-    pairs = [[0, 6], [0, 12], [6, 12], [18, 24], [12, 18]]
-    tensor = AffinityTensor(pairs, [10.0, 10.0, 10.0, 1.0, 2.5], (5, 5))
-    everyone = np.arange(5)
-    np.testing.assert_array_equal(drop_unsupported(everyone, tensor, 0.1), [0, 1, 2, 3, -1])
-    # With a larger fraction 4 goes first, then 3, which had its help.
-    np.testing.assert_array_equal(drop_unsupported(everyone, tensor, 0.15), [0, 1, 2, -1, -1])
-    np.testing.assert_array_equal(drop_unsupported([0, 1, -1, 3, -1], tensor, 0.0), [0, 1, -1, -1, -1])
-    np.testing.assert_array_equal(drop_unsupported([-1] * 5, tensor), [-1] * 5)
-    with pytest.raises(InputError, match="fraction"):
-        drop_unsupported(everyone, tensor, 2)
-    with pytest.raises(InputError, match="assignment"):
-        drop_unsupported([0, 0, 1, 2, 3], tensor)
 
 
 def test_margin():

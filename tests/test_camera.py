@@ -8,7 +8,7 @@ import pytest
 import instances
 import oracles
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.cameras.vertical import turn_to_y
+from rootmatch.cameras.vertical import rotation_to_vertical
 from rootmatch.errors import InputError, RootmatchError
 
 INTRINSICS = (900.0, 1100.0, 310.0, 250.0)
@@ -124,7 +124,7 @@ def _directions() -> list[np.ndarray]:
 @pytest.mark.parametrize("direction", _directions())
 @pytest.mark.parametrize("length", [1.0, 1e-6, 3e7])
 def test_turn_to_y_is_a_rotation_onto_y(direction: np.ndarray, length: float) -> None:
-    turn = turn_to_y(length * direction)
+    turn = rotation_to_vertical(length * direction)
     np.testing.assert_allclose(turn @ (direction / np.linalg.norm(direction)), [0.0, 1.0, 0.0], atol=1e-14)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-14)
@@ -135,11 +135,11 @@ def test_turn_to_y_is_the_smallest_turn() -> None:
     for _ in range(50):
         direction = instances.random_unit(rng)
         angle = np.arccos(np.clip(direction[1], -1.0, 1.0))
-        turned = np.arccos((np.trace(turn_to_y(direction)) - 1.0) / 2.0)
+        turned = np.arccos((np.trace(rotation_to_vertical(direction)) - 1.0) / 2.0)
         assert turned == pytest.approx(angle, abs=1e-7)
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 0.0), (0.0, 1.0), (0.0, np.nan, 1.0), (np.inf, 0.0, 0.0)])
 def test_turn_to_y_refuses_what_is_no_direction(direction: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="gravity"):
-        turn_to_y(direction, "gravity")
+        rotation_to_vertical(direction, "gravity")

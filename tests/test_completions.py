@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.algebra.vector import tangents
+from rootmatch.algebra.vector import tangent_bases, tangent_basis
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.up2p.hypotheses import predictions
@@ -67,11 +67,14 @@ def test_many_predictions_at_once_are_those_of_one_at_a_time(tilt: float, normal
     assert compared > 2000
 
 
-def test_tangents_are_unit_and_across() -> None:
-    for bearing in np.random.default_rng(0).normal(size=(50, 3)):
-        bearing /= np.linalg.norm(bearing)
-        frame = np.array([*tangents(*bearing), bearing])
-        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+def test_tangent_bases_are_orthonormal_and_right_handed() -> None:
+    bearings = np.concatenate([np.random.default_rng(0).normal(size=(50, 3)), np.eye(3), -np.eye(3)])
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    for bearing, of_many in zip(bearings, np.stack(tangent_bases(bearings), axis=1), strict=True):
+        for pair in (np.array(tangent_basis(*bearing)), of_many):
+            frame = np.array([*pair, bearing])
+            np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+            assert np.linalg.det(frame) > 0.0
 
 
 @pytest.mark.parametrize("masked", [False, True])

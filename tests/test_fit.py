@@ -92,4 +92,4 @@ def test_points_turned_away_are_told() -> None:
     facing = -places @ rotation  # towards the camera, in the frame of the points
     facing[[2, 5]] *= -1.0
     fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 0.1), scene.truth[None])
-    np.testing.assert_array_equal(np.flatnonzero(fit.unseen(0, facing)), [2, 5])
+    np.testing.assert_array_equal(np.flatnonzero(fit.invisible(0, facing)), [2, 5])

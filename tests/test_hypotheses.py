@@ -10,7 +10,7 @@ import numpy as np
 import poselib
 import pytest
 
-from rootmatch.cameras.vertical import turn_to_y
+from rootmatch.cameras.vertical import rotation_to_vertical
 from rootmatch.problems.p3p import hypotheses as p3p_hypotheses
 from rootmatch.problems.p3p.problem import P3P
 from rootmatch.problems.p3p.tables import P3PTables
@@ -158,8 +158,9 @@ def test_the_axes_of_a_prediction_are_unit_and_across_it() -> None:
 
 def test_grid_finds_the_nearest_detection_within_its_gate() -> None:
     rng = np.random.default_rng(4)
+    rotation = rotation_to_vertical((0.2, 0.4, 0.9))
     for count, gate in ((3, 0.02), (20, 0.008), (60, 0.02), (12, 1e-9)):
-        rays = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)]) @ turn_to_y((0.2, 0.4, 0.9)).T
+        rays = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), np.ones(count)]) @ rotation.T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         built = detection_grid.build_grid(np.ascontiguousarray(rays.T), gate)
         assert np.abs(built.basis @ built.basis.T - np.eye(3)).max() < 1e-12

@@ -1,4 +1,4 @@
-"""Closed forms of |R|, the common root and the least singular value against QR, SVD and exact fractions.
+"""Closed forms of |R| and the least singular value against QR, SVD and exact fractions.
 
 The Sylvester matrix is written out again here. Where closed form and factorisation part in float64 is measured against
 rational arithmetic, which has no rounding: `TestWhereTheyPart`.
@@ -21,10 +21,8 @@ from rootmatch.algebra.sylvester import (
 )
 
 Pair = tuple[np.ndarray, np.ndarray]
-LAST = {4: bezout.last_entry_quartic, 2: bezout.last_entry_quadratic}
 UNIT = {4: bezout.unit_last_entry_quartic, 2: bezout.unit_last_entry_quadratic}
 LESSER = {4: bezout.lesser_unit_last_entry_quartic, 2: bezout.lesser_unit_last_entry_quadratic}
-ROOT = {4: bezout.common_root_quartic, 2: bezout.common_root_quadratic}
 LEAST = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
 
 
@@ -123,13 +121,6 @@ class TestAgainstFactorisations:
         return 2e-9 if family is about_one and degree == 4 else 1e-12
 
     @pytest.mark.parametrize("family", FAMILIES)
-    def test_last_entry_as_given(self, family: Callable[..., Pair], degree: int) -> None:
-        for p, q in pairs(family, degree):
-            scale = max(np.linalg.norm(p), np.linalg.norm(q))
-            wanted = by_qr(p, q)
-            assert LAST[degree](*p, *q) == pytest.approx(wanted, rel=1e-8, abs=self.tolerance(family, degree) * scale)
-
-    @pytest.mark.parametrize("family", FAMILIES)
     def test_last_entry_of_unit_polynomials(self, family: Callable[..., Pair], degree: int) -> None:
         for p, q in pairs(family, degree):
             wanted = by_qr(unit(p), unit(q))
@@ -160,26 +151,6 @@ class TestAgainstFactorisations:
             one.append(UNIT[degree](*p, *q) / least)
         assert max(one) > 30.0
 
-    def test_common_root(self, degree: int) -> None:
-        rng = np.random.default_rng(4)
-        errors = []
-        for _ in range(300):
-            x = rng.normal()
-            p, q = np.polymul([1.0, -x], rng.normal(size=degree)), np.polymul([1.0, -x], rng.normal(size=degree))
-            errors.append(abs(ROOT[degree](*p, *q) - x) / (1.0 + abs(x)))
-        assert np.median(errors) < 1e-14
-        assert np.max(errors) < 1e-7
-
-    def test_common_root_is_first_order_near_one(self, degree: int) -> None:
-        """Roots g apart: the estimate lies within a few g of both (other roots may lie near, hence the quantile)."""
-        rng = np.random.default_rng(5)
-        off = []
-        for _ in range(300):
-            x, gap = rng.normal(), 1e-7
-            p, q = np.polymul([1.0, -x], rng.normal(size=degree)), np.polymul([1.0, -x - gap], rng.normal(size=degree))
-            off.append(abs(ROOT[degree](*p, *q) - x) / gap)
-        assert np.quantile(off, 0.9) < 10.0
-
     def test_nothing_known_is_not_agreement(self, degree: int) -> None:
         """A zero polynomial gets more than any pair can reach; |R| of a unit pair is at most √2."""
         rng = np.random.default_rng(6)
@@ -187,8 +158,6 @@ class TestAgainstFactorisations:
         for first, second in ((zero, p), (p, zero), (zero, zero)):
             assert UNIT[degree](*first, *second) == bezout.NO_INFORMATION > math.sqrt(2.0)
             assert LESSER[degree](*first, *second) == bezout.NO_INFORMATION
-            assert LAST[degree](*first, *second) == 0.0
-            assert ROOT[degree](*first, *second) == 0.0
             assert LEAST[degree](*first, *second) == pytest.approx(0.0, abs=1e-15)
 
     def test_a_common_root_at_infinity(self, degree: int) -> None:
@@ -204,7 +173,6 @@ class TestAgainstFactorisations:
         p = np.arange(1.0, degree + 2.0)
         assert UNIT[degree](*p, *(-2.0 * p)) == pytest.approx(0.0, abs=1e-15)
         assert LESSER[degree](*p, *p) == pytest.approx(0.0, abs=1e-15)
-        assert ROOT[degree](*p, *p) == 0.0
 
 
 class TestSylvesterMatrix:
@@ -279,7 +247,7 @@ class TestWhereTheyPart:
         for _ in range(60):
             p, q = (unit(v) for v in near_common_root(rng, 4))
             exact = by_fractions(p, q)
-            closed.append(abs(bezout.last_entry_quartic(*p, *q) - exact))
+            closed.append(abs(bezout.unit_last_entry_quartic(*p, *q) - exact))
             factored.append(abs(by_qr(p, q) - exact))
         assert np.median(closed) <= np.median(factored) < 1e-16
         assert max(closed) < 1e-13

@@ -16,7 +16,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, assess, probability_of
-from rootmatch.pipeline.motion_labels import label_motions
+from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.poses import Pose, poses_of
@@ -297,9 +297,6 @@ def solve(task: MatchingTask) -> Match:
     else:
         solution = options.chosen_solver(sampled.tensor, seed=options.seed)
     assessed = assess(task, solution, sampled)
-    motions = solution.groups
-    if motions is None:
-        motions = label_motions(assessed.assignment, sampled.tensor, options.motions)
     return Match(
         task=task,
         assignment=assessed.assignment,
@@ -308,7 +305,7 @@ def solve(task: MatchingTask) -> Match:
         alternatives=assessed.alternatives,
         soft=solution.soft,
         tensor=sampled.tensor,
-        motions=motions,
+        motions=motion_labels(solution, assessed.assignment, sampled.tensor, options.motions),
         status=assessed.status,
         converged=solution.converged,
         hyperedges=sampled.evaluated,

@@ -28,7 +28,7 @@ from rootmatch.jit.decorators import kernel, scalar
 
 Decorator = Callable[[Any], Any]
 ITERATIONS = 60
-"""Bound on the steps towards all roots at once; ten are usual."""
+"""Bound on the steps towards all roots at once; ten are usual. Not tuned."""
 
 
 def compiled(text: str, name: str, names: dict[str, Any]) -> Any:
@@ -42,7 +42,7 @@ def compiled(text: str, name: str, names: dict[str, Any]) -> Any:
 def roots_of(degree: int) -> Any:
     """Kernel ``(c_k, …, c_0) → k numbers``: the real roots, and the real part of each complex one.
 
-    Which are close enough to real is for the caller to tell, by the value there. Where the leading coefficient is the
+    The caller decides which are close enough to real, by the value there. Where the leading coefficient is the
     smaller end, the reversed polynomial is solved for 1/x.
     """
     if degree == 1:
@@ -249,7 +249,7 @@ def smallest_singular_value(a):  # type: ignore[no-untyped-def]
     """Least singular value of the square array ``a``, overwritten, by one-sided Jacobi rotations of its rows."""
     n = a.shape[0]
     for _ in range(40):
-        turned = False
+        rotated = False
         for i in range(n - 1):
             for j in range(i + 1, n):
                 ii, jj, ij = 0.0, 0.0, 0.0
@@ -258,7 +258,7 @@ def smallest_singular_value(a):  # type: ignore[no-untyped-def]
                     jj += a[j, k] * a[j, k]
                     ij += a[i, k] * a[j, k]
                 if ij * ij > 1e-30 * ii * jj:
-                    turned = True
+                    rotated = True
                     tau = (jj - ii) / (2.0 * ij)
                     t = 1.0 / (abs(tau) + math.sqrt(1.0 + tau * tau))
                     t = t if tau >= 0.0 else -t
@@ -268,7 +268,7 @@ def smallest_singular_value(a):  # type: ignore[no-untyped-def]
                         x, y = a[i, k], a[j, k]
                         a[i, k] = c * x - s * y
                         a[j, k] = s * x + c * y
-        if not turned:
+        if not rotated:
             break
     least = np.inf
     for i in range(n):

@@ -13,19 +13,17 @@ M⁻¹ = R⁻¹ Qᵀ is a unit vector divided by R_{2k,2k}. Hence **|R_{2k,2k}| 
 Every function takes and returns plain floats, has no branch (selects only) and allocates nothing, so that a loop around
 it vectorises and the same source runs on a GPU. Coefficients come highest degree first.
 
-Where this parts from QR in float64, measured against rational arithmetic: for random quartics and those of 3P1 it is
-the closer of the two (median 3e-17, QR 6e-17; worst 5e-16, QR 1e-15). Where the roots of both crowd about one place the
+Where this differs from QR in float64, measured against rational arithmetic: for random quartics and those of 3P1 it is
+the closer of the two (median 3e-17, QR 6e-17; worst 5e-16, QR 1e-15). Where the roots of both crowd about one point the
 Bézout matrix is nearly of lower rank and its cofactors cancel: quartics with roots within 0.05 of 1, such as P3P's in
 x = b/a, are off by 1e-11 (worst 2e-8; QR 3e-16), while false hyper-edges of P3P show 1e-7 and true ones less. Taken
-about that place (`unit_last_entry_quartic_about_one`) the loss turns into a gain: 1e-25, worst 1e-21.
+about that point (`unit_last_entry_quartic_about_one`) the loss becomes a gain: 1e-25, worst 1e-21.
 """
 
 from __future__ import annotations
 
 import math
 
-from rootmatch.algebra.sylvester import smallest_singular_value_quadratic as smallest_singular_value_quadratic
-from rootmatch.algebra.sylvester import smallest_singular_value_quartic as smallest_singular_value_quartic
 from rootmatch.jit.decorators import scalar
 
 NO_INFORMATION = 2.0
@@ -79,25 +77,11 @@ def cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1):  # type: ignore[no-un
 
 
 @scalar
-def last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """|R₈₈| of the QR factorisation of the 8×8 Sylvester matrix of two quartics as given (the paper makes them unit).
-
-    0/0 means two or more common roots, or a zero polynomial: R₈₈ is 0 then too.
-    """
-    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-    c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
-    square = cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1) + cofactor_norm_quartic(
-        c0, c1, c2, c3, q4, q3, q2, q1
-    )
-    return abs(det) / math.sqrt(square if square > 0.0 else 1.0)
-
-
-@scalar
 def unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """`last_entry_quartic` of the two quartics scaled to unit 2-norm, at the price of two squared norms.
+    """|R₈₈| of the QR factorisation of the 8×8 Sylvester matrix of two quartics scaled to unit 2-norm.
 
-    Scaling p by 1/‖p‖ scales its cofactor s by ‖p‖ relative to Res, so no coefficient is divided. `NO_INFORMATION` if
-    one of the polynomials is zero.
+    Scaling p by 1/‖p‖ scales its cofactor s by ‖p‖ relative to Res, so no coefficient is divided: it costs two squared
+    norms. `NO_INFORMATION` if one of the polynomials is zero; 0 for two or more common roots.
     """
     b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
     c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
@@ -201,34 +185,8 @@ def lesser_unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1,
 
 
 @scalar
-def common_root_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """Estimate of the common root of two quartics from the first column of the adjugate of their Bézout matrix, c₁/c₀.
-
-    Exact at a simple common root, first order in the disagreement near one. 0 where the adjugate vanishes (two common
-    roots, proportional or zero polynomials): finite, and of no meaning there.
-    """
-    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-    c0, c1, _, _, _ = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
-    return c1 / (c0 if c0 != 0.0 else 1.0) if c0 != 0.0 else 0.0
-
-
-@scalar
-def last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """|R₄₄| of the QR factorisation of the 4×4 Sylvester matrix of two quadratics as given."""
-    b00 = p1 * q0 - p0 * q1
-    b01 = p2 * q0 - p0 * q2
-    b11 = p2 * q1 - p1 * q2
-    s0 = b11 * q1 - b01 * q2
-    s1 = b11 * q2
-    t0 = b11 * p1 - b01 * p2
-    t1 = b11 * p2
-    square = s0 * s0 + s1 * s1 + t0 * t0 + t1 * t1
-    return abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
-
-
-@scalar
 def unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """`last_entry_quadratic` of the two quadratics scaled to unit 2-norm; `NO_INFORMATION` if one is zero."""
+    """|R₄₄| of the 4×4 Sylvester matrix of two quadratics scaled to unit 2-norm; see `unit_last_entry_quartic`."""
     b00 = p1 * q0 - p0 * q1
     b01 = p2 * q0 - p0 * q2
     b11 = p2 * q1 - p1 * q2
@@ -264,11 +222,3 @@ def lesser_unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no
     square = max(forward, backward)
     value = abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
     return value if norm_p * norm_q > 0.0 else NO_INFORMATION
-
-
-@scalar
-def common_root_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """Common root estimate of two quadratics, −B₀₁/B₁₁ (0 where that is 0/0); see `common_root_quartic`."""
-    b01 = p2 * q0 - p0 * q2
-    b11 = p2 * q1 - p1 * q2
-    return -b01 / (b11 if b11 != 0.0 else 1.0) if b11 != 0.0 else 0.0

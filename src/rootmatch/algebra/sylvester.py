@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.jit.decorators import kernel, scalar
 
 SWEEPS = 30
-"""Bound on the sweeps of Jacobi rotations; 5 to 9 are usual."""
+"""Bound on the sweeps of Jacobi rotations; 5 to 9 are usual. Not tuned."""
 ORTHOGONAL = 1e-30
-"""Rows are orthogonal when the square of the cosine between them is below this."""
+"""Rows are orthogonal when the square of the cosine between them is below this: rounding, 1e-15."""
 NOTHING = 1e-68
 """Or when the square of their product is below this times the fourth power of the matrix's size: nothing is left."""
 
@@ -51,20 +51,20 @@ def mixed4(c, a, s, b):  # type: ignore[no-untyped-def]
 @scalar
 def rotation(aa, bb, ab, nothing):  # type: ignore[no-untyped-def]
     """Cosine and sine that make two rows orthogonal, from their products; and whether they were not."""
-    turn = ab * ab > ORTHOGONAL * aa * bb + nothing
-    tau = (bb - aa) / (2.0 * ab if turn else 1.0)
+    rotates = ab * ab > ORTHOGONAL * aa * bb + nothing
+    tau = (bb - aa) / (2.0 * ab if rotates else 1.0)
     tangent = 1.0 / (abs(tau) + math.sqrt(1.0 + tau * tau))
     tangent = tangent if tau >= 0.0 else -tangent
-    tangent = tangent if turn else 0.0
+    tangent = tangent if rotates else 0.0
     cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    return cosine, cosine * tangent, turn
+    return cosine, cosine * tangent, rotates
 
 
 @scalar
 def rotated4(a, b, nothing):  # type: ignore[no-untyped-def]
     """Two rows of 4 made orthogonal by a Jacobi rotation, and whether they were not."""
-    c, s, turn = rotation(dot4(a, a), dot4(b, b), dot4(a, b), nothing)
-    return mixed4(c, a, -s, b), mixed4(s, a, c, b), turn
+    c, s, rotates = rotation(dot4(a, a), dot4(b, b), dot4(a, b), nothing)
+    return mixed4(c, a, -s, b), mixed4(s, a, c, b), rotates
 
 
 @scalar
@@ -76,11 +76,11 @@ def square8(a):  # type: ignore[no-untyped-def]
 @scalar
 def rotated8(a, b, nothing):  # type: ignore[no-untyped-def]
     """Two rows of 8, each a pair of 4-tuples, made orthogonal by a Jacobi rotation, and whether they were not."""
-    c, s, turn = rotation(square8(a), square8(b), dot4(a[0], b[0]) + dot4(a[1], b[1]), nothing)
+    c, s, rotates = rotation(square8(a), square8(b), dot4(a[0], b[0]) + dot4(a[1], b[1]), nothing)
     return (
         (mixed4(c, a[0], -s, b[0]), mixed4(c, a[1], -s, b[1])),
         (mixed4(s, a[0], c, b[0]), mixed4(s, a[1], c, b[1])),
-        turn,
+        rotates,
     )
 
 

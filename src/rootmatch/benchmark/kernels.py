@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.sylvester import sylvester_matrix
 from rootmatch.benchmark.scenes import scene_and_tables
 from rootmatch.benchmark.timing import least_seconds
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
@@ -33,11 +34,7 @@ def sylvester_matrices(degree: int, batch: int) -> NDArray[np.float64]:
     first, second = rng.normal(size=(2, batch, degree + 1))
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second /= np.linalg.norm(second, axis=1, keepdims=True)
-    matrices = np.zeros((batch, 2 * degree, 2 * degree))
-    for row in range(degree):
-        matrices[:, row, row : row + degree + 1] = first
-        matrices[:, degree + row, row : row + degree + 1] = second
-    return matrices
+    return sylvester_matrix(first, second)
 
 
 def rates(problem: str, kinds: Sequence[str], points: int, outliers: int, batch: int, repeats: int) -> list[Rate]:

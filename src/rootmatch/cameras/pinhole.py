@@ -1,4 +1,4 @@
-"""The pinhole camera, bearings of pixels, and the turn that brings a measured direction onto the y axis."""
+"""The pinhole camera: bearings of pixels and their noise, and projection."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rootmatch.errors import InputError
 class Camera:
     """A calibrated pinhole camera without distortion.
 
-    The camera frame is x right, y down, z forward; a point ``(X, Y, Z)`` of that frame is seen at the pixel
+    The camera frame is x right, y down, z forward; a point ``(X, Y, Z)`` of that frame projects to the pixel
     ``(fx X / Z + cx, fy Y / Z + cy)``.
 
     Parameters

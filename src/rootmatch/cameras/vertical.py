@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.algebra.rotation import rotation_onto_y
 from rootmatch.errors import InputError
 
 Vector = Sequence[float] | NDArray[np.float64]
@@ -46,16 +47,12 @@ def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
     return tuple(float(value) for value in np.asarray(vector, dtype=float))
 
 
-def turn_to_y(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
-    """The smallest rotation (3, 3) that turns ``direction`` onto (0, 1, 0); half a turn about x for (0, −1, 0)."""
-    d = unit_direction(direction, name)
-    cosine = d[1]
-    across2 = d[0] * d[0] + d[2] * d[2]
-    if cosine < 0.0 and across2 == 0.0:
-        return np.diag([1.0, -1.0, -1.0])
-    axis = np.array([-d[2], 0.0, d[0]])  # d × y
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    # 1 / (1 + cos); near -y that sum cancels, so there it is (1 - cos) / sin^2
-    factor = 1.0 / (1.0 + cosine) if cosine > 0.0 else (1.0 - cosine) / across2
-    rotation: NDArray[np.float64] = np.eye(3) + cross + factor * cross @ cross
-    return rotation
+def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
+    """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0).
+
+    Raises
+    ------
+    InputError
+        As `unit_direction`.
+    """
+    return rotation_onto_y(unit_direction(direction, name))

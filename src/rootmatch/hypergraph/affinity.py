@@ -80,7 +80,7 @@ class Affinity:
 
 
 def affinity(residual: Residual | str = "joint", rho: float | None = None, gate: float | None = None) -> Affinity:
-    """Affinity with the defaults of its kind of residual: ρ = 1 and a gate of 3.5 in units of the noise, else ρ = 0.01.
+    """Affinity with the defaults of its kind of residual: ρ = 1 and `GATE` in units of the noise, else ρ = 0.01.
 
     Raises
     ------

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.tensor import AffinityTensor
 
 
 def discretise(soft: ArrayLike) -> NDArray[np.int64]:
@@ -15,7 +14,7 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     Parameters
     ----------
     soft : (n, n') float
-        Non-negative; an entry of 0 means that nothing speaks for the pair.
+        Non-negative; an entry of 0 means that nothing supports the pair.
 
     Returns
     -------
@@ -40,12 +39,12 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
 
 
 def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the one-to-one choice of the largest total."""
+    """Rows and columns of the one-to-one selection with the largest total."""
     wide = value.shape[0] <= value.shape[1]
     lines = value if wide else value.T
     if value.size:
         best = lines.argmax(axis=1)
-        # Where each line can have what it likes best, and likes one thing best, there is nothing to solve.
+        # Where the largest entries of all lines are unique and do not collide, there is nothing to solve.
         alone = np.count_nonzero(lines == lines.max(axis=1, keepdims=True)) == len(lines)
         if alone and np.unique(best).size == best.size:
             every = np.arange(len(lines))
@@ -64,65 +63,20 @@ def one_hot(assignment: NDArray[np.int64], n_target: int) -> NDArray[np.float64]
     return x
 
 
-def gains(assignment: NDArray[np.int64], tensor: AffinityTensor) -> NDArray[np.float64]:
-    """What each matched point contributes to the score, (n,): the weights of the hyper-edges inside that contain it.
-
-    0 for unmatched points. Each hyper-edge is counted at all of its d points.
-    """
-    v = tensor.contract(one_hot(assignment, tensor.shape[1]))
-    matched = assignment >= 0
-    return np.where(matched, v[np.arange(assignment.size), assignment], 0.0)
-
-
-def drop_unsupported(assignment: ArrayLike, tensor: AffinityTensor, fraction: float = 0.2) -> NDArray[np.int64]:
-    """Unmatch the points that the others do not support.
-
-    A matched point is kept when its gain (see `gains`) is positive and at least `fraction` of the median gain of the
-    matched points. Gains shrink as points go, so this is repeated until nothing changes; the median is over what is
-    left, so that a few dropped points do not make the rest look good.
-
-    Parameters
-    ----------
-    assignment : (n,) int
-        −1 where unmatched.
-    tensor : AffinityTensor
-        Its hyper-edges give the gains.
-    fraction : float
-        0 keeps every point with any support; 1 would keep the better half only.
-
-    Returns
-    -------
-    (n,) int64
-        The assignment with −1 for points without support.
-    """
-    if not 0 <= fraction <= 1:
-        raise InputError(f"fraction: got {fraction}; expected 0 … 1")
-    # Only hyper-edges inside the assignment count, and fewer of them as points go.
-    inside = tensor.inside(assignment)
-    kept = np.array(assignment, dtype=np.int64)
-    while (matched := kept >= 0).any():
-        gain = gains(kept, inside)
-        weak = matched & ((gain < fraction * np.median(gain[matched])) | (gain <= 0))
-        if not weak.any():
-            break
-        kept[weak] = -1
-    return kept
-
-
 def margin(
     score: float, alternatives: list[tuple[NDArray[np.int64], float]], points: NDArray[np.int64] | None = None
 ) -> float:
-    """Lead of an answer over the best different one: 1 − second / best, 0 for a tie, 1 when nothing else scores.
+    """Lead of an assignment over the best different one: 1 − second / best; 0 for a tie, 1 when nothing else scores.
 
     Parameters
     ----------
     score : float
-        Of the answer.
+        Of the assignment.
     alternatives : list of ((n,) int64, float)
         Other assignments and their scores, in any order.
     points : (n,) int64, optional
-        The answer with −1 at points that are not claimed: an alternative that differs at none of the claimed points,
-        or only leaves some of them out, is not different.
+        The assignment with −1 at points that are not claimed: an alternative that differs at none of the claimed
+        points, or only leaves some of them out, is not different.
     """
     second = 0.0
     for other, value in alternatives:

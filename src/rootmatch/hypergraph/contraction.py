@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from rootmatch.jit.threads import in_threads, threads_worth
 
 CHUNK = 32768
-"""Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread."""
+"""Hyper-edges a chunk: about a tenth of a millisecond, which outweighs the start of a thread
+(`rootmatch benchmark`, contraction)."""
 
 MOST_CHUNKS = 64
 
@@ -25,7 +26,7 @@ VALID, OUT_OF_RANGE, SHARED_SOURCE, SHARED_TARGET, BAD_WEIGHT = 0, 1, 2, 3, 4
 """Verdicts of `first_fault`."""
 
 USUALLY_INSIDE = 4096
-"""Hyper-edges inside an assignment for which there is room at once; where there are more they are counted first."""
+"""Hyper-edges inside an assignment that the first pass can hold; beyond, a second pass follows. Not tuned."""
 
 
 def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,7 +101,7 @@ def inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArr
 
 @njit(cache=True, nogil=True)
 def _inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
-    """Fill in what is inside as far as there is room, and count all of it."""
+    """Fill in what is inside as far as the arrays reach, and count all of it."""
     count = 0
     for s in range(chosen.shape[0]):
         for e in range(indices.shape[0]):

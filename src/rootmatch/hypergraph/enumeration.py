@@ -1,4 +1,4 @@
-"""Which hyper-edges are looked at: all of them, or a seeded random stream as in the paper; always in blocks."""
+"""Enumeration of hyper-edges: all of them, or a seeded random stream as in the paper; always in blocks."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def random_hyperedges(
     if min(n, n_target) < order:
         raise InputError(f"hyper-edges: {n} source and {n_target} target points given, at least {order} of each needed")
     if count < 1 or block < 1:
-        raise InputError(f"hyper-edges: {count} samples in blocks of {block} asked for; give positive numbers")
+        raise InputError(f"hyper-edges: {count} samples in blocks of {block} given; give positive numbers")
     rng = np.random.default_rng(seed)
     pending: list[tuple[NDArray[np.int32], NDArray[np.int32]]] = []
     waiting = given = tried = accepted = 0

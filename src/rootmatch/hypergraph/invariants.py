@@ -1,6 +1,6 @@
 """Hyper-edges by invariants: what a tuple of points keeps under a transformation, compared between two sets.
 
-Where each set has quantities of its own that the transformation leaves alone, a hyper-edge is weighed by how far these
+Where each set has quantities that the transformation keeps, a hyper-edge is weighted by how far these
 differ, and only the most alike tuples are kept: a tree over the target's tuples finds them (Duchenne et al. 2011). The
 other problems of this package are those that have no such invariants.
 """
@@ -21,7 +21,7 @@ from rootmatch.problems.checks import check_points
 
 Floats = NDArray[np.float64]
 TARGET_TUPLES = 2_000_000
-"""Target tuples beyond which a random part of them is used."""
+"""Target tuples beyond which a random part of them is used. Not tuned: a round value."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ def nearest_hyperedges(
     Notes
     -----
     Degenerate: points on a line have sines of 0 and are all alike, whatever their distances; so are cross-ratios of
-    five points of which four are on a line. Symmetric sets have several right matches. Noise is not looked at: small
-    tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` weigh it.
+    five points of which four are on a line. Symmetric sets have several right matches. Noise plays no part: small
+    tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` model it.
     """
     chosen = _chosen(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
@@ -163,12 +163,12 @@ def nearest_hyperedges(
     tree = cKDTree(chosen.features(second[of_target]))
     near_in_order = min(near, len(of_target))
     sources, targets, gaps = [], [], []
-    # target tuples are in one order each, so the source tuples are asked in all of theirs
+    # target tuples are in one order each, so the source tuples are queried in all of theirs
     for order in permutations(range(chosen.order)):
-        asked = of_source[:, order]
-        gap, place = tree.query(chosen.features(first[asked]), k=near_in_order)
-        gap, place = gap.reshape(len(asked), -1), place.reshape(len(asked), -1)
-        sources.append(np.repeat(asked[:, None], gap.shape[1], axis=1))
+        queried = of_source[:, order]
+        gap, place = tree.query(chosen.features(first[queried]), k=near_in_order)
+        gap, place = gap.reshape(len(queried), -1), place.reshape(len(queried), -1)
+        sources.append(np.repeat(queried[:, None], gap.shape[1], axis=1))
         targets.append(of_target[place])
         gaps.append(gap)
     gap = np.concatenate(gaps, axis=1)

@@ -21,7 +21,7 @@ _FAULTS = {
     contraction.OUT_OF_RANGE: "a correspondence is outside 0 … n·n'−1; flat indices are a = i·n' + i'",
     contraction.SHARED_SOURCE: "two correspondences share a source point; drop this hyper-edge",
     contraction.SHARED_TARGET: "two correspondences share a target point; drop this hyper-edge",
-    contraction.BAD_WEIGHT: "the weight must be finite and not negative; turn residuals into weights first",
+    contraction.BAD_WEIGHT: "the weight must be finite and not negative; convert residuals to weights first",
 }
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
-from rootmatch.hypergraph.support import scores_of, supported_answers
+from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
@@ -127,8 +127,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         found = ranked(task, [assignment, *(other for other, _ in alternatives)])
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])
-            tensor = sampled.tensor
-            values = scores_of(tensor.indices, tensor.weights, tensor.unary, kept, tensor.shape[1])
+            values = scores_of(sampled.tensor, kept)
             assignment, score = kept[0], float(values[0])
             alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
             lead, probability = margin(score, alternatives, assignment), found.probability
@@ -218,12 +217,11 @@ def supported(
 ) -> tuple[NDArray[np.int64], float, Alternatives]:
     """Assignments without the points that nothing supports, distinct, best first."""
     asked = np.array([assignment, *(other for other, _ in alternatives)])
-    of = tensor.indices, tensor.weights, tensor.unary, tensor.shape[1], asked
-    kept, scores = supported_answers(*of, TRUST.support)
+    kept, scores = drop_unsupported(tensor, asked, TRUST.support)
     matched = (kept >= 0).sum(axis=1)
     last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
     if last.any():
-        more, more_scores = supported_answers(*of, TRUST.last_support)
+        more, more_scores = drop_unsupported(tensor, asked, TRUST.last_support)
         kept[last], scores[last] = more[last], more_scores[last]
     answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
     ranked = sorted(answers.values(), key=lambda pair: -pair[1])

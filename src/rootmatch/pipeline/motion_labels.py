@@ -1,4 +1,10 @@
-"""One match to several rigid motions: matched points that lie in no common hyper-edge moved apart."""
+"""Motion labels: which rigid motion each matched point belongs to.
+
+The rule: a solver that finds groups has decided itself, and its groups are the labels; packing, the default for several
+motions, is such a solver. The other solvers maximise one score over all points and know no groups. Only for those, and
+only where several motions are asked for, the assignment is clustered afterwards: points that no hyper-edge joins are
+moved apart.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.base import Solution
 
 EXPECTED_WEIGHT = 0.15
-"""Mean weight of the hyper-edges of one motion, at the least: true ones have 0.5, chance a few hundredths."""
+"""Least mean weight of the hyper-edges of one motion. Not tuned: a round value between that of true hyper-edges, 0.5
+for two degrees of freedom, and of false ones, a few hundredths."""
 
 
-def inside(assignment: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Source points (E, d) and weights (E,) of the hyper-edges that lie wholly inside an assignment."""
-    member = one_hot(assignment, tensor.shape[1]).ravel() > 0
-    within = member[tensor.indices].all(axis=1)
-    return (tensor.indices[within] // tensor.shape[1]).astype(np.int64), tensor.weights[within]
+def motion_labels(
+    solution: Solution, assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str
+) -> NDArray[np.int64]:
+    """Label (n,) of each point's motion by the rule above; −1 where unmatched.
+
+    Parameters
+    ----------
+    solution : Solution
+    assignment : (n,) int64
+        Of the solution, as far as it is supported.
+    tensor : AffinityTensor
+    motions : int or "auto"
+    """
+    if solution.groups is not None:
+        return solution.groups
+    return label_motions(assignment, tensor, motions)
 
 
 def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions: int | str = 1) -> NDArray[np.int64]:
@@ -48,10 +66,11 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     from scipy.cluster.hierarchy import fcluster, linkage  # slow to import, seldom wanted
     from scipy.spatial.distance import squareform
 
-    points, weights = inside(assignment, tensor)
-    place = np.full(len(assignment), -1)
-    place[matched] = np.arange(len(matched))
-    points = place[points]
+    inside = tensor.inside(assignment)
+    weights = inside.weights
+    rank_of = np.full(len(assignment), -1)
+    rank_of[matched] = np.arange(len(matched))
+    points = rank_of[inside.indices // tensor.shape[1]]
     together = np.zeros((len(matched), len(matched)))
     for a in range(tensor.order):
         for b in range(tensor.order):
@@ -65,7 +84,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
         groups = max(cuts, key=lambda cut: _excess(cut, points, weights, tensor.order))
     else:
         groups = fcluster(tree, int(motions), criterion="maxclust")
-    groups = _settled(groups, points, weights, tensor.order)
+    groups = _refined(groups, points, weights, tensor.order)
     sizes = np.bincount(groups)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty(len(sizes), dtype=np.int64)
@@ -89,7 +108,7 @@ def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArr
     return float(weights[same].sum()) - EXPECTED_WEIGHT * tuples
 
 
-def _settled(
+def _refined(
     groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int
 ) -> NDArray[np.int64]:
     """Groups after each point has moved to where its hyper-edges exceed their expected weight most.

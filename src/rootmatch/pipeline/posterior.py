@@ -152,7 +152,7 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
             fit, k = fits[key]
             gains = odds + fit.densities(k, inflation)
             if task.points.normals is not None:
-                gains[(pool[key] < 0) & fit.unseen(k, task.points.normals)] = -np.inf
+                gains[(pool[key] < 0) & fit.invisible(k, task.points.normals)] = -np.inf
             for other, gain in _neighbours(gains, pool[key], options):
                 if value[key] + gain > enough and (other >= 0).sum() >= least:
                     pool.setdefault(other.tobytes(), other)

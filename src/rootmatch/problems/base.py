@@ -1,4 +1,4 @@
-"""What every geometric problem offers to the road: its sizes, its polynomial and its tables."""
+"""What every geometric problem offers to the pipeline: its sizes, its polynomial and its tables."""
 
 from __future__ import annotations
 

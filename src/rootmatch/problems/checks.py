@@ -9,7 +9,7 @@ from rootmatch.errors import InputError
 
 
 def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:
-    """Points as a contiguous float array, or the one clear error that says what is wrong with them.
+    """Points as a contiguous float array, or one clear error that says what is wrong with them.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
 
 
 def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
-    """Refuse points that all lie on one line: every turn about it looks the same."""
+    """Refuse points that all lie on one line: every rotation about it looks the same."""
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False)
     if values[1] <= 1e-9 * values[0]:

@@ -90,7 +90,7 @@ class CompletionKernels:
     predict : ``(tables, flat, count, j, root, out)`` → bool
         Fill the flat ``out``, rows of STRIDE, with what the minimal set of the first m of ``count`` points in ``flat``
         (rows of STRIDE: the fields, one after another) with images ``j`` predicts at one root: bearings x, y, z, the
-        covariance s11, s12, s22 along `tangents` of each, and whether it can be visible (1 or 0).
+        covariance s11, s12, s22 along `tangent_basis` of each, and whether it can be visible (1 or 0).
     """
 
     solutions: int

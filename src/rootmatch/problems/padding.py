@@ -1,7 +1,7 @@
-"""Room behind the target points, so that loops over them fill whole vectors.
+"""Padding behind the target points, so that loops over them fill whole vectors.
 
 A loop over 20 targets is two vectors of eight and four scalars, and the four cost more than the two. Tables whose
-target axis is a multiple of eight have no such rest. What is added repeats the last target and is never looked at.
+target axis is a multiple of eight have no such rest. The padding repeats the last target and is never used.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from rootmatch.jit.dispatch import class_of
 from rootmatch.problems.kernels import kernels_of
 
 LANES = 8
-"""Targets that are looked at together: the doubles of the widest vector."""
+"""Targets that are evaluated together: the doubles of the widest vector (AVX-512)."""
 
 
 def padded(tables: Any, targets: int) -> Any:
-    """Tables of n' = ``targets`` points with room behind them; as they are where their record names no fields."""
-    room = -targets % LANES
+    """Tables of n' = ``targets`` points with padding behind them; as they are where their record names no fields."""
+    padding = -targets % LANES
     fields = kernels_of(tables).target_fields
-    if room == 0 or not fields:
+    if padding == 0 or not fields:
         return tables
     wider = {}
     for name in fields:
         field = getattr(tables, name)
-        axes = [(0, room if size == targets else 0) for size in field.shape[:-1]] + [(0, room)]
+        axes = [(0, padding if size == targets else 0) for size in field.shape[:-1]] + [(0, padding)]
         wider[name] = np.pad(field, axes, mode="edge")
     return tables._replace(**wider)
 
 
-def with_room(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+def padded_rows(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
     """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
     if rows.shape[1] == columns:
         return rows
@@ -45,7 +45,7 @@ def with_room(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
 
 
 def target_columns(tables: Any, targets: int) -> int:
-    """Targets of the tables, the room behind them included."""
+    """Targets of the tables, the padding behind them included."""
     names = kernels_of(tables).target_fields
     return int(getattr(tables, names[0]).shape[1]) if names else targets
 

@@ -38,19 +38,6 @@ def residual_kernels(tables: Any, kind: Any) -> ResidualKernels:
     return kernels_of(tables).residuals[class_of(kind)]
 
 
-def slab_of_rows(row: Callable[..., Any]) -> Any:
-    """Slab kernel of a row kernel ``row(tables, kind, i, j, out)``, which does one last source point at a time."""
-
-    @kernel
-    def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
-        last = i.shape[0] - 1
-        for r in range(out.shape[0]):
-            i[last] = first + r
-            row(tables, kind, i, j, out[r])
-
-    return slab
-
-
 def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
     """Residual of one hyper-edge: source indices ``i`` and target indices ``j``, sequences of length d."""
     return float(serving(tables, residual_kernels(tables, kind).edge)(tables, kind, i, j))
@@ -214,8 +201,3 @@ def has_panel(tables: Any, kind: Any) -> bool:
 def has_single(tables: Any, kind: Any) -> bool:
     """Whether these types have a kernel of single precision."""
     return residual_kernels(tables, kind).single
-
-
-def kinds_of(tables: type) -> tuple[type, ...]:
-    """The kinds of residual that a type of tables has kernels for."""
-    return tuple(kernels_of(tables).residuals)

@@ -1,7 +1,7 @@
 """The kinds of residual as types, so that the compiler chooses the kernel and nothing is decided in the hot loop.
 
 ``pairs`` is a bit mask of the pairs of minimal sets whose polynomials are compared; where several bits are set the
-residual is the greatest of theirs. Bit 0 is the pair that the exhaustive road uses.
+residual is the greatest of theirs. Bit 0 is the pair that the exhaustive sampler uses.
 """
 
 from __future__ import annotations

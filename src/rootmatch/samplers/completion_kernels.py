@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rootmatch.algebra.vector import tangents
+from rootmatch.algebra.vector import tangent_basis
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, scalar
 from rootmatch.jit.dispatch import calls
@@ -121,7 +121,7 @@ def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed,
                     continue
                 x, y, z = out[d], out[STRIDE + d], out[2 * STRIDE + d]
                 s11, s12, s22 = out[3 * STRIDE + d], out[4 * STRIDE + d], out[5 * STRIDE + d]
-                (e0, e1, e2), (f0, f1, f2) = tangents(x, y, z)
+                (e0, e1, e2), (f0, f1, f2) = tangent_basis(x, y, z)
                 near = 0
                 for k in range(rays.shape[1]):
                     near += (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.hypergraph.random_tuples import permuted_tuples
-from rootmatch.hypergraph.support import supported_answers
+from rootmatch.hypergraph.support import drop_unsupported
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.cache import is_compiled
 from rootmatch.solvers.ascent import local_search
@@ -33,7 +33,7 @@ def warm(*orders: int) -> None:
         indices = (sources * shape[1] + targets).astype(np.int32)
         tensor = AffinityTensor.unchecked(indices, rng.random(count), shape)
         answer = MultiStartAscent()(tensor).assignment
-        supported_answers(indices, tensor.weights, None, shape[1], answer[None], fraction=0.1)
+        drop_unsupported(tensor, answer[None], 0.1)
 
 
 def warm_packing() -> None:

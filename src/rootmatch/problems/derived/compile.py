@@ -1,4 +1,4 @@
-"""Kernels of a derived problem, compiled from their composed text and registered under its tag."""
+"""Kernels of a derived problem, compiled from their composed text and known by its tag."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 from rootmatch.algebra import any_degree
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.derived.residuals_text import Residuals, pair_orders
+from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.tables import known, register_derived
+from rootmatch.problems.limits import UNINFORMATIVE
+from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
-LARGE = 1e6
-"""The residual of a hyper-edge that says nothing: no information is not agreement."""
-GATE = 4.0
-"""A complex pair counts, by its real part, while the polynomial there is below so many of its deviations."""
+ROOT_GATE = 4.0
+"""A complex pair counts, by its real part, while the polynomial there is below so many of its deviations. Not tuned."""
 BLUR = 0.3
 """Near a double root the deviation of the root grows without bound, yet the two roots enclose what may be: the square
-of the slope is raised by BLUR · |curvature| · deviation of the value."""
-VAGUE = 1e4
-"""Ratio of a prediction's variance to the last target point's own beyond which it says nothing."""
+of the slope is raised by BLUR · |curvature| · deviation of the value. ½ would be full strength; 0.3 is not tuned."""
+VAGUE_RATIO = 1e4
+"""Ratio of a prediction's variance to the last target point's own beyond which it says nothing. Not tuned."""
 NAMED_KINDS = {"qr": QR, "both": QRBoth, "svd": SVD, "normalised": Normalised, "joint": Joint}
 
 
@@ -54,11 +54,11 @@ def compile_residuals(
         "compare_both": any_degree.lesser_last_entry_of(degree),
         "compare_svd": any_degree.singular_value_of(degree),
         "ORDERS": pair_orders(residuals.m),
-        "BIG": LARGE * LARGE,
+        "BIG": UNINFORMATIVE * UNINFORMATIVE,
         "ONE": Normalised(1),
         "BLUR": BLUR,
-        "GATE2": GATE * GATE,
-        "VAGUE": VAGUE,
+        "GATE2": ROOT_GATE * ROOT_GATE,
+        "VAGUE": VAGUE_RATIO,
         "math": math,
         # compiled code on disk names its module, which the next process must be able to import
         "__name__": __name__,
@@ -69,7 +69,7 @@ def compile_residuals(
 
 def tag_name(residuals: Residuals, generated: str, version: str) -> str:
     """A name for the kernels: a digest of all text that they are made of."""
-    constants = f"{version} {LARGE} {GATE} {BLUR} {VAGUE}"
+    constants = f"{version} {UNINFORMATIVE} {ROOT_GATE} {BLUR} {VAGUE_RATIO}"
     digest = hashlib.sha256("\0".join([constants, generated, residuals.text]).encode())
     return f"k{digest.hexdigest()[:24]}"
 

@@ -1,6 +1,6 @@
 """What is measured of a point: the coordinates that stand in a problem's equations, and their noise.
 
-A measurement turns points as the caller gives them (pixels, points in space) into the coordinates for which the
+A measurement converts points as the caller gives them (pixels, points in space) into the coordinates for which the
 equations hold symbols, and says how the noise of the given numbers moves those coordinates.
 """
 
@@ -72,7 +72,7 @@ class Points(Measurement):
     size : int
         2 or 3 coordinates.
     noisy : bool
-        Whether they carry noise of the size that `prepare` is told; a model's points are exact.
+        Whether they carry noise of the size that `prepare` gets; a model's points are exact.
     """
 
     size: int = 3
@@ -116,7 +116,7 @@ class Bearings(Measurement):
     camera : Camera
     turn : (3, 3) nested tuple, optional
         Rotation applied to the rays, say one that brings a measured vertical onto the y axis
-        (`rootmatch.cameras.vertical.turn_to_y`, as ``tuple(map(tuple, R))``).
+        (`rootmatch.cameras.vertical.rotation_to_vertical`, as ``tuple(map(tuple, R))``).
     """
 
     camera: Camera
@@ -131,11 +131,11 @@ class Bearings(Measurement):
 
     @property
     def rotation(self) -> Floats:
-        """The turn as an array (3, 3)."""
+        """`turn` as an array (3, 3)."""
         return np.eye(3) if self.turn is None else np.asarray(self.turn, dtype=float)
 
     def measure(self, points: ArrayLike) -> Floats:
-        """Unit rays (…, 3) in the turned camera frame."""
+        """Unit rays (…, 3) in the rotated camera frame."""
         rays: Floats = self.camera.bearings(points) @ self.rotation.T
         return rays
 
@@ -163,8 +163,8 @@ class Bearings(Measurement):
 class Uncalibrated(Measurement):
     """Rays of pixels in a camera whose focal length is unknown: the ray is w + f z.
 
-    The equations see six coordinates: w = (wx, wy, wz), the place in the image across the optical axis in units of
-    `unit` pixels, and z = (zx, zy, zz), the optical axis, the same for all points. Both are turned by `turn`. The
+    The equations see six coordinates: w = (wx, wy, wz), the position in the image across the optical axis in units of
+    `unit` pixels, and z = (zx, zy, zz), the optical axis, the same for all points. Both are rotated by `turn`. The
     unknown f of the equations is then the focal length in units of `unit` pixels.
 
     Parameters
@@ -191,7 +191,7 @@ class Uncalibrated(Measurement):
 
     @property
     def rotation(self) -> Floats:
-        """The turn as an array (3, 3)."""
+        """`turn` as an array (3, 3)."""
         return np.eye(3) if self.turn is None else np.asarray(self.turn, dtype=float)
 
     def measure(self, points: ArrayLike) -> Floats:

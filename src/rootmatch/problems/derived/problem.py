@@ -15,10 +15,11 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.compile import register_residuals, tag_name
 from rootmatch.problems.derived.evaluator import Evaluator
 from rootmatch.problems.derived.measurements import Measurement
-from rootmatch.problems.derived.residuals_text import Residuals, pair_orders
+from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.store import Generated
 from rootmatch.problems.derived.tables import DerivedTables, tag_of
 from rootmatch.problems.derived.text import Shape
+from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.points import PointSets
 
 
@@ -81,7 +82,7 @@ class DerivedProblem(Problem):
         return Evaluator(self.generated.plan, self.generated.functions, self.source, self.target)
 
     def measured(self, source: Measurement | None = None, target: Measurement | None = None) -> DerivedProblem:
-        """The same problem seen otherwise: by another camera, or turned."""
+        """The same problem with other measurements: another camera, or other rotations."""
         return DerivedProblem(self.title, self.generated, source or self.source, target or self.target)
 
     def tables(self, points: PointSets) -> DerivedTables:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import combinations
 
 from rootmatch.problems.derived.constraints_text import Constraints
 from rootmatch.problems.derived.rows_text import Rows, merge_lines, row_lines, row_names, stem_names, stem_text
@@ -19,16 +18,6 @@ from rootmatch.problems.derived.text import (
     state_text,
     suffix,
 )
-
-PAIRS = 6
-"""Most pairs of minimal sets of a hyper-edge that can be chosen."""
-
-
-def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
-    """Orders of a hyper-edge, one for each choice of the correspondences that both minimal sets share."""
-    every = range(minimal + 1)
-    orders = [(*shared, *(k for k in every if k not in shared)) for shared in combinations(every, minimal - 1)]
-    return tuple(orders[:PAIRS])
 
 
 class Residuals(Constraints):

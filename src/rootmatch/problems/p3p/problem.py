@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.cameras.pinhole import Camera, check_camera
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
-from rootmatch.problems.p3p.resultant import quartic_in_ratio
+from rootmatch.problems.p3p.quartic import quartic_in_ratio
 from rootmatch.problems.p3p.tables import P3PTables
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import absolute_fit

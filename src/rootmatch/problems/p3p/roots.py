@@ -6,10 +6,11 @@ from math import nan
 
 from rootmatch.algebra.polynomial import roots_quartic
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.p3p.resultant import STEP, quadratics, quartic
+from rootmatch.problems.p3p.quartic import STEP, quadratics, quartic
 
 NEARLY_REAL = 0.03
-"""Imaginary part of z below which a pair of roots is taken as a double root that noise has split."""
+"""Imaginary part of z below which a pair of roots is taken as a double root that noise has split.
+Not tuned: a round value."""
 
 
 @scalar

@@ -8,27 +8,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.problems.kernels import HypothesisKernels, ProblemKernels, ResidualKernels
-from rootmatch.problems.p3p import hypotheses, joint, joint_lists, normalised, resultant
+from rootmatch.problems.p3p import (
+    hypotheses,
+    joint_residual,
+    joint_residual_lists,
+    normalised_residual,
+    resultant_residual,
+)
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant.resultant_kernels(resultant.matrix_entry),
-        QRBoth: resultant.resultant_kernels(resultant.matrix_entry_both),
-        SVD: resultant.resultant_kernels(resultant.singular_value),
+        QR: resultant_residual.resultant_kernels(resultant_residual.last_entry),
+        QRBoth: resultant_residual.resultant_kernels(resultant_residual.lesser_last_entry),
+        SVD: resultant_residual.resultant_kernels(resultant_residual.singular_value),
         Normalised: ResidualKernels(
-            normalised.edge_normalised,
-            normalised.slab_normalised,
-            panel=normalised.panel_normalised,
+            normalised_residual.edge,
+            normalised_residual.slab,
+            panel=normalised_residual.fill_panel,
             squares=True,
             single=True,
         ),
         Joint: ResidualKernels(
-            joint.edge_joint,
-            joint.slab_joint,
-            panel=joint.panel_joint,
-            fill=joint_lists.block_joint,
-            listed=joint_lists.listed_joint,
+            joint_residual.edge,
+            joint_residual.slab,
+            panel=joint_residual.fill_panel,
+            fill=joint_residual_lists.fill_block,
+            listed=joint_residual_lists.listed,
             squares=True,
             single=True,
         ),
@@ -58,7 +64,7 @@ class P3PTables(NamedTuple):
     variance: NDArray[np.float64]
     """(n',) variance of a bearing, radians² on each axis across it."""
     normals: NDArray[np.float64]
-    """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
+    """(3, n) outward normals of the source points: a point is visible only from its front. Zero for none."""
 
     @staticmethod
     def kernels() -> ProblemKernels:

@@ -1,3 +1,3 @@
-"""Planar motion: two images from a camera that moves in a plane and turns about its normal, as on a ground robot."""
+"""Planar motion: two images from a camera that moves in a plane and rotates about its normal, as on a ground robot."""
 
 from rootmatch.problems.planar_motion.problem import PlanarMotion as PlanarMotion

@@ -1,4 +1,4 @@
-"""Planar motion: two images from a camera that moves in a plane and turns about its normal, as on a ground robot."""
+"""Planar motion: two images from a camera that moves in a plane and rotates about its normal, as on a ground robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
+from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Bearings
 from rootmatch.problems.derived.problem import DerivedProblem
@@ -27,7 +27,7 @@ FORMULAS = Path(__file__).parent / "formulas.txt"
 class PlanarMotion(Problem):
     """Relative pose of two images from two points, the camera moving in a plane (Ortín & Montiel 2001).
 
-    The unknown is x = tan(θ/2) of the turn θ about the plane's normal that takes the first view to the second; it
+    The unknown is x = tan(θ/2) of the rotation θ about the plane's normal that takes the first view to the second; it
     belongs to the cameras, so all pairs share it. The direction of the motion within the plane is eliminated. Pixels of
     the first image are the source, of the second the target.
 
@@ -45,7 +45,7 @@ class PlanarMotion(Problem):
     -----
     A hyper-edge of three correspondences has one constraint. Points must lie in front of both cameras.
 
-    Degenerate: no motion, or a turn alone (every pair's quadratic vanishes at the truth twice; residuals fade by
+    Degenerate: no motion, or a rotation alone (every pair's quadratic vanishes at the truth twice; residuals fade by
     themselves); points of the plane through the camera centres (the horizon of a level camera): they stay there
     whatever the motion, so their correspondences with each other say nothing; two correspondences on one vertical line
     of each image say little; θ = π puts x at infinity.
@@ -77,8 +77,8 @@ class PlanarMotion(Problem):
 
     @property
     def derived(self) -> DerivedProblem:
-        """The generated problem behind it, on rays turned so that the normal is y."""
-        first, second = turn_to_y(self.axis, "axis"), turn_to_y(self.axis2, "axis2")
+        """The generated problem behind it, on rays rotated so that the normal is y."""
+        first, second = rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
         return DerivedProblem(
             self.name,
             shipped("planar_motion", FORMULAS),

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import rotation_about_y
+
 Floats = NDArray[np.float64]
 
 NEARLY_REAL = 0.1
-"""Imaginary part up to which a root is taken to be a real one that noise moved."""
+"""Imaginary part up to which a root is taken to be a real one that noise moved; the fit rejects the rest. Not tuned."""
 
 
 def triples(image: Floats, used: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -33,9 +35,12 @@ def triples(image: Floats, used: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def poses_of_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
-    """Poses that put three points (B, 3, 3) on three unit rays (B, 3, 3): rotations (B, 4, 3, 3), shifts (B, 4, 3).
+    """Poses that put three points (B, 3, 3) on three unit rays (B, 3, 3).
 
-    Where there are fewer than four the shift is NaN (Fischler & Bolles 1981; the quartic is the paper's).
+    Rotations (B, 4, 3, 3), translations (B, 4, 3).
+
+    Where there are fewer than four the translation is NaN (Fischler & Bolles 1981; the quartic is the paper's). As
+    `rootmatch.problems.p3p.roots` for a few triples of ordinary size, in NumPy, which needs no compiling.
     """
     side = [((points[:, (k + 1) % 3] - points[:, k]) ** 2).sum(axis=1) for k in range(3)]
     versine = [0.5 * ((rays[:, (k + 1) % 3] - rays[:, k]) ** 2).sum(axis=1) for k in range(3)]
@@ -49,11 +54,11 @@ def poses_of_triples(points: Floats, rays: Floats) -> tuple[Floats, Floats]:
         a = np.sqrt(side[0][:, None] / x2)
         depths = np.stack([a, a * x, a * y], axis=-1)
         good = nearly & (x > 0.0) & (y > 0.0) & np.isfinite(depths).all(axis=-1)
-        places = depths[..., None] * rays[:, None]
-        rotation = _frames(places) @ _frames(points[:, None]).swapaxes(-1, -2)
-        shift = places.mean(axis=2) - (rotation @ points.mean(axis=1)[:, None, :, None])[..., 0]
+        positions = depths[..., None] * rays[:, None]
+        rotation = _frames(positions) @ _frames(points[:, None]).swapaxes(-1, -2)
+        translation = positions.mean(axis=2) - (rotation @ points.mean(axis=1)[:, None, :, None])[..., 0]
     good &= np.isfinite(rotation).all(axis=(-1, -2))
-    return np.where(good[..., None, None], rotation, np.eye(3)), np.where(good[..., None], shift, np.nan)
+    return np.where(good[..., None, None], rotation, np.eye(3)), np.where(good[..., None], translation, np.nan)
 
 
 def _quartic(u: Floats, v: Floats, p: Floats, q: Floats, r: Floats) -> Floats:
@@ -92,26 +97,28 @@ def _frames(corners: Floats) -> Floats:
 
 
 def upright_start(points: Floats, rays: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Linear poses with a turn about y: rotations (K, 3, 3), shifts (K, 3).
+    """Linear poses with a rotation about y: rotations (K, 3, 3), translations (K, 3).
 
     Parameters
     ----------
     points : (n, 3) array
         In a frame whose vertical is y.
     rays : (K, n, 3) array
-        Bearings in a frame whose vertical is y, of the matches of each answer.
+        Bearings in a frame whose vertical is y, of the matches of each assignment.
     weight : (K, n) array
         0 for points that are not matched.
     """
     count, n = weight.shape
     x, y, z = points.T
-    # the place is linear in (c, s, t, 1), the last for the height, which knows the scale
-    place = np.zeros((n, 3, 6))
-    place[:, 0, 0], place[:, 0, 1], place[:, 0, 2] = x, z, 1.0
-    place[:, 1, 3], place[:, 1, 5] = 1.0, y
-    place[:, 2, 0], place[:, 2, 1], place[:, 2, 4] = z, -x, 1.0
+    # the position is linear in (c, s, t, 1), the last for the height, which has the scale
+    position = np.zeros((n, 3, 6))
+    position[:, 0, 0], position[:, 0, 1], position[:, 0, 2] = x, z, 1.0
+    position[:, 1, 3], position[:, 1, 5] = 1.0, y
+    position[:, 2, 0], position[:, 2, 1], position[:, 2, 4] = z, -x, 1.0
     u = rays[..., None]
-    rows = np.stack([u[:, :, a] * place[:, b] - u[:, :, b] * place[:, a] for a, b in ((1, 2), (2, 0), (0, 1))], axis=2)
+    rows = np.stack(
+        [u[:, :, a] * position[:, b] - u[:, :, b] * position[:, a] for a, b in ((1, 2), (2, 0), (0, 1))], axis=2
+    )
     rows = (rows * weight[..., None, None]).reshape(count, 3 * n, 6)
     normal = rows.swapaxes(-1, -2) @ rows
     diagonal = np.arange(5)
@@ -119,7 +126,4 @@ def upright_start(points: Floats, rays: Floats, weight: Floats) -> tuple[Floats,
     solved = -np.linalg.solve(normal[:, :5, :5], normal[:, :5, 5:])[..., 0]
     scale = 1.0 / np.maximum(np.hypot(solved[:, 0], solved[:, 1]), 1e-300)
     cosine, sine = scale * solved[:, 0], scale * solved[:, 1]
-    rotation = np.zeros((count, 3, 3))
-    rotation[:, 0, 0] = rotation[:, 2, 2] = cosine
-    rotation[:, 0, 2], rotation[:, 2, 0], rotation[:, 1, 1] = sine, -sine, 1.0
-    return rotation, np.stack([scale * solved[:, 2], solved[:, 3], scale * solved[:, 4]], axis=-1)
+    return rotation_about_y(cosine, sine), np.stack([scale * solved[:, 2], solved[:, 3], scale * solved[:, 4]], axis=-1)

@@ -1,4 +1,4 @@
-"""Answers between two images with a common direction, each fitted by its best relative pose (Gauss-Newton, NumPy)."""
+"""Relative poses of whole assignments between two images with a common direction (Gauss-Newton, NumPy)."""
 
 from __future__ import annotations
 
@@ -9,21 +9,23 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
+from rootmatch.algebra.vector import tangent_bases
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, crossed, invertible
+from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
 
 ANGLES = 90
-"""Turns about the common direction that are tried."""
+"""Rotations about the common direction that are tried, 4° apart. Not tuned."""
 STARTS = 3
-"""The best of them, from which an answer is fitted."""
+"""The best of them, from which an assignment is fitted. Not tuned."""
 CUT = 25.0
-"""Squared deviation beyond which all points count alike when they are compared."""
+"""Squared deviation at which a point stops counting when they are compared. Not tuned: (5 σ)²."""
 ALONG = 2.0
-"""Noise of a place along the line over that across it: the turn's own is part of it."""
+"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
 LOG_GAMMA = np.vectorize(math.lgamma, otypes=[float])
 DELTA = 1e-6
-"""Step of numerical derivatives, in radians."""
+"""Step of numerical derivatives, in radians: far above rounding, far below any noise. Not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +87,12 @@ class Views:
     def parallax(self, pose: Floats, base: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> Floats:
         """How far detections (…, m) lie along their epipolar lines from where points at infinity are seen, in pixels.
 
-        Positive towards the epipole: in front of both cameras, for this sign of the shift.
+        Positive towards the epipole: in front of both cameras, for this sign of the translation.
         """
-        rotation, shift = _rotation(pose), _shift(pose, base)
+        rotation, translation = _rotation(pose), _translation(pose, base)
         far = (rotation[..., None, :, :] @ self.first[i][..., None])[..., 0]
         far = far / np.linalg.norm(far, axis=-1, keepdims=True)
-        towards = shift[..., None, :] - (far * shift[..., None, :]).sum(axis=-1, keepdims=True) * far
+        towards = translation[..., None, :] - (far * translation[..., None, :]).sum(axis=-1, keepdims=True) * far
         towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
         second = self.second[k]
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
@@ -98,7 +100,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class RelativeFit(Fit):
-    """See `Fit`; a detection counts by its distance from the epipolar line and by its place along it.
+    """See `Fit`; a detection counts by its distance from the epipolar line and by its position along it.
 
     Points of one scene have parallaxes of one order: they are taken to be normal, on the side of the points that lie
     in front of the cameras, with a scale of which nothing is known. With m of squared sum Q their density is
@@ -107,24 +109,24 @@ class RelativeFit(Fit):
 
     doubt: ClassVar[float] = 2.0
     views: Views
-    answers: NDArray[np.int64]
+    assignments: NDArray[np.int64]
     pose: Floats
-    """(K, p): turn, two angles of the shift from `base`, and two tilts where the direction is noisy."""
+    """(K, p): rotation, two angles of the translation from `base`, and two tilts where the direction is noisy."""
     base: Floats
-    """(K, 3, 3): shift, and two directions across it."""
+    """(K, 3, 3): translation, and two directions orthogonal to it."""
     covariance: Floats
     sign: Floats
-    """(K,) of the shift."""
+    """(K,) of the translation."""
 
     def of_pose(self) -> float:
-        """See `Fit.of_pose`: any turn, any direction of the shift, parallaxes from a thousandth of an image to all."""
+        """See `Fit.of_pose`: uniform rotation and direction of translation, parallaxes of 0.001 to 1 image."""
         laplace = 0.5 * self.pose.shape[1] * np.log(2.0 * np.pi)
         tilt = np.log(2.0 * np.pi * self.views.tilt**2) if self.views.tilt > 0.0 else 0.0
         return float(laplace - np.log(8.0 * np.pi**2) - np.log(np.log(1e3)) - tilt)
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
         """See `Fit.densities`."""
-        views, answer = self.views, self.answers[k]
+        views, assignment = self.views, self.assignments[k]
         n, n_target = len(views.first), len(views.second)
         i, j = np.divmod(np.arange(n * n_target), n_target)
         poses = np.concatenate([self.pose[k][None], _moved(self.pose[k])])
@@ -132,10 +134,10 @@ class RelativeFit(Fit):
         value = deviation[0].reshape(n, n_target)
         slope = ((deviation[1:] - deviation[0]) / DELTA).T.reshape(n, n_target, -1)
         covariance = self.covariance[k]
-        matched = np.flatnonzero(answer >= 0)
-        own, own_slope = value[matched, answer[matched]], slope[matched, answer[matched]]
+        matched = np.flatnonzero(assignment >= 0)
+        own, own_slope = value[matched, assignment[matched]], slope[matched, assignment[matched]]
         hat = np.einsum("mp,pq,mq->m", own_slope, covariance, own_slope)
-        # without its own match: the pose moves, and is less sure
+        # without its own match: the pose moves, and is less certain
         spread = np.repeat(covariance[None], n, axis=0)
         along, rest = own_slope @ covariance, 1.0 / np.maximum(1.0 - hat, 1e-9)
         spread[matched] += rest[:, None, None] * along[:, :, None] * along[:, None, :]
@@ -148,19 +150,19 @@ class RelativeFit(Fit):
         along = self.sign[k] * views.parallax(self.pose[k], self.base[k], i, j).reshape(n, n_target)
         size, behind = _sized(along, width)
         others = np.zeros(n)
-        others[matched] = size[matched, answer[matched]] ** 2
+        others[matched] = size[matched, assignment[matched]] ** 2
         total = (others.sum() - others)[:, None]
-        count = np.maximum((answer >= 0).sum() - (answer >= 0), 1)[:, None]
-        place = _place(total + size**2, count + 1) - _place(total, count) - behind
-        return np.asarray(place - 0.5 * (value**2 / (variance * inflation) + log))
+        count = np.maximum((assignment >= 0).sum() - (assignment >= 0), 1)[:, None]
+        position = _parallax_density(total + size**2, count + 1) - _parallax_density(total, count) - behind
+        return np.asarray(position - 0.5 * (value**2 / (variance * inflation) + log))
 
 
-def relative_fit(views: Views, answers: NDArray[np.int64]) -> RelativeFit:
-    """Fit of each answer (K, n), −1 where unmatched; at least four matches in each."""
-    count = len(answers)
-    used, k = answers >= 0, np.maximum(answers, 0)
-    angle, shift = _starts(views, np.arange(answers.shape[1]), k, used)
-    base = np.stack([shift, *_across(shift)], axis=1)
+def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
+    """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each."""
+    count = len(assignments)
+    used, k = assignments >= 0, np.maximum(assignments, 0)
+    angle, translation = _starts(views, np.arange(assignments.shape[1]), k, used)
+    base = np.stack([translation, *tangent_bases(translation)], axis=1)
     k, used = np.repeat(k, STARTS, axis=0), np.repeat(used, STARTS, axis=0)
     start = np.zeros((len(angle), 3 if views.tilt == 0.0 else 5))
     start[:, 0] = angle
@@ -171,7 +173,7 @@ def relative_fit(views: Views, answers: NDArray[np.int64]) -> RelativeFit:
     squared = descent.squares(*descent.residuals(both), both)[0].reshape(2, count, STARTS)
     descent = _Descent(views, k, used, base, len(start))
     _, along, width = descent.residuals(pose)
-    # a pose that the points do not determine is somewhere within a radian all the same
+    # a pose that the points do not determine still lies within a radian
     normal = invertible(descent.equations(pose)[0] + np.eye(pose.shape[1]))
     logarithms = np.where(used, np.log(np.sqrt(2.0 * np.pi) * width), 0.0).sum(axis=1)
     sides = np.array([_sized(sign * along, width)[1].sum(axis=1) for sign in (1.0, -1.0)])
@@ -183,7 +185,7 @@ def relative_fit(views: Views, answers: NDArray[np.int64]) -> RelativeFit:
         freedom=used[pick].sum(axis=1) - 3,
         evidence=np.asarray(evidence[pick], dtype=np.float64),
         views=views,
-        answers=answers,
+        assignments=assignments,
         pose=pose[pick],
         base=base[pick],
         covariance=np.asarray(np.linalg.inv(normal[pick]), dtype=np.float64),
@@ -221,10 +223,10 @@ class _Descent:
     def objective(self, pose: Floats) -> Floats:
         """What is least at the fit: χ², and the parallaxes' part."""
         chi2, sizes = self.squares(*self.residuals(pose), pose)
-        return np.asarray(chi2 - 2.0 * self.share * _place(sizes, self.used.sum(axis=1)))
+        return np.asarray(chi2 - 2.0 * self.share * _parallax_density(sizes, self.used.sum(axis=1)))
 
     def equations(self, pose: Floats) -> tuple[Floats, Floats]:
-        """Normal equations and their right side; the parallaxes weigh by what scale they have now."""
+        """Normal equations and their right side; the parallaxes are weighted by their present scale."""
         count, size = pose.shape
         value, along, width = self.residuals(pose)
         moved = np.repeat(pose, size, axis=0) + np.tile(DELTA * np.eye(size), (count, 1))
@@ -256,31 +258,32 @@ class _Descent:
         return pose
 
 
-def _place(squares: Floats, count: NDArray[np.int64]) -> Floats:
+def _parallax_density(squares: Floats, count: NDArray[np.int64]) -> Floats:
     """Logarithm of the density of some parallaxes with a sum of squares, their scale unknown."""
     half = 0.5 * count
     return np.asarray(LOG_GAMMA(half) + count * np.log(2.0 / np.sqrt(np.pi)) - half * np.log(squares))
 
 
 def _sized(along: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Sizes of parallaxes, not below their noise, and minus the logarithm of the chance of what is behind a camera."""
+    """Sizes of parallaxes, not below their noise, and minus the log probability of those behind a camera."""
     noise = ALONG * width
     return np.hypot(along, noise), 0.5 * (np.minimum(along, 0.0) / noise) ** 2
 
 
 def _starts(views: Views, i: NDArray[np.int64], k: NDArray[np.int64], used: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Turns (K STARTS,) and shifts (K STARTS, 3) of the least deviation, of a grid of turns."""
+    """Rotations (K STARTS,) and translations (K STARTS, 3) of the least deviation, of a grid of rotations."""
     angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
-    turned = views.first @ _turns(angle).swapaxes(-1, -2)
+    rotation = rotation_about_y(np.cos(angle), np.sin(angle))
+    rotated = views.first @ rotation.swapaxes(-1, -2)
     # t · (R q × q') = 0
-    rows = np.cross(turned[None], views.second[k][:, None]) * used[:, None, :, None]
-    shift = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
-    essential = crossed(shift) @ _turns(angle)
+    rows = np.cross(rotated[None], views.second[k][:, None]) * used[:, None, :, None]
+    translation = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+    essential = cross_matrix(translation) @ rotation
     deviation, _ = views.deviations(essential, i, k[:, None])
     total = np.where(used[:, None], np.minimum(deviation**2, CUT), 0.0).sum(axis=-1)
     lowest = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
     best = np.argsort(np.where(lowest, total, np.inf), axis=1, kind="stable")[:, :STARTS]
-    return angle[best].ravel(), shift[np.arange(len(k))[:, None], best].reshape(-1, 3)
+    return angle[best].ravel(), translation[np.arange(len(k))[:, None], best].reshape(-1, 3)
 
 
 def _moved(pose: Floats) -> Floats:
@@ -288,39 +291,22 @@ def _moved(pose: Floats) -> Floats:
     return np.asarray(pose + DELTA * np.eye(len(pose)))
 
 
-def _turns(angle: Floats) -> Floats:
-    """Rotations (…, 3, 3) about y."""
-    out = np.zeros((*angle.shape, 3, 3))
-    out[..., 0, 0] = out[..., 2, 2] = np.cos(angle)
-    out[..., 0, 2], out[..., 1, 1] = np.sin(angle), 1.0
-    out[..., 2, 0] = -out[..., 0, 2]
-    return out
-
-
 def _rotation(pose: Floats) -> Floats:
     """Rotations (…, 3, 3) of poses (…, p)."""
-    rotation = _turns(pose[..., 0])
+    rotation = rotation_about_y(np.cos(pose[..., 0]), np.sin(pose[..., 0]))
     if pose.shape[-1] == 3:
         return rotation
     tilt = np.zeros((*pose.shape[:-1], 3))
     tilt[..., 0], tilt[..., 2] = pose[..., 3], pose[..., 4]
-    return np.asarray((np.eye(3) + crossed(tilt)) @ rotation)
+    return np.asarray((np.eye(3) + cross_matrix(tilt)) @ rotation)
 
 
-def _shift(pose: Floats, base: Floats) -> Floats:
-    """Unit shifts (…, 3) of poses (…, p)."""
-    shift = base[..., 0, :] + pose[..., 1, None] * base[..., 1, :] + pose[..., 2, None] * base[..., 2, :]
-    return np.asarray(shift / np.linalg.norm(shift, axis=-1, keepdims=True))
+def _translation(pose: Floats, base: Floats) -> Floats:
+    """Unit translations (…, 3) of poses (…, p)."""
+    translation = base[..., 0, :] + pose[..., 1, None] * base[..., 1, :] + pose[..., 2, None] * base[..., 2, :]
+    return np.asarray(translation / np.linalg.norm(translation, axis=-1, keepdims=True))
 
 
 def _essential(pose: Floats, base: Floats) -> Floats:
     """Essential matrices (…, 3, 3) of poses (…, p)."""
-    return np.asarray(crossed(_shift(pose, base)) @ _rotation(pose))
-
-
-def _across(shift: Floats) -> tuple[Floats, Floats]:
-    """Two unit directions (…, 3) across a unit vector."""
-    helper = np.eye(3)[np.abs(shift).argmin(axis=-1)]
-    first = np.cross(shift, helper)
-    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(shift, first)
+    return np.asarray(cross_matrix(_translation(pose, base)) @ _rotation(pose))

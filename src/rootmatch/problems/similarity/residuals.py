@@ -13,13 +13,12 @@ from typing import Any
 
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
+from rootmatch.problems.limits import UNINFORMATIVE
+from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
 
-LARGE = 1e6
-"""The residual of a hyper-edge that says nothing: no information is not agreement."""
 FLAT = 1e-9
-"""Determinant of the equations' correlation below which three points are on a line, whose equations depend."""
-SHARED_FIRST = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
-"""Orders of a triple, one for each pair of its three sides: (0, 1) and (0, 2) in the new order."""
+"""Determinant of the equations' correlation below which three points are on a line, whose equations depend.
+Not tuned: rounding."""
 
 
 @scalar
@@ -61,7 +60,7 @@ def joint_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # ty
     free = along * along / (d01 * h1 + d02 * h2 + d12 * h3)
     chi2 = (total - (0.0 if scale > 0.0 else free)) / determinant
     known = determinant > FLAT * a * d * f
-    return max(chi2, 0.0) if known and chi2 < LARGE * LARGE else LARGE * LARGE
+    return max(chi2, 0.0) if known and chi2 < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 
 @scalar
@@ -71,18 +70,18 @@ def normalised_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2): 
     a, b, _, d, _, _ = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
     value = d02 * e01 - d01 * e02
     ratio = value * value / (d02 * d02 * a - 2.0 * d01 * d02 * b + d01 * d01 * d)
-    return ratio if ratio >= 0.0 and ratio < LARGE * LARGE else LARGE * LARGE
+    return ratio if ratio >= 0.0 and ratio < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 
 @scalar
-def turned(points, a, b, c):  # type: ignore[no-untyped-def]
+def twice_area(points, a, b, c):  # type: ignore[no-untyped-def]
     """Twice the signed area of three points of a plane."""
     x, y = points[0], points[1]
     return (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
 
 
 def triangle_kernels(value: Any) -> ResidualKernels:
-    """Edge and slab kernels of a residual that looks at the whole triangle."""
+    """Edge and slab kernels of a residual of the whole triangle."""
 
     @scalar
     def at(t, a, b, c, k, l, m):  # type: ignore[no-untyped-def]  # noqa: E741
@@ -91,49 +90,36 @@ def triangle_kernels(value: Any) -> ResidualKernels:
         result = value(
             t.scale[0], d[a, b], d[a, c], d[b, c], e[k, l], e[k, m], e[l, m], u[a], u[b], u[c], v[k], v[l], v[m]
         )
-        mirrored = turned(t.source_points, a, b, c) * turned(t.target_points, k, l, m) < 0.0
-        return LARGE * LARGE if mirrored else result
+        mirrored = twice_area(t.source_points, a, b, c) * twice_area(t.target_points, k, l, m) < 0.0
+        return math.sqrt(UNINFORMATIVE * UNINFORMATIVE if mirrored else result)
+
+    @scalar
+    def pair(t, i, j, order):  # type: ignore[no-untyped-def]
+        a, b, c = order
+        return at(t, i[a], i[b], i[c], j[a], j[b], j[c])
 
     @kernel
-    def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
-        worst = 0.0
-        for pair in range(3):
-            if kind.pairs >> pair & 1:
-                a, b, c = SHARED_FIRST[pair]
-                worst = max(worst, at(t, i[a], i[b], i[c], j[a], j[b], j[c]))
-        return math.sqrt(worst)
+    def row(t, i, j, last, line):  # type: ignore[no-untyped-def]
+        for k in range(line.shape[0]):
+            line[k] = at(t, i[0], i[1], last, j[0], j[1], k)
 
-    @kernel
-    def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
-        for r in range(out.shape[0]):
-            line = out[r]
-            if kind.pairs == 1:
-                for m in range(out.shape[1]):
-                    line[m] = math.sqrt(at(t, i[0], i[1], first + r, j[0], j[1], m))
-            else:
-                for m in range(out.shape[1]):
-                    line[m] = edge(t, kind, (i[0], i[1], first + r), (j[0], j[1], m))
-
-    return ResidualKernels(edge, slab)
+    edge = edge_of_pairs(pair, 2)
+    return ResidualKernels(edge, slab_of_rows(row, edge))
 
 
 def resultant_kernels(value: Any) -> ResidualKernels:
     """Edge and slab kernels of a residual that compares the linear polynomials d x − e of two sides alone."""
 
-    @kernel
-    def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
-        worst = 0.0
-        for pair in range(3):
-            if kind.pairs >> pair & 1:
-                a, b, c = SHARED_FIRST[pair]
-                d01, d02 = t.source[i[a], i[b]], t.source[i[a], i[c]]
-                worst = max(worst, value(d01, -t.target[j[a], j[b]], d02, -t.target[j[a], j[c]]))
-        return worst
+    @scalar
+    def pair(t, i, j, order):  # type: ignore[no-untyped-def]
+        a, b, c = order
+        return value(t.source[i[a], i[b]], -t.target[j[a], j[b]], t.source[i[a], i[c]], -t.target[j[a], j[c]])
 
     @kernel
-    def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
-        for r in range(out.shape[0]):
-            for m in range(out.shape[1]):
-                out[r, m] = edge(t, kind, (i[0], i[1], first + r), (j[0], j[1], m))
+    def row(t, i, j, last, line):  # type: ignore[no-untyped-def]
+        d01, d02, e01 = t.source[i[0], i[1]], t.source[i[0], last], t.target[j[0], j[1]]
+        for k in range(line.shape[0]):
+            line[k] = value(d01, -e01, d02, -t.target[j[0], k])
 
-    return ResidualKernels(edge, slab)
+    edge = edge_of_pairs(pair, 2)
+    return ResidualKernels(edge, slab_of_rows(row, edge))

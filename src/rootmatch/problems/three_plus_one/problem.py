@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
+from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_RELATIVE, Pose, relative_pose
 from rootmatch.problems.pose_fit.relative import Views, relative_fit
-from rootmatch.problems.three_plus_one.resultant import quartic
+from rootmatch.problems.three_plus_one.quartic import quartic
 from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
 
@@ -24,7 +24,7 @@ from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 class ThreePlusOne(Problem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
-    The unknown is x = tan(θ/2) of the turn θ about the common direction that takes the first view to the second; it
+    The unknown is x = tan(θ/2) of the rotation θ about the common direction that takes the first view to the second; it
     belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second the target.
 
     Parameters
@@ -85,17 +85,17 @@ class ThreePlusOne(Problem):
         """Cameras of the first and of the second image."""
         return self.camera, self.camera if self.camera2 is None else self.camera2
 
-    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
-        return turn_to_y(self.axis, "axis"), turn_to_y(self.axis2, "axis2")
+        return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
     def tables(self, points: PointSets) -> ThreePlusOneTables:
         """Tables for the kernels; see `Problem.tables`."""
         camera, camera2 = self.cameras
-        turn, turn2 = self.turns()
+        rotation, rotation2 = self.rotations()
         return ThreePlusOneTables(
-            source=np.ascontiguousarray((camera.bearings(points.source) @ turn.T).T),
-            target=np.ascontiguousarray((camera2.bearings(points.target) @ turn2.T).T),
+            source=np.ascontiguousarray((camera.bearings(points.source) @ rotation.T).T),
+            target=np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
             source_deviation=camera.angular_noise(points.source, points.source_noise),
             target_deviation=camera2.angular_noise(points.target, points.target_noise),
             # a tilt of one axis acts as the opposite tilt of the other: the two variances add
@@ -105,7 +105,7 @@ class ThreePlusOne(Problem):
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
         tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
-        return relative_fit(Views.of(points, self.cameras, self.turns(), tilt), assignments)
+        return relative_fit(Views.of(points, self.cameras, self.rotations(), tilt), assignments)
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Pose of the second view in the first; see `Problem.pose`. It makes no use of the axes."""
@@ -114,9 +114,9 @@ class ThreePlusOne(Problem):
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
         camera, camera2 = self.cameras
-        turn, turn2 = self.turns()
-        first = (camera.bearings(source) @ turn.T).tolist()
-        second = (camera2.bearings(target) @ turn2.T).tolist()
+        rotation, rotation2 = self.rotations()
+        first = (camera.bearings(source) @ rotation.T).tolist()
+        second = (camera2.bearings(target) @ rotation2.T).tolist()
         rows = [
             quartic(tuple(q[0]), tuple(p[0]), tuple(q[1]), tuple(p[1]), tuple(q[2]), tuple(p[2]))
             for q, p in zip(first, second, strict=True)

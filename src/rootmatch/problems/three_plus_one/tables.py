@@ -7,26 +7,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.any_degree import singular_value_of
 from rootmatch.algebra.bezout import lesser_unit_last_entry_quartic, unit_last_entry_quartic
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.three_plus_one import normalised, resultant
+from rootmatch.problems.three_plus_one import normalised_residual
+from rootmatch.problems.three_plus_one.resultant_residual import resultant_kernels
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant.resultant_kernels(unit_last_entry_quartic),
-        QRBoth: resultant.resultant_kernels(lesser_unit_last_entry_quartic),
-        SVD: resultant.resultant_kernels(resultant.singular_value),
+        QR: resultant_kernels(unit_last_entry_quartic),
+        QRBoth: resultant_kernels(lesser_unit_last_entry_quartic),
+        SVD: resultant_kernels(singular_value_of(4)),
         # one constraint: both are the same
-        Normalised: ResidualKernels(normalised.edge, normalised.slab),
-        Joint: ResidualKernels(normalised.edge, normalised.slab),
+        Normalised: ResidualKernels(normalised_residual.edge, normalised_residual.slab),
+        Joint: ResidualKernels(normalised_residual.edge, normalised_residual.slab),
     },
     target_fields=("target", "target_deviation"),
 )
 
 
 class ThreePlusOneTables(NamedTuple):
-    """What the kernels read of the two images, each turned so that the axis is y."""
+    """What the kernels read of the two images, each rotated so that the axis is y."""
 
     source: NDArray[np.float64]
     """(3, n) unit bearings of the first image."""

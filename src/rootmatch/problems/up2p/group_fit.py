@@ -1,22 +1,29 @@
-"""How well groups of correspondences fit one upright camera: χ² of all their points at once."""
+"""Groups of correspondences fitted by one upright camera each: χ² of all their points at once, compiled.
+
+For the packing of several motions, which fits thousands of small groups and needs no more than χ² and the prediction of
+further points. Bearings have isotropic noise, of which a tilt of the vertical is part; the best pose is eliminated.
+`rootmatch.problems.pose_fit.absolute` fits the few assignments of a match with pixel noise, covariance and evidence,
+from the same linear start: for a unit bearing u the two equations along its tangent basis are those of u × p = 0.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from rootmatch.algebra.vector import tangent_basis
 from rootmatch.jit.internal import internal
 
 STEPS = 6
-"""Gauss-Newton steps after a linear start."""
+"""Most Gauss-Newton steps after the linear start. Not tuned."""
 SETTLED = 1e-6
-"""Step in radians, and in sizes of the object, that is small enough."""
+"""Step in radians, and in sizes of the object, at which the fit ends: far below any noise. Not tuned."""
 ROUNDS = 3
-"""Times that a group is fitted and grown."""
+"""Times that a group is fitted and grown. Not tuned."""
 LINEAR, DESCENT = np.array([5, 4])
 """Unknowns of the linear start and of a step; not plain integers, for each of which what takes them is compiled."""
 FLAT = 1e-12
-"""Pivot, relative to the largest entry, below which equations are taken to be degenerate."""
+"""Pivot, relative to the largest entry, below which equations count as degenerate: rounding. Not tuned."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -54,7 +61,7 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
     points, rays, variance, groups
         As in `upright_chi2`.
     first_gate2, gate2 : float
-        χ² of a detection about a prediction within which it joins: of the group as it is given, whose pose is unsure,
+        χ² of a detection about a prediction within which it joins: of the group as given, whose pose is uncertain,
         and of what has grown, which loses the members that are farther away.
     allowed : (n, n') bool array, or (0, 0) for all
 
@@ -65,20 +72,20 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
     out = groups.copy()
     n, n_target = groups.shape[1], rays.shape[1]
     pose = np.empty(5)
-    seen = np.empty((3, n))
+    predicted = np.empty((3, n))
     taken = np.empty(n_target, np.bool_)
     squared = np.empty((n, n_target))
     masked = allowed.shape[0] > 0
     for group in range(groups.shape[0]):
         image = out[group]
-        for turn in range(ROUNDS):
+        for attempt in range(ROUNDS):
             if not upright_pose(points, rays, variance, image, pose) < np.inf:
                 break
-            gate = first_gate2 if turn == 0 else gate2
-            _predict(points, pose, seen)
+            gate = first_gate2 if attempt == 0 else gate2
+            _predict(points, pose, predicted)
             taken[:] = False
             for i in range(n):
-                if image[i] >= 0 and turn > 0 and _squared(seen, rays, variance, i, image[i]) > gate:
+                if image[i] >= 0 and attempt > 0 and _squared(predicted, rays, variance, i, image[i]) > gate:
                     image[i] = -1
                 if image[i] >= 0:
                     taken[image[i]] = True
@@ -86,7 +93,7 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
                 for k in range(n_target):
                     squared[i, k] = np.inf
                     if image[i] < 0 and not taken[k] and (not masked or allowed[i, k]):
-                        squared[i, k] = _squared(seen, rays, variance, i, k)
+                        squared[i, k] = _squared(predicted, rays, variance, i, k)
             while True:
                 best, point, pixel = gate, -1, -1
                 for i in range(n):
@@ -113,7 +120,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
     gate2 : float
         χ² of a detection about a prediction within which it may belong to the group.
     out : (E, n) int64 array
-        Filled as far as there is room.
+        Filled as far as it reaches.
 
     Returns
     -------
@@ -122,7 +129,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
     """
     n, n_target = groups.shape[1], rays.shape[1]
     pose = np.empty(5)
-    seen = np.empty((3, n))
+    predicted = np.empty((3, n))
     taken = np.empty(n_target, np.bool_)
     masked = allowed.shape[0] > 0
     count = 0
@@ -130,7 +137,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
         image = groups[group]
         if not upright_pose(points, rays, variance, image, pose) < np.inf:
             continue
-        _predict(points, pose, seen)
+        _predict(points, pose, predicted)
         taken[:] = False
         for i in range(n):
             if image[i] >= 0:
@@ -139,7 +146,7 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
             for k in range(n_target):
                 if image[i] >= 0 or taken[k] or (masked and not allowed[i, k]):
                     continue
-                if _squared(seen, rays, variance, i, k) <= gate2:
+                if _squared(predicted, rays, variance, i, k) <= gate2:
                     if count < out.shape[0]:
                         # `out[count] = image` would be compiled with all the text of an error: four seconds
                         for other in range(n):
@@ -150,19 +157,19 @@ def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # ty
 
 
 @internal(error_model="numpy")
-def _predict(points, pose, seen):  # type: ignore[no-untyped-def]
+def _predict(points, pose, predicted):  # type: ignore[no-untyped-def]
     """Bearings (3, n) of all points as a pose has them."""
     for i in range(points.shape[1]):
         x, y, z = points[0, i], points[1, i], points[2, i]
         px, py, pz = pose[0] * x + pose[1] * z + pose[2], y + pose[3], pose[0] * z - pose[1] * x + pose[4]
         scale = 1.0 / np.sqrt(px * px + py * py + pz * pz)
-        seen[0, i], seen[1, i], seen[2, i] = px * scale, py * scale, pz * scale
+        predicted[0, i], predicted[1, i], predicted[2, i] = px * scale, py * scale, pz * scale
 
 
 @internal(error_model="numpy")
-def _squared(seen, rays, variance, i, k):  # type: ignore[no-untyped-def]
+def _squared(predicted, rays, variance, i, k):  # type: ignore[no-untyped-def]
     """χ² of a detection about a predicted bearing that is known exactly."""
-    x, y, z = seen[0, i] - rays[0, k], seen[1, i] - rays[1, k], seen[2, i] - rays[2, k]
+    x, y, z = predicted[0, i] - rays[0, k], predicted[1, i] - rays[1, k], predicted[2, i] - rays[2, k]
     return (x * x + y * y + z * z) / variance[k]
 
 
@@ -170,17 +177,16 @@ def _squared(seen, rays, variance, i, k):  # type: ignore[no-untyped-def]
 def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untyped-def]
     """χ² of one group about its best pose (c, s, t), which is written to `pose` (5,).
 
-    With a turn θ about y the camera sees p = (c X + s Z + t₁, Y + t₂, c Z − s X + t₃) along the bearing u: two
+    With a rotation θ about y the camera sees p = (c X + s Z + t₁, Y + t₂, c Z − s X + t₃) along the bearing u: two
     equations that are linear in c, s and t start a Gauss-Newton descent in θ and t.
     """
     n = image.size
-    basis = np.empty((2, 3))
     normal = np.zeros((5, 6))
     row = np.empty(6)
     for i in range(n):
         if image[i] < 0:
             continue
-        _across(rays, image[i], basis)
+        basis = tangent_basis(rays[0, image[i]], rays[1, image[i]], rays[2, image[i]])
         x, y, z = points[0, i], points[1, i], points[2, i]
         for q in range(2):
             f0, f1, f2 = basis[q]
@@ -191,7 +197,7 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
         return np.inf
     angle = np.arctan2(normal[1, 5], normal[0, 5])
     scale = 1.0 / np.hypot(normal[0, 5], normal[1, 5])
-    # heights are known: only the turn and the horizontal part of t share the scale that was left free
+    # heights are known: only the rotation and the horizontal part of t share the scale that was left free
     t0, t1, t2 = scale * normal[2, 5], normal[3, 5], scale * normal[4, 5]
     chi2 = np.inf
     for step in range(STEPS + 1):
@@ -208,7 +214,7 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
             distance = np.sqrt(px * px + py * py + pz * pz)
             if not px * rays[0, k] + py * rays[1, k] + pz * rays[2, k] > 0.0:
                 chi2 = np.inf
-            _across(rays, k, basis)
+            basis = tangent_basis(rays[0, k], rays[1, k], rays[2, k])
             weight = 1.0 / variance[k]
             for q in range(2):
                 f0, f1, f2 = basis[q]
@@ -227,21 +233,6 @@ def upright_pose(points, rays, variance, image, pose):  # type: ignore[no-untype
         if small:
             break
     return chi2
-
-
-@internal()
-def _across(rays, k, basis):  # type: ignore[no-untyped-def]
-    """Two unit vectors across a bearing."""
-    x, y, z = rays[0, k], rays[1, k], rays[2, k]
-    # y × u, or x × u where u is nearly vertical
-    if abs(y) < 0.9:
-        scale = 1.0 / np.sqrt(x * x + z * z)
-        f0, f1, f2 = z * scale, 0.0, -x * scale
-    else:
-        scale = 1.0 / np.sqrt(y * y + z * z)
-        f0, f1, f2 = 0.0, -z * scale, y * scale
-    basis[0, 0], basis[0, 1], basis[0, 2] = f0, f1, f2
-    basis[1, 0], basis[1, 1], basis[1, 2] = y * f2 - z * f1, z * f0 - x * f2, x * f1 - y * f0
 
 
 @internal()

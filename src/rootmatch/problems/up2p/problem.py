@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
+from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, known_normals
@@ -18,20 +18,21 @@ from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
 from rootmatch.problems.residual_kinds import GATE
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
-from rootmatch.problems.up2p.resultant import quadratic
+from rootmatch.problems.up2p.quadratic import quadratic
 from rootmatch.problems.up2p.tables import UP2PTables
 
 FIRST_GATE = 6.0
-"""Deviations within which a detection joins a group of three points; beyond three, it is `residual_kinds.GATE`."""
+"""Deviations within which a detection joins a group of three points, whose pose is uncertain; `GATE` for larger ones.
+Not tuned: a round value."""
 POSSIBLE = 8.0
-"""Deviations from the prediction of a few points within which a detection may belong to them."""
+"""Deviations from the prediction of a few points within which a detection may belong to them. Not tuned."""
 
 
 @dataclass(frozen=True)
 class UP2P(Problem):
     """Pose of a calibrated upright camera from two points (Kukelova et al. 2011; paper, section "up2p").
 
-    The unknown is x = tan(θ/2) of the turn θ about the vertical; it belongs to the camera, so all pairs share it.
+    The unknown is x = tan(θ/2) of the rotation θ about the vertical; it belongs to the camera, so all pairs share it.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ class UP2P(Problem):
     Notes
     -----
     Degenerate: both points on one vertical line (all coefficients vanish: such a pair says nothing and gets a large
-    residual); both at the same height seen at the same height (θ and θ + π fit alike); θ = π puts x at infinity, which
-    harms only ``"qr"``.
+    residual); both at the same height and imaged at the same height (θ and θ + π fit alike); θ = π puts x at infinity,
+    which harms only ``"qr"``.
     """
 
     camera: Camera
@@ -77,18 +78,21 @@ class UP2P(Problem):
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
 
-    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Rotations of world and of camera that bring their verticals onto the y axis."""
-        return turn_to_y(self.vertical_world, "vertical_world"), turn_to_y(self.vertical_camera, "vertical_camera")
+        return (
+            rotation_to_vertical(self.vertical_world, "vertical_world"),
+            rotation_to_vertical(self.vertical_camera, "vertical_camera"),
+        )
 
     def tables(self, points: PointSets) -> UP2PTables:
         """Tables for the kernels; see `Problem.tables`."""
-        world, camera = self.turns()
+        world, camera = self.rotations()
         rays = self.camera.bearings(points.target) @ camera.T
         centred = (points.source - points.source.mean(axis=0)) @ world.T
         if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
             raise InputError(
-                "source: all points lie on one vertical line, which leaves the turn open; add points off it"
+                "source: all points lie on one vertical line, which leaves the rotation open; add points off it"
             )
         return UP2PTables(
             points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
@@ -100,7 +104,7 @@ class UP2P(Problem):
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
-        upright = Upright(*self.turns(), float(self.vertical_noise))
+        upright = Upright(*self.rotations(), float(self.vertical_noise))
         return absolute_fit(points.source, points.target, points.target_noise, self.camera, assignments, upright)
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -113,26 +117,22 @@ class UP2P(Problem):
         self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
     ) -> NDArray[np.int64]:
         """Groups with what they predict; see `Problem.group_grown`."""
-        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
-        variance = tables.variance + tables.tilt_variance
-        grown: NDArray[np.int64] = upright_grown(
-            tables.points, tables.rays, variance, groups, FIRST_GATE**2, GATE**2, mask
-        )
+        of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
+        grown: NDArray[np.int64] = upright_grown(*of, FIRST_GATE**2, GATE**2, _mask(allowed))
         return grown
 
     def group_extended(
         self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
     ) -> NDArray[np.int64]:
         """Groups with one more; see `Problem.group_extended`."""
-        mask = np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
-        variance = tables.variance + tables.tilt_variance
-        room = 4 * len(groups)
+        of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
+        rows = 4 * len(groups)
         while True:
-            out = np.empty((room, groups.shape[1]), np.int64)
-            count = upright_extended(tables.points, tables.rays, variance, groups, POSSIBLE**2, mask, out)
-            if count <= room:
+            out = np.empty((rows, groups.shape[1]), np.int64)
+            count = upright_extended(*of, POSSIBLE**2, _mask(allowed), out)
+            if count <= rows:
                 return out[:count]
-            room = count
+            rows = count
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Camera pose; see `Problem.pose`."""
@@ -140,8 +140,13 @@ class UP2P(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
-        world, camera = self.turns()
+        world, camera = self.rotations()
         rays = self.camera.bearings(target) @ camera.T
         points = np.asarray(source, dtype=float)
         difference = (points[:, 1] - points[:, 0]) @ world.T
         return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
+
+
+def _mask(allowed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Allowed correspondences (n, n') as the kernels take them: (0, 0) for all."""
+    return np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)

@@ -7,19 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.any_degree import singular_value_of
 from rootmatch.algebra.bezout import lesser_unit_last_entry_quadratic, unit_last_entry_quadratic
 from rootmatch.problems.kernels import CompletionKernels, HypothesisKernels, ProblemKernels, ResidualKernels
-from rootmatch.problems.residual_dispatch import slab_of_rows
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
-from rootmatch.problems.up2p import completion, hypotheses, normalised, resultant
+from rootmatch.problems.up2p import completion, hypotheses, joint_residual, normalised_residual
+from rootmatch.problems.up2p.resultant_residual import resultant_kernels
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant.resultant_kernels(unit_last_entry_quadratic),
-        QRBoth: resultant.resultant_kernels(lesser_unit_last_entry_quadratic),
-        SVD: resultant.resultant_kernels(resultant.singular_value),
-        Normalised: ResidualKernels(normalised.edge, normalised.slab, squares=True, single=True),
-        Joint: ResidualKernels(resultant.edge_joint, slab_of_rows(resultant.row_joint), squares=True, single=True),
+        QR: resultant_kernels(unit_last_entry_quadratic),
+        QRBoth: resultant_kernels(lesser_unit_last_entry_quadratic),
+        SVD: resultant_kernels(singular_value_of(2)),
+        Normalised: ResidualKernels(normalised_residual.edge, normalised_residual.slab, squares=True, single=True),
+        Joint: ResidualKernels(joint_residual.edge, joint_residual.slab, squares=True, single=True),
     },
     hypotheses=HypothesisKernels(
         coordinates=hypotheses.coordinates,
@@ -34,7 +35,7 @@ KERNELS = ProblemKernels(
 
 
 class UP2PTables(NamedTuple):
-    """What the kernels read of the two point sets, both turned so that down is +y."""
+    """What the kernels read of the two point sets, both rotated so that down is +y."""
 
     points: NDArray[np.float64]
     """(3, n) source points in units of their spread."""
@@ -45,7 +46,7 @@ class UP2PTables(NamedTuple):
     tilt_variance: NDArray[np.float64]
     """(1,) variance of the vertical, radians² on each of its two axes."""
     normals: NDArray[np.float64]
-    """(3, n) outward normals of the source points: a point is seen only from its front. Zero where there is none."""
+    """(3, n) outward normals of the source points: a point is visible only from its front. Zero for none."""
 
     @staticmethod
     def kernels() -> ProblemKernels:

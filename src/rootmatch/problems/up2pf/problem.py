@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.vertical import Vector, plain_direction, turn_to_y
+from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Points, Uncalibrated
@@ -73,7 +73,7 @@ class UP2PF(Problem):
     @property
     def derived(self) -> DerivedProblem:
         """The generated problem behind it, on points and rays turned so that the vertical is y."""
-        camera = turn_to_y(self.vertical_camera, "vertical_camera")
+        camera = rotation_to_vertical(self.vertical_camera, "vertical_camera")
         # a turn about y is what is unknown anyway: one that brings the optical axis into the plane x = 0 saves a symbol
         axis = camera[:, 2]
         size = float(np.hypot(axis[0], axis[2]))
@@ -89,14 +89,14 @@ class UP2PF(Problem):
 
     def tables(self, points: PointSets) -> DerivedTables:
         """Tables for the kernels; see `Problem.tables`."""
-        return self.derived.tables(replace(points, source=self._turned(points.source)))
+        return self.derived.tables(replace(points, source=self._rotated(points.source)))
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5) in x, θ counted from the optical axis, of minimal sets (E, 3, 3) and (E, 3, 2)."""
-        return self.derived.coefficients(self._turned(source), target)
+        return self.derived.coefficients(self._rotated(source), target)
 
-    def _turned(self, source: ArrayLike) -> Any:
+    def _rotated(self, source: ArrayLike) -> Any:
         points = np.asarray(source)
         if points.ndim < 2 or points.shape[-1] != 3 or points.dtype.kind not in "fiu":
             return source  # the checks further on say what is wrong
-        return points @ turn_to_y(self.vertical_world, "vertical_world").T
+        return points @ rotation_to_vertical(self.vertical_world, "vertical_world").T

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.vector import tangent_basis_of
 from rootmatch.jit.decorators import scalar
 from rootmatch.options import Options, option
 
@@ -67,12 +68,9 @@ class DetectionGrid(NamedTuple):
 def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed."""
     mean = rays.sum(axis=1)
-    x, y, z = (mean / np.sqrt(mean @ mean)).tolist()
-    # an axis across without a branch (Duff et al. 2017)
-    sign = 1.0 if z >= 0.0 else -1.0
-    w = -1.0 / (sign + z)
-    v = x * y * w
-    return np.array([[1.0 + sign * x * x * w, sign * v, -sign * x], [v, sign + y * y * w, -y], [x, y, z]])
+    mean = mean / np.sqrt(mean @ mean)
+    x, y, z = mean.tolist()
+    return np.array([*tangent_basis_of(x, y, z), mean])
 
 
 def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> DetectionGrid:

@@ -22,7 +22,7 @@ from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, part
 from rootmatch.jit.threads import in_threads
 from rootmatch.options import Options, option
-from rootmatch.problems.padding import target_columns, with_room
+from rootmatch.problems.padding import padded_rows, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
 from rootmatch.samplers.guided.dispatch import set_coordinates, set_frame, set_known, solve_set
 from rootmatch.samplers.guided.screening import ROOTS, screen
@@ -208,7 +208,7 @@ def run_sequential_tests(
     counts = np.zeros((chunks, 3), np.int64)
     n_target, m = grid.positions.shape[1], sets.points.shape[1]
     columns = target_columns(tables, n_target)
-    grid = grid._replace(rays=with_room(grid.rays, columns))
+    grid = grid._replace(rays=padded_rows(grid.rays, columns))
     flat_cells = grid.cells.reshape(-1)
     lookups = _lookups(test, sets.others.shape[1], m)
 

@@ -1,8 +1,8 @@
 """The joint residual of lists of P3P hyper-edges, many side by side.
 
-`rootmatch.problems.p3p.joint` has the same for one hyper-edge, in branches that no vector follows. Here what the tables
-say of each is gathered into the columns of a block, and all roots of all columns are looked at, those that are not
-there too: a fifth of the time.
+`joint_residual` computes it for one hyper-edge, in branches that no vector follows. Here the inputs of each are
+gathered into the columns of a block, and every root of every column is evaluated, whether it exists or not: that takes
+a fifth of the time.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.p3p.joint import (
-    affine_coordinates,
-    affine_of,
-    backward,
-    mahalanobis2,
-    predict,
-    solution_frame,
+from rootmatch.problems.limits import UNINFORMATIVE
+from rootmatch.problems.p3p.prediction import (
+    camera_frame,
+    facing_away,
+    prediction,
+    source_frame,
+    squared_deviation,
+    triple_visible,
 )
-from rootmatch.problems.p3p.resultant import LARGE
 from rootmatch.problems.p3p.roots import ratio_pairs
 
 # not plain integers, for each of which Numba would compile what takes them anew
@@ -34,7 +34,7 @@ def three(block, row, k):  # type: ignore[no-untyped-def]
 
 @kernel
 def gather(t, source, target, first, last, block):  # type: ignore[no-untyped-def]
-    """What the residuals of hyper-edges first … last − 1 are made of; columns beyond repeat the last."""
+    """Gather the inputs of hyper-edges first … last − 1; columns beyond repeat the last."""
     s, h = t.distance2, t.versine
     for k in range(block.shape[1]):
         e = min(first + k, last - 1)
@@ -53,30 +53,21 @@ def gather(t, source, target, first, last, block):  # type: ignore[no-untyped-de
 
 @scalar
 def squared_at(x, y, block, k):  # type: ignore[no-untyped-def]
-    """Square of the residual of a column at one root; LARGE² where it is not there or a point would look away."""
-    ax, ay, az = three(block, RAYS, k)
-    bx, by, bz = three(block, RAYS + 3, k)
-    cx, cy, cz = three(block, RAYS + 6, k)
+    """Square of a column's residual at one root; UNINFORMATIVE² without a solution or where a point faces away."""
+    rays = three(block, RAYS, k), three(block, RAYS + 3, k), three(block, RAYS + 6, k)
+    normals = three(block, NORMALS, k), three(block, NORMALS + 3, k), three(block, NORMALS + 6, k)
+    source = source_frame(three(block, POINTS, k), three(block, POINTS + 3, k), three(block, POINTS + 6, k))
+    frame = camera_frame(block[DISTANCES, k], block[ANGLES, k], x, y, rays)
+    predicted = prediction(source, frame, rays, three(block, VARIANCES, k), three(block, POINTS + 9, k))
     dx, dy, dz = three(block, RAYS + 9, k)
-    affine = affine_of(three(block, POINTS, k), three(block, POINTS + 3, k), three(block, POINTS + 6, k))
-    frame = solution_frame(block[DISTANCES, k], x, y, block[ANGLES, k], ax, ay, az, bx, by, bz, cx, cy, cz)
-    px, py, pz = three(block, POINTS + 9, k)
-    alpha, beta, gamma = affine_coordinates(affine, px, py, pz)
-    d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11 = predict(
-        alpha, beta, gamma, frame, ax, ay, az, bx, by, bz, cx, cy, cz,
-        block[VARIANCES, k], block[VARIANCES + 1, k], block[VARIANCES + 2, k],
-    )  # fmt: skip
-    v = block[VARIANCES + 3, k]
-    chi2 = mahalanobis2(d0, d1, d2, d3, d4, d5, d6, d7, d8, d9, d10, d11, dx, dy, dz, v)
-    back = backward(affine, frame, three(block, NORMALS, k), ax, ay, az)
-    back = max(back, backward(affine, frame, three(block, NORMALS + 3, k), bx, by, bz))
-    back = max(back, backward(affine, frame, three(block, NORMALS + 6, k), cx, cy, cz))
-    back = max(back, backward(affine, frame, three(block, NORMALS + 9, k), d0, d1, d2))
-    return chi2 if (x > 0.0) & (y > 0.0) & (back <= 0.0) else LARGE * LARGE
+    chi2 = squared_deviation(predicted, dx, dy, dz, block[VARIANCES + 3, k])
+    away = facing_away(source, frame, three(block, NORMALS + 9, k), predicted[0], predicted[1], predicted[2])
+    visible = triple_visible(source, frame, normals, rays) & (away <= 0.0)
+    return chi2 if (x > 0.0) & (y > 0.0) & visible else UNINFORMATIVE * UNINFORMATIVE
 
 
 @kernel
-def block_joint(t, kind, source, target, first, last, block):  # type: ignore[no-untyped-def]
+def fill_block(t, kind, source, target, first, last, block):  # type: ignore[no-untyped-def]
     """Squares of the residuals of many hyper-edges at once, into the last part of the block."""
     gather(t, source, target, first, last, block)
     for k in range(block.shape[1]):
@@ -85,7 +76,7 @@ def block_joint(t, kind, source, target, first, last, block):  # type: ignore[no
         (
             block[0, k], block[1, k], block[2, k], block[3, k], block[4, k], block[5, k], block[6, k], block[7, k],
         ) = ratio_pairs(A, B, C, hab, hbc, hca)  # fmt: skip
-        block[LEAST, k] = LARGE * LARGE
+        block[LEAST, k] = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         for k in range(block.shape[1]):
             chi2 = squared_at(block[2 * root, k], block[2 * root + 1, k], block, k)
@@ -93,6 +84,6 @@ def block_joint(t, kind, source, target, first, last, block):  # type: ignore[no
 
 
 @kernel
-def listed_joint(t, kind, i, j, block, k):  # type: ignore[no-untyped-def]
-    """What the block says of one of them."""
+def listed(t, kind, i, j, block, k):  # type: ignore[no-untyped-def]
+    """Kernel of one hyper-edge of the list: its residual from the block."""
     return np.sqrt(block[LEAST, k])

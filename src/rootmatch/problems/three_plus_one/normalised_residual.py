@@ -18,32 +18,25 @@ import math
 from math import nan
 
 from rootmatch.algebra.polynomial import curvature_quartic, roots_quartic, value_quartic
+from rootmatch.algebra.vector import column, combination
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.three_plus_one.resultant import (
-    LARGE,
-    SHARED_FIRST,
-    bearing,
-    combined,
-    inner,
-    quartic,
-    slope,
-    turned,
-    wedge,
-)
+from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
+from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
+from rootmatch.problems.three_plus_one.quartic import inner, quartic, rotated, slope, wedge
 
-GATE = 6.0
-"""A complex pair counts, by its real part, while D there is below so many of its standard deviations."""
-FAR = 4.0
-"""A point may lie behind a camera by so many variances of what tells the side (2σ): it may be at infinity."""
+ROOT_GATE = 6.0
+"""A complex pair counts, by its real part, while D there is below so many of its standard deviations. Not tuned."""
+SIDE_GATE2 = 4.0
+"""A point may lie behind a camera by so many variances of the parallax (2σ): it may be at infinity. Not tuned."""
 BLUR = 0.03
 """Near a double root σ_θ = σ_D / |D'| grows without bound, yet the two roots enclose what may be: D'² is raised by
-BLUR · |D''| σ_D. Full strength would be ½; measured, 0.03 keeps the calibration and stops false agreement."""
+BLUR · |D''| σ_D. Full strength would be ½; 0.03 keeps the law of true residuals, which tests/test_calibration.py
+measures, and stops false agreement."""
 FULL_BLUR = 0.5
-"""The same where the roots' spread only widens a tolerance."""
+"""The same at full strength, where the spread of the roots only widens a tolerance."""
 SAME = 1e-4
-"""Normals whose vector product is below the root of this times their noise, squared, span no plane: t is unknown."""
-VAGUE = 0.01
-"""Square of the deviation (radians) of the predicted epipolar distance beyond which the prediction says nothing."""
+"""Normals whose vector product is below the root of this times their noise, squared, span no plane: t is unknown. Not
+tuned."""
 
 
 @kernel
@@ -93,7 +86,7 @@ def own_variance(t, u, p, du, dp):  # type: ignore[no-untyped-def]
 
 @scalar
 def tilt(t, u, p):  # type: ignore[no-untyped-def]
-    """∂e/∂ω, x and z components, for a small turn ω of the second view: p × (t × u)."""
+    """∂e/∂ω, x and z components, for a small rotation ω of the second view: p × (t × u)."""
     a = inner(t, p)
     m = inner(u, p)
     return t[0] * m - u[0] * a, t[2] * m - u[2] * a
@@ -101,7 +94,7 @@ def tilt(t, u, p):  # type: ignore[no-untyped-def]
 
 @scalar
 def sides(t, u, p):  # type: ignore[no-untyped-def]
-    """Two numbers, linear in p, that tell where two bearings that lie in one plane with t meet.
+    """Two numbers, linear in p, that say where two bearings in one plane with t meet.
 
     λ u + t = λ' p has λ' > 0 where p · (t − (t·u) u) > 0, and then λ > 0 where p · (u − (t·u) t) > 0. For −t the first
     changes sign. The first is the parallax, 0 for a point at infinity; the second is 0 where p looks along t.
@@ -118,8 +111,8 @@ def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore
     own = du * du + dp * dp
     rest = 1.0 - k * k
     by_turn = inner(t, slope(u))
-    unsure = parallax * parallax < FAR * (rest * own + by_turn * by_turn * turn_variance)
-    possible = (ahead > 0.0) | (ahead * ahead < FAR * rest * (own + baseline_variance))
+    unsure = parallax * parallax < SIDE_GATE2 * (rest * own + by_turn * by_turn * turn_variance)
+    possible = (ahead > 0.0) | (ahead * ahead < SIDE_GATE2 * rest * (own + baseline_variance))
     return possible & ((parallax > 0.0) | unsure), possible & ((parallax < 0.0) | unsure)
 
 
@@ -134,14 +127,14 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     scale = 1.0 + y * y
     cosine = sign * (1.0 - y * y) / scale
     sine = 2.0 * y / scale
-    u1, u2, u3 = turned(cosine, sine, a), turned(cosine, sine, b), turned(cosine, sine, c)
+    u1, u2, u3 = rotated(cosine, sine, a), rotated(cosine, sine, b), rotated(cosine, sine, c)
     n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
     t, plane = longest_wedge(n1, n2, n3)
     j1 = inner(wedge(slope(u1), k), t)
     j2 = inner(wedge(slope(u2), l), t)
     j3 = inner(wedge(slope(u3), m), t)
     s1, s2, s3 = inner(wedge(n2, n3), t), inner(wedge(n3, n1), t), inner(wedge(n1, n2), t)
-    w1, w2, w3 = combined(j3, n2, -j2, n3), combined(j1, n3, -j3, n1), combined(j2, n1, -j1, n2)
+    w1, w2, w3 = combination(j3, n2, -j2, n3), combination(j1, n3, -j3, n1), combination(j2, n1, -j1, n2)
     det = s1 * j1 + s2 * j2 + s3 * j3
     v1 = own_variance(t, u1, k, da, dk)
     v2 = own_variance(t, u2, l, db, dl)
@@ -157,7 +150,7 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
     noise = da * da + dk * dk
     counts = (
-        (value * value < GATE * GATE * variance * scale * scale * scale * scale)
+        (value * value < ROOT_GATE * ROOT_GATE * variance * scale * scale * scale * scale)
         & (square > 0.0)
         & (plane > SAME * noise * noise)
     )
@@ -181,9 +174,9 @@ def judge(y, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type
 
 @scalar
 def response(row, t, u, turn, k):  # type: ignore[no-untyped-def]
-    """F with p · F = J · (row of the adjugate of J₃): how e₄ answers to one of e₁, e₂, e₃, times det J₃."""
+    """F with p · F = J · (row of the adjugate of J₃): how e₄ responds to one of e₁, e₂, e₃, times det J₃."""
     s, w, _, _ = row
-    return combined(1.0, combined(s, turn, inner(w, u), t), -k, w)
+    return combination(1.0, combination(s, turn, inner(w, u), t), -k, w)
 
 
 @scalar
@@ -196,13 +189,13 @@ def added(form, f, v):  # type: ignore[no-untyped-def]
 
 @scalar
 def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untyped-def]
-    """Where a fourth source bearing q must be seen, and how surely.
+    """Where a fourth source bearing q is predicted in the second view, and how certainly.
 
     Returns the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
     the vectors and variances of `sides`, and that rest, which is theirs too.
     """
     cosine, sine, det, square, turn_variance, baseline_variance, one, two, three = state
-    u = turned(cosine, sine, q)
+    u = rotated(cosine, sine, q)
     turn = wedge(t, slope(u))
     k = inner(t, u)
     f1 = response(one, t, u, turn, k)
@@ -217,20 +210,20 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
     # a tilt of the axis moves all four together: det · ∂e₄/∂ω less what the first three pass on
     tilt1, tilt2, tilt3 = one[3], two[3], three[3]
     for axis in range(2):
-        own = combined(det * t[2 * axis], u, -det * u[2 * axis], t)
-        passed = combined(1.0, combined(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
-        form = added(form, inverse * tilt_variance, combined(1.0, own, -1.0, passed))
+        own = combination(det * t[2 * axis], u, -det * u[2 * axis], t)
+        passed = combination(1.0, combination(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
+        form = added(form, inverse * tilt_variance, combination(1.0, own, -1.0, passed))
     rest = 1.0 - k * k
     by_turn = inner(t, slope(u))
     parallax_variance = rest * v + by_turn * by_turn * turn_variance
     ahead_variance = rest * (v + baseline_variance)
-    across, ahead = combined(1.0, t, -k, u), combined(1.0, u, -k, t)
+    across, ahead = combination(1.0, t, -k, u), combination(1.0, u, -k, t)
     return wedge(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
 
 
 @scalar
 def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
-    """z² of a fourth target bearing p; LARGE² where the point is behind a camera or the prediction is vague."""
+    """z² of a fourth target bearing p; UNINFORMATIVE² where the point is behind a camera or the prediction is vague."""
     normal, form, across, parallax_variance, forward, ahead_variance, rest = line
     xx, yy, zz, xy, xz, yz = form
     x, y, z = p
@@ -239,11 +232,11 @@ def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
     variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + own
     parallax = inner(across, p)
     ahead = inner(forward, p)
-    unsure = parallax * parallax < FAR * (parallax_variance + own)
+    unsure = parallax * parallax < SIDE_GATE2 * (parallax_variance + own)
     right = (front and parallax > 0.0) or (back and parallax < 0.0) or unsure
-    seen = right and (ahead > 0.0 or ahead * ahead < FAR * (ahead_variance + own))
+    visible = right and (ahead > 0.0 or ahead * ahead < SIDE_GATE2 * (ahead_variance + own))
     z2 = e * e / variance
-    return z2 if seen and variance < VAGUE and z2 < LARGE * LARGE else LARGE * LARGE
+    return z2 if visible and variance < VAGUE2 and z2 < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 
 @kernel
@@ -253,28 +246,30 @@ def residual(tables, i, j, order):  # type: ignore[no-untyped-def]
     dq, dp = tables.source_deviation, tables.target_deviation
     i0, i1, i2, i3 = i[order[0]], i[order[1]], i[order[2]], i[order[3]]
     j0, j1, j2, j3 = j[order[0]], j[order[1]], j[order[2]], j[order[3]]
-    a, b, c = bearing(q, i0), bearing(q, i1), bearing(q, i2)
-    k, l, m = bearing(p, j0), bearing(p, j1), bearing(p, j2)  # noqa: E741
+    a, b, c = column(q, i0), column(q, i1), column(q, i2)
+    k, l, m = column(p, j0), column(p, j1), column(p, j2)  # noqa: E741
     angles, h, sign = roots(quartic(a, k, b, l, c, m))
     da, db, dc = dq[i0], dq[i1], dq[i2]
     dk, dl, dm = dp[j0], dp[j1], dp[j2]
-    least = LARGE * LARGE
+    least = UNINFORMATIVE * UNINFORMATIVE
     for index in range(4):
         front, back, t, state = at_root(angles[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         if front or back:
-            line = prediction(t, state, bearing(q, i3), dq[i3], tables.tilt_variance[0])
-            least = min(least, squared_residual(front, back, line, bearing(p, j3), dp[j3]))
+            line = prediction(t, state, column(q, i3), dq[i3], tables.tilt_variance[0])
+            least = min(least, squared_residual(front, back, line, column(p, j3), dp[j3]))
     return least
+
+
+squared = edge_of_pairs(residual, 3)
 
 
 @kernel
 def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
-    """Edge kernel: of every pair of triples asked for, the fourth against the roots of the first triple."""
-    worst = 0.0
-    for pair in range(6):
-        if kind.pairs >> pair & 1:
-            worst = max(worst, residual(tables, i, j, SHARED_FIRST[pair]))
-    return math.sqrt(worst)
+    """Edge kernel: of each pair of triples asked for, the fourth point against the roots of the first triple."""
+    return math.sqrt(squared(tables, kind, i, j))
+
+
+several = slab_of_edges(edge)
 
 
 @kernel
@@ -282,20 +277,17 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     """Slab kernel: the roots once, the epipolar line once a source point, thirty operations a target."""
     rows, targets = out.shape
     if kind.pairs != 1:
-        for r in range(rows):
-            i[3] = first + r
-            for n in range(targets):
-                out[r, n] = edge(tables, kind, i, (j[0], j[1], j[2], n))
+        several(tables, kind, i, j, first, out)
         return
     q, p = tables.source, tables.target
     dq, dp = tables.source_deviation, tables.target_deviation
-    a, b, c = bearing(q, i[0]), bearing(q, i[1]), bearing(q, i[2])
-    k, l, m = bearing(p, j[0]), bearing(p, j[1]), bearing(p, j[2])  # noqa: E741
+    a, b, c = column(q, i[0]), column(q, i[1]), column(q, i[2])
+    k, l, m = column(p, j[0]), column(p, j[1]), column(p, j[2])  # noqa: E741
     angles, h, sign = roots(quartic(a, k, b, l, c, m))
     da, db, dc = dq[i[0]], dq[i[1]], dq[i[2]]
     dk, dl, dm = dp[j[0]], dp[j[1]], dp[j[2]]
     x, y, z = p[0], p[1], p[2]
-    # Most roots fail: all are judged in one vectorised loop, and only what passes is looked at again. Twice over,
+    # Most roots fail: all are judged in one vectorised loop, and only those that pass are evaluated again. Twice over,
     # because such loops start at eight.
     angle, passes = scratch[0, :8], scratch[1, :8]
     angle[0], angle[1], angle[2], angle[3] = angles
@@ -308,7 +300,7 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
         front, back, t, state = at_root(angle[index], sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm)
         for r in range(rows):
             to = out[r]
-            line = prediction(t, state, bearing(q, first + r), dq[first + r], tables.tilt_variance[0])
+            line = prediction(t, state, column(q, first + r), dq[first + r], tables.tilt_variance[0])
             for n in range(targets):
                 z2 = squared_residual(front, back, line, (x[n], y[n], z[n]), dp[n])
                 to[n] = min(to[n], z2) if found else z2
@@ -316,4 +308,4 @@ def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-de
     for r in range(rows):
         to = out[r]
         for n in range(targets):
-            to[n] = math.sqrt(to[n]) if found else LARGE
+            to[n] = math.sqrt(to[n]) if found else UNINFORMATIVE

@@ -13,8 +13,11 @@ from math import nan
 import numpy as np
 
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.p3p.resultant import COINCIDENT, LARGE, SHARED_FIRST, STEP, distinct, quadratics
+from rootmatch.problems.limits import UNINFORMATIVE
+from rootmatch.problems.p3p.quartic import STEP, quadratics
+from rootmatch.problems.p3p.resultant_residual import COINCIDENT, distinct
 from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
+from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
 
 
 @scalar
@@ -79,13 +82,13 @@ def normalised2(p, dp, p_ab, p_bc, p_ca, A, B2, C2, hab, hbc, hca, hbd, hda, hcd
     variance += vd * variance_of_two(hda, hbd, hab, g_da, g_bd)
     ratio = f * f / variance
     # collinear triples cancel to a variance below 0: no information
-    known = (0.0 <= ratio < LARGE * LARGE) and distinct(hab, hbc, hca, hbd, hda)
-    return ratio if known else LARGE * LARGE
+    known = (0.0 <= ratio < UNINFORMATIVE * UNINFORMATIVE) and distinct(hab, hbc, hca, hbd, hda)
+    return ratio if known else UNINFORMATIVE * UNINFORMATIVE
 
 
 @scalar
 def linear_forms(A, B2, C2, hab, x, dp):  # type: ignore[no-untyped-def]
-    """What the quartic of abd at x takes from a, b and d before their images are known; see `squared`."""
+    """What the quartic of abd at x takes from a, b and d before their images are known; see `squared_ratio`."""
     n2, n1, n0, _, _, m2, m1, m0 = quadratics(A, B2, C2, hab, 0.0, 0.0, STEP)
     z = (x - 1.0) / STEP
     inverse = 1.0 / (dp if dp != 0.0 else 1e-300)
@@ -98,7 +101,7 @@ def linear_forms(A, B2, C2, hab, x, dp):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def squared(forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd, hda, hcd, waa, wbb, wab, tad, tbd):  # type: ignore[no-untyped-def]
+def squared_ratio(forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd, hda, hcd, waa, wbb, wab, tad, tbd):  # type: ignore[no-untyped-def]
     """`normalised2` divided through by p', with all that does not depend on d's image taken out."""
     N, M, inner_slope, mixed_slope, M_slope, c2, bc = forms
     D = x * hbd - hda - (x - 1.0)
@@ -117,11 +120,11 @@ def squared(forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd, hda, hcd, waa,
     variance += g_da * (g_da * waa + g_bd * wab) + g_bd * g_bd * wbb
     ratio = f * f / variance
     # collinear triples cancel to a variance below 0: no information
-    return ratio if 0.0 <= ratio < LARGE * LARGE else LARGE * LARGE
+    return ratio if 0.0 <= ratio < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 
 @kernel
-def panel_normalised(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
+def fill_panel(t, kind, i, j, panel):  # type: ignore[no-untyped-def]
     """Panel kernel of `Normalised`: the roots for every third image, and d's part of the variance for every image.
 
     Rows 8 to 12: weights of g_da², g_bd², g_da g_bd, g_ab g_da and g_ab g_bd.
@@ -155,7 +158,7 @@ def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
     rows, columns = out.shape
     for r in range(rows):
         for n in range(columns):
-            out[r, n] = LARGE * LARGE
+            out[r, n] = UNINFORMATIVE * UNINFORMATIVE
     apart = min(min(hab, hbc), hca) > COINCIDENT
     for root in range(4):
         x, y = panel[2 * root, j[2]], panel[2 * root + 1, j[2]]
@@ -172,7 +175,7 @@ def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
             line = out[r]
             forms = linear_forms(A, s[i[1], d], s[i[0], d], hab, x, dp)
             for n in range(columns):
-                ratio = squared(
+                ratio = squared_ratio(
                     forms, x, p, p_ab, k1, k2, k3, k4, k5, hbc, hca, hbd[n], hda[n], hcd[n],
                     waa[n], wbb[n], wab[n], tad[n], tbd[n],
                 )  # fmt: skip
@@ -180,15 +183,17 @@ def slab_of_pair(t, i, j, first, panel, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def value_of_pair(t, a, b, c, d, k, l, m, n):  # type: ignore[no-untyped-def]  # noqa: E741
-    """Normalised resultant of the hyper-edge (a, k), (b, l), (c, m), (d, n), whose triples share the first two."""
+def squared_of_pair(t, i, j, order):  # type: ignore[no-untyped-def]
+    """Square of the normalised resultant of a hyper-edge taken in an order; the triples share the first two."""
     s = t.distance2
     h = t.versine
     v = t.variance
+    a, b, c, d = i[order[0]], i[order[1]], i[order[2]], i[order[3]]
+    k, l, m, n = j[order[0]], j[order[1]], j[order[2]], j[order[3]]  # noqa: E741
     A, B, C = s[a, b], s[b, c], s[a, c]
     hab, hbc, hca = h[k, l], h[l, m], h[k, m]
     ratios = ratio_pairs(A, B, C, hab, hbc, hca)
-    least = LARGE * LARGE
+    least = UNINFORMATIVE * UNINFORMATIVE
     for root in range(4):
         x, y = ratios[2 * root], ratios[2 * root + 1]
         if x > 0.0 and y > 0.0:
@@ -199,28 +204,23 @@ def value_of_pair(t, a, b, c, d, k, l, m, n):  # type: ignore[no-untyped-def]  #
                 v[k], v[l], v[m], v[n], z,
             )  # fmt: skip
             least = min(least, r)
-    return np.sqrt(least)
+    return least
+
+
+squared = edge_of_pairs(squared_of_pair, 3)
+several = slab_of_edges(squared)
 
 
 @kernel
-def edge_normalised(t, kind, i, j):  # type: ignore[no-untyped-def]
+def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
     """Edge kernel of `Normalised`."""
-    worst = -1.0
-    for pair in range(6):
-        if kind.pairs >> pair & 1:
-            a, b, c, d = SHARED_FIRST[pair]
-            worst = max(worst, value_of_pair(t, i[a], i[b], i[c], i[d], j[a], j[b], j[c], j[d]))
-    return worst
+    return np.sqrt(squared(t, kind, i, j))
 
 
 @kernel
-def slab_normalised(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
+def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-def]
     """Slab kernel of `Normalised`: squares."""
     if kind.pairs == 1:
         slab_of_pair(t, i, j, first, panel, out)
     else:
-        for r in range(out.shape[0]):
-            i[3] = first + r
-            for n in range(out.shape[1]):
-                j[3] = n
-                out[r, n] = edge_normalised(t, kind, i, j) ** 2
+        several(t, kind, i, j, first, out)

@@ -7,19 +7,30 @@ numbers, found for all third points in one loop, after which a root costs sixtee
 
 from __future__ import annotations
 
+import numpy as np
+
 from rootmatch.algebra.vector import cross, dot
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.up2p.resultant import LARGE, normalised_at, rooted_edge, roots, sinusoid
+from rootmatch.problems.limits import UNINFORMATIVE
+from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
+from rootmatch.problems.up2p.joint_residual import normalised_at, squared_at_both_roots
+from rootmatch.problems.up2p.quadratic import roots, sinusoid
 
-edge = rooted_edge(normalised_at)
+squared = edge_of_pairs(squared_at_both_roots(normalised_at), 2)
+several = slab_of_edges(squared)
+
+
+@kernel
+def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
+    """Edge kernel of `Normalised`."""
+    return np.sqrt(squared(t, kind, i, j))
 
 
 @scalar
 def forms_at(c, s, dx, dy, dz, ex, ey, ez, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
     """L, Q (xx, xy, xz, yy, yz, zz; off the diagonal twice) and c, for the differences 1 − 0 and 2 − 0 of the points.
 
-    As `rootmatch.problems.up2p.resultant.system`: with p and q these differences turned, f₀₁ = (a × b) · p and
-    f₀₂ = x · (q × a).
+    As `joint_residual.system`: with p and q these differences rotated, f₀₁ = (a × b) · p and f₀₂ = x · (q × a).
     """
     px, py, pz = c * dx + s * dz, dy, c * dz - s * dx
     qx, qy, qz = c * ex + s * ez, ey, c * ez - s * ex
@@ -63,7 +74,7 @@ def ratio_of(lx, ly, lz, xx, xy, xz, yy, yz, zz, weight, x, y, z, v):  # type: i
     value = dot(lx, ly, lz, x, y, z)
     variance = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z + weight * v
     ratio = value * value / variance
-    return ratio if 0.0 <= ratio < LARGE * LARGE else LARGE * LARGE
+    return ratio if 0.0 <= ratio < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 
 @kernel
@@ -107,7 +118,4 @@ def slab(t, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
     if kind.pairs == 1:
         slab_of_pair(t, i, j, first, scratch, out)
     else:
-        for r in range(out.shape[0]):
-            i[2] = first + r
-            for k in range(out.shape[1]):
-                out[r, k] = edge(t, kind, i, (j[0], j[1], k)) ** 2
+        several(t, kind, i, j, first, out)

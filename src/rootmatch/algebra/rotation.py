@@ -1,0 +1,47 @@
+"""Rotation matrices for NumPy: from rotation vectors, about the y axis, and onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def cross_matrix(vectors: Floats) -> Floats:
+    """Matrices (…, 3, 3) of the cross products with vectors (…, 3): ``cross_matrix(a) @ b`` is a × b."""
+    out = np.zeros((*vectors.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -vectors[..., 2], vectors[..., 1], -vectors[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = vectors[..., 2], -vectors[..., 1], vectors[..., 0]
+    return out
+
+
+def rotation_from_vector(vectors: Floats) -> Floats:
+    """Rotation matrices (K, 3, 3) of rotation vectors (K, 3), whose length is the angle in radians (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=-1)[:, None, None]
+    cross = cross_matrix(vectors)
+    return np.asarray(
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * cross @ cross
+    )
+
+
+def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:
+    """Rotation matrices (…, 3, 3) about the y axis by angles with these cosines and sines (…)."""
+    out = np.zeros((*cosine.shape, 3, 3))
+    out[..., 0, 0] = out[..., 2, 2] = cosine
+    out[..., 0, 2], out[..., 1, 1] = sine, 1.0
+    out[..., 2, 0] = -out[..., 0, 2]
+    return out
+
+
+def rotation_onto_y(direction: Floats) -> Floats:
+    """The smallest rotation (3, 3) that takes a unit vector onto (0, 1, 0); by 180° about x for (0, −1, 0)."""
+    x, cosine, z = direction
+    sine2 = x * x + z * z
+    if cosine < 0.0 and sine2 == 0.0:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = cross_matrix(np.array([-z, 0.0, x]))  # of direction × y
+    # 1 / (1 + cos); near −y that sum cancels, so there it is (1 − cos) / sin²
+    factor = 1.0 / (1.0 + cosine) if cosine > 0.0 else (1.0 - cosine) / sine2
+    rotation: Floats = np.eye(3) + cross + factor * cross @ cross
+    return rotation

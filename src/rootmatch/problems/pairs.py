@@ -1,0 +1,90 @@
+"""The pairs of minimal sets within a hyper-edge, and the kernels that compare several of them.
+
+A hyper-edge of m + 1 correspondences holds m + 1 minimal sets of m; any two of them share m − 1. A residual compares
+one such pair, or several: then it is the greatest of theirs. Each pair is an order of the correspondences, in which the
+minimal sets are the first m, and the first m − 1 with the last.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+from rootmatch.jit.decorators import kernel
+
+MOST_PAIRS = 6
+"""Most pairs that can be chosen: those of a hyper-edge of four."""
+
+
+def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
+    """Orders of a hyper-edge of ``minimal + 1`` correspondences, one for each choice of those that a pair shares."""
+    every = range(minimal + 1)
+    orders = [(*shared, *(k for k in every if k not in shared)) for shared in combinations(every, minimal - 1)]
+    return tuple(orders[:MOST_PAIRS])
+
+
+def edge_of_pairs(residual: Any, minimal: int) -> Any:
+    """Edge kernel: the greatest residual of the pairs that ``kind.pairs`` names.
+
+    Parameters
+    ----------
+    residual : kernel ``(tables, i, j, order)`` → float
+        Of one pair, the correspondences of the hyper-edge taken in an order of `pair_orders`.
+    minimal : int
+        Correspondences of a minimal set.
+    """
+    orders = pair_orders(minimal)
+    pairs = len(orders)
+
+    @kernel
+    def edge(tables, kind, i, j):  # type: ignore[no-untyped-def]
+        greatest = -1.0
+        for pair in range(pairs):
+            if kind.pairs >> pair & 1:
+                greatest = max(greatest, residual(tables, i, j, orders[pair]))
+        return greatest
+
+    return edge
+
+
+def slab_of_edges(edge: Any, squares: bool = False) -> Any:
+    """Kernel ``(tables, kind, i, j, first, out)`` that fills a slab by an edge kernel, one hyper-edge after the other.
+
+    For several pairs at once, which share nothing. ``squares``: of the residuals.
+    """
+
+    @kernel
+    def fill(tables, kind, i, j, first, out):  # type: ignore[no-untyped-def]
+        last = i.shape[0] - 1
+        for r in range(out.shape[0]):
+            i[last] = first + r
+            for k in range(out.shape[1]):
+                j[last] = k
+                value = edge(tables, kind, i, j)
+                out[r, k] = value * value if squares else value
+
+    return fill
+
+
+def slab_of_rows(row: Any, edge: Any, squares: bool = False) -> Any:
+    """Slab kernel: of the first pair alone row by row, of others by the edge kernel.
+
+    Parameters
+    ----------
+    row : kernel ``(tables, i, j, last, line)``
+        Residuals of the first pair, of the minimal set with source point ``last`` and every target point. Their squares
+        where ``squares`` says so.
+    edge : kernel
+    squares : bool
+    """
+    several = slab_of_edges(edge, squares)
+
+    @kernel
+    def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]
+        if kind.pairs == 1:
+            for r in range(out.shape[0]):
+                row(tables, i, j, first + r, out[r])
+        else:
+            several(tables, kind, i, j, first, out)
+
+    return slab

@@ -1,0 +1,50 @@
+"""The equation of a pair of correspondences in an upright camera, and its two solutions.
+
+World and camera are rotated so that their verticals are the y axis. Two correspondences then bind the rotation θ about
+it: f = n · R(θ) Δ = α cos θ + β sin θ + γ = 0 with n = u₁ × u₂ and Δ = X₂ − X₁, a quadratic in x = tan(θ/2) (Kukelova
+et al. 2011; paper, section "up2p").
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rootmatch.algebra.vector import cross, dot, rotated_about_y
+from rootmatch.jit.decorators import scalar
+
+
+@scalar
+def sinusoid(dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    """α, β, γ of the equation α cos θ + β sin θ + γ = 0 of difference d and bearings a, b."""
+    nx, ny, nz = cross(ax, ay, az, bx, by, bz)
+    return nx * dx + nz * dz, nx * dz - nz * dx, ny * dy
+
+
+@scalar
+def quadratic(dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    """Coefficients in x = tan(θ/2), highest degree first."""
+    alpha, beta, gamma = sinusoid(dx, dy, dz, ax, ay, az, bx, by, bz)
+    return gamma - alpha, 2.0 * beta, gamma + alpha
+
+
+@scalar
+def roots(alpha, beta, gamma):  # type: ignore[no-untyped-def]
+    """Cosine and sine of the two solutions; where noise left none, both are the point of nearest approach."""
+    radius2 = alpha * alpha + beta * beta
+    radius = np.sqrt(radius2)
+    clipped = min(max(gamma, -radius), radius)
+    half = np.sqrt(max(radius2 - gamma * gamma, 0.0))
+    inverse = 1.0 / radius2
+    return (
+        (-clipped * alpha - beta * half) * inverse,
+        (-clipped * beta + alpha * half) * inverse,
+        (-clipped * alpha + beta * half) * inverse,
+        (-clipped * beta - alpha * half) * inverse,
+    )
+
+
+@scalar
+def faces(c, s, nx, ny, nz, x, y, z):  # type: ignore[no-untyped-def]
+    """Whether a normal, rotated about the vertical, does not point away along the bearing."""
+    mx, my, mz = rotated_about_y(c, s, nx, ny, nz)
+    return dot(mx, my, mz, x, y, z) <= 0.0
