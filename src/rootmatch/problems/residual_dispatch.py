@@ -201,3 +201,8 @@ def has_panel(tables: Any, kind: Any) -> bool:
 def has_single(tables: Any, kind: Any) -> bool:
     """Whether these types have a kernel of single precision."""
     return residual_kernels(tables, kind).single
+
+
+def kinds_of(tables: Any) -> tuple[type, ...]:
+    """The kinds of residual that tables, or a type of tables, have kernels for."""
+    return tuple(kernels_of(tables).residuals)
