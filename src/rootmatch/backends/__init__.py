@@ -1,1 +1,1 @@
-"""What runs the kernels over many hyper-edges: processor cores or a GPU."""
+"""Drivers that run the kernels over many hyper-edges: on the CPU, a GPU or several machines."""

@@ -1,4 +1,4 @@
-"""Which backend evaluates: processor cores or an NVIDIA card."""
+"""Selection of the backend: the CPU or an NVIDIA GPU."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def chosen(name: Name, count: float, single: bool = False) -> Backend:
     Raises
     ------
     InputError
-        If there is no card, or single precision is asked for and there are no such kernels.
+        If there is no GPU, or there are no single-precision kernels for the request.
     """
     if name == "cuda-float32":
         if not single:

@@ -88,8 +88,8 @@ class Camera:
     def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> NDArray[np.float64]:
         """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
 
-        A pixel off the centre covers an angle that is narrower along the radius than across it; the isotropic angle of
-        the same area is returned, so that products of bearings are all that noise propagation needs.
+        An off-centre pixel subtends a smaller angle along the radius than across it; returned is the isotropic angle of
+        the same area, so that noise propagation needs nothing but products of bearings.
         """
         points = np.asarray(pixels, dtype=float)
         u = (points[..., 0] - self.cx) / self.fx
@@ -100,7 +100,7 @@ class Camera:
         return angle
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Pixels (…, 2) of points (…, 3) of the camera frame; no test whether they lie in front of the camera."""
+        """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that they are in front of the camera."""
         xyz = np.asarray(points, dtype=float)
         return np.stack(
             [self.fx * xyz[..., 0] / xyz[..., 2] + self.cx, self.fy * xyz[..., 1] / xyz[..., 2] + self.cy], axis=-1

@@ -1,4 +1,4 @@
-"""A measured direction, such as gravity's, and the rotation that brings it onto the y axis."""
+"""A measured direction, such as gravity, and the rotation that maps it onto the y axis."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If it has not three finite numbers, or its length is 0.
+        If it does not have three finite numbers, or its length is 0.
     """
     try:
         direction = np.asarray(vector, dtype=float)
@@ -36,7 +36,7 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
-    """A checked direction as plain numbers, of its own length: a problem that holds it can be compared and hashed.
+    """A validated direction as a tuple of floats, not normalised, so that a problem that holds it is hashable.
 
     Raises
     ------

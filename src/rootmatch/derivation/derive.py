@@ -93,12 +93,12 @@ def derive(
 
     Examples
     --------
-    A robot on a plane floor sees points twice; it has turned by θ and moved by (tx, 0, tz)::
+    A robot on a flat floor observes points twice; it has rotated by θ and translated by (tx, 0, tz)::
 
         x, tx, tz = sympy.symbols("x tx tz")
-        turn = sympy.Matrix([[1 - x**2, 0, 2 * x], [0, 1 + x**2, 0], [-2 * x, 0, 1 - x**2]])
+        R = sympy.Matrix([[1 - x**2, 0, 2 * x], [0, 1 + x**2, 0], [-2 * x, 0, 1 - x**2]])
         move = sympy.Matrix([tx, 0, tz])
-        problem = rm.derive("floor", each=lambda p, q: q.dot(move.cross(turn * p)), minimal=2, shared=x,
+        problem = rm.derive("floor", each=lambda p, q: q.dot(move.cross(R * p)), minimal=2, shared=x,
                             eliminate=[tx, tz], source=rm.Bearings(camera), target=rm.Bearings(camera))
     """
     try:

@@ -17,12 +17,12 @@ STREAM_BLOCK = 8192
 
 
 def exhaustive_count(n: int, n_target: int, order: int) -> int:
-    """How many hyper-edges there are, unordered in the source, ordered in the target: C(n, d) · n'! / (n' − d)!."""
+    """Number of hyper-edges, unordered in the source, ordered in the target: C(n, d) · n'! / (n' − d)!."""
     return math.comb(n, order) * math.perm(n_target, order)
 
 
 def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None) -> float:
-    """Hyper-edges that an exhaustive search looks at, about: exactly without candidates."""
+    """Approximate number of hyper-edges of an exhaustive search; exact without candidates."""
     count = float(exhaustive_count(n, n_target, order))
     return count if mask is None else count * float(mask.mean()) ** order
 

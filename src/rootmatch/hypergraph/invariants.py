@@ -57,7 +57,7 @@ def angle_sines(points: Floats) -> Floats:
 
 
 def signed_sines(points: Floats) -> Floats:
-    """`angle_sines` of triangles of a plane (T, 3, 2), negative where they turn clockwise: a mirror changes them.
+    """`angle_sines` of triangles of a plane (T, 3, 2), negative for clockwise ones: a reflection changes their sign.
 
     What the code of Duchenne et al. computes, and with it all later ones that match points of a plane.
     """

@@ -1,4 +1,4 @@
-"""The one-change neighbourhood of an assignment, for everything that asks what lies next to an answer."""
+"""The one-change neighbourhood of an assignment, shared by the posterior and the search."""
 
 from __future__ import annotations
 

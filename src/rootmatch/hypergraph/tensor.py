@@ -160,7 +160,7 @@ class AffinityTensor:
         return score if self.unary is None else score + float(self.unary[chosen].sum())
 
     def inside(self, assignment: ArrayLike) -> AffinityTensor:
-        """The part of the tensor that makes up the score of an assignment: few hyper-edges, quick to look at again."""
+        """The hyper-edges inside an assignment, which make up its score, as a small tensor."""
         chosen = self._indicator(assignment)
         _, edges = contraction.inside(self.indices, chosen.reshape(1, -1))
         unary = None if self.unary is None else np.where(chosen, self.unary, 0.0)
