@@ -149,9 +149,9 @@ def placed(rows: list[list[str]], edges: list[tuple[str, str]]) -> tuple[list[li
     above: dict[int, list[Node]] = {id(node): [] for row in grid for node in row}
     below: dict[int, list[Node]] = {id(node): [] for row in grid for node in row}
     for chain in chains:
-        for upper_node, lower_node in itertools.pairwise(chain) if chain[0].row < chain[-1].row else ():
-            below[id(upper_node)].append(lower_node)
+        for upper_node, lower_node in itertools.pairwise(chain):
             above[id(lower_node)].append(upper_node)
+            (below if upper_node.row < lower_node.row else above)[id(upper_node)].append(lower_node)
     for row in grid:
         spread(row, [float(k) for k in range(len(row))])
     for sweep in range(SWEEPS):
