@@ -30,8 +30,8 @@ SIDE_GATE2 = 4.0
 """A point may lie behind a camera by so many variances of the parallax (2σ): it may be at infinity. Not tuned."""
 BLUR = 0.03
 """Near a double root σ_θ = σ_D / |D'| grows without bound, yet the two roots enclose what may be: D'² is raised by
-BLUR · |D''| σ_D. Full strength would be ½; 0.03 keeps the law of true residuals, which tests/test_calibration.py
-measures, and stops false agreement."""
+BLUR · |D''| σ_D. Full strength would be ½; 0.03 keeps the distribution of true residuals, measured by
+tests/test_residual_distributions.py, and stops false agreement."""
 FULL_BLUR = 0.5
 """The same at full strength, where the spread of the roots only widens a tolerance."""
 SAME = 1e-4

@@ -693,7 +693,7 @@ def test_pickled_and_back() -> None:
 
 def test_code_is_the_same_in_every_process(tmp_path: Path) -> None:
     """Sets of symbols have another order under another hash seed; the code must not, or compiled kernels are missed."""
-    script = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_symbolic as t; "
+    script = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_derivation as t; "
     script += "print(t.up2p_by_rotation().code, t.p3p_by_cosines().code)"
     texts = []
     for seed in ("0", "1"):
