@@ -21,8 +21,8 @@ from rootmatch.hypergraph.affinity import KINDS, NOISE_KINDS
 from rootmatch.problems import PROBLEMS, problem_class
 from rootmatch.problems.derived.problem import DerivedProblem
 from rootmatch.problems.kernels import ProblemKernels, kernels_of
+from rootmatch.report.json_record import match_record
 from rootmatch.report.pictures import match_figure
-from rootmatch.report.text import match_record
 from rootmatch.samplers.completion import Completion
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 from rootmatch.solvers import SOLVERS
