@@ -26,9 +26,10 @@ demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
 
-# Compiled kernels of one version of Numba are not found by another.
+# What one version of Numba has compiled is overwritten by another, so each has its own cache.
 smoke-oldest: $(OLDEST)/made.stamp
-	@test ! -x $(OLDEST)/bin/python || PYTHONPATH=src $(OLDEST)/bin/python -m pytest -p no:cacheprovider tests/test_smoke.py
+	@test ! -x $(OLDEST)/bin/python || NUMBA_CACHE_DIR=$(OLDEST)/numba-cache PYTHONPATH=src \
+	  $(OLDEST)/bin/python -m pytest -n logical --maxprocesses 8 -p no:cacheprovider tests/test_smoke.py
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -75,7 +76,7 @@ $(OLDEST)/made.stamp: pyproject.toml .ci/oldest.py
 	  echo "Installing the oldest versions declared into $(OLDEST) (once; a minute or two)"; \
 	  { $$python -m venv $(OLDEST) >$(OLDEST)/log 2>&1 \
 	    || { $$python -m venv --clear --without-pip $(OLDEST) && $$python -m pip --python $(OLDEST)/bin/python install -q pip; } \
-	    && $(OLDEST)/bin/python .ci/oldest.py symbolic test:pytest >$(OLDEST)/pins.txt \
+	    && $(OLDEST)/bin/python .ci/oldest.py symbolic test:pytest test:pytest-xdist >$(OLDEST)/pins.txt \
 	    && $(OLDEST)/bin/python -m pip --disable-pip-version-check install -q -r $(OLDEST)/pins.txt; } || exit 1; \
 	  touch $@; exit 0; \
 	done; \
