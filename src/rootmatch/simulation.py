@@ -137,13 +137,24 @@ def p3p_scene(
     """
     from rootmatch.problems.p3p.problem import P3P
 
-    _check(n, outliers, noise, seed, motions, hidden)
+    _check(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
     streams, camera = _Streams(seed), _camera()
     rng = streams["camera"]
     pose = _look_at_origin(CAMERA_RADIUS * _unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))] + [(_random_rotation(rng), _unit(rng)) for _ in range(motions - 1)]
-    return _absolute(P3P(camera), camera, pose, moves, streams, n, outliers, noise, seed, hidden)
+    return _absolute(
+        problem=P3P(camera),
+        camera=camera,
+        pose=pose,
+        moves=moves,
+        streams=streams,
+        n=n,
+        outliers=outliers,
+        noise=noise,
+        seed=seed,
+        hidden=hidden,
+    )
 
 
 def up2p_scene(
@@ -156,14 +167,25 @@ def up2p_scene(
     """
     from rootmatch.problems.up2p.problem import UP2P
 
-    _check(n, outliers, noise, seed, motions, hidden)
+    _check(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
     streams, camera = _Streams(seed), _camera()
     pose = _look_at_origin(CAMERA_RADIUS * _horizontal(streams["camera"]))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))]
     moves += [(_rotation_about_vertical(rng.uniform(0.0, 2.0 * np.pi)), _unit(rng)) for _ in range(motions - 1)]
     problem = UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN)
-    return _absolute(problem, camera, pose, moves, streams, n, outliers, noise, seed, hidden)
+    return _absolute(
+        problem=problem,
+        camera=camera,
+        pose=pose,
+        moves=moves,
+        streams=streams,
+        n=n,
+        outliers=outliers,
+        noise=noise,
+        seed=seed,
+        hidden=hidden,
+    )
 
 
 def three_plus_one_scene(
@@ -181,7 +203,7 @@ def three_plus_one_scene(
     """
     from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 
-    _check(n, outliers, noise, seed, 1, hidden)
+    _check(n=n, outliers=outliers, noise=noise, seed=seed, motions=1, hidden=hidden)
     limit = CAMERA_RADIUS - CUBE_SIDE / np.sqrt(2.0)
     if not 0.0 < baseline < limit:
         raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: give such a number")
@@ -194,9 +216,22 @@ def three_plus_one_scene(
     points = world @ R1.T + t1
     relative = R2 @ R1.T, t2 - R2 @ R1.T @ t1
     source = camera.project(points) + noise * streams["source noise"].standard_normal((n + hidden, 2))
-    target, truth = _image(camera, points, motions, [relative], streams, outliers, noise)
+    target, truth = _image(
+        camera=camera, points=points, motions=motions, poses=[relative], streams=streams, outliers=outliers, noise=noise
+    )
     problem = ThreePlusOne(camera, camera, axis=DOWN, axis2=DOWN)
-    return Scene(problem, source, target, truth, motions, noise, (relative,), (camera, camera), points, seed)
+    return Scene(
+        problem=problem,
+        source=source,
+        target=target,
+        truth=truth,
+        motions=motions,
+        noise=noise,
+        poses=(relative,),
+        cameras=(camera, camera),
+        points=points,
+        seed=seed,
+    )
 
 
 def _absolute(
@@ -216,8 +251,21 @@ def _absolute(
     points, motions = _points(streams, n, hidden, labels)
     R, t = pose
     poses = tuple((R @ rotation, R @ translation + t) for rotation, translation in moves)
-    target, truth = _image(camera, points, motions, poses, streams, outliers, noise)
-    return Scene(problem, points, target, truth, motions, noise, poses, (camera,), points, seed)
+    target, truth = _image(
+        camera=camera, points=points, motions=motions, poses=poses, streams=streams, outliers=outliers, noise=noise
+    )
+    return Scene(
+        problem=problem,
+        source=points,
+        target=target,
+        truth=truth,
+        motions=motions,
+        noise=noise,
+        poses=poses,
+        cameras=(camera,),
+        points=points,
+        seed=seed,
+    )
 
 
 def _points(streams: _Streams, n: int, hidden: int, labels: Integers) -> tuple[Floats, Integers]:

@@ -239,9 +239,19 @@ def strongest(
         while True:
             try:
                 codes, values, counts, looked = sweep(
-                    tables, work.kind, work.bases, rank, end, work.arrangements, kept.gate, work.allowed,
-                    capacity, n_target, n, CHUNKS,
-                )  # fmt: skip
+                    tables=tables,
+                    kind=work.kind,
+                    bases=work.bases,
+                    first_rank=rank,
+                    last_rank=end,
+                    arrangements=work.arrangements,
+                    gate=kept.gate,
+                    allowed=work.allowed,
+                    capacity=capacity,
+                    targets=n_target,
+                    points=n,
+                    chunks=CHUNKS,
+                )
             except SystemError as error:
                 # Ctrl-C met while a compiled function returns
                 if isinstance(error.__cause__, KeyboardInterrupt):

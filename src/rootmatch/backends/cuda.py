@@ -262,7 +262,7 @@ def strongest(
     work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(Sweep(work), work, first, last, gate, limit, progress)
+    return drawn(sweep=Sweep(work), work=work, first=first, last=last, gate=gate, limit=limit, progress=progress)
 
 
 def drawn(

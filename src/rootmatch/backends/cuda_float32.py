@@ -76,4 +76,4 @@ def strongest(
     work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(Screen(work), work, first, last, gate, limit, progress)
+    return drawn(sweep=Screen(work), work=work, first=first, last=last, gate=gate, limit=limit, progress=progress)

@@ -62,12 +62,12 @@ class Enumeration:
         """The hyper-edges of order d of n and n' points, those among the candidates."""
         everywhere = np.empty((0, 0), dtype=np.bool_)
         return cls(
-            tables,
-            kind,
-            enumeration.source_bases(shape[0], order),
-            enumeration.target_arrangements(shape[1], order - 1),
-            everywhere if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_),
-            shape,
+            tables=tables,
+            kind=kind,
+            bases=enumeration.source_bases(shape[0], order),
+            arrangements=enumeration.target_arrangements(shape[1], order - 1),
+            allowed=everywhere if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_),
+            shape=shape,
         )
 
     @property

@@ -96,7 +96,10 @@ def count(problem: str, kind: str, points: int, outliers: int, samples: int = SA
     bases = enumeration.source_bases(n, order)
     _done = 0
     with patch.object(math, "sqrt", _square_root), patch.object(np, "sqrt", _square_root):
-        evaluated = sum(_panel(tables, residual, order, bases, rng, n, n_target) for _ in range(samples))
+        evaluated = sum(
+            _panel(tables=tables, residual=residual, order=order, bases=bases, rng=rng, n=n, n_target=n_target)
+            for _ in range(samples)
+        )
     return _done / evaluated
 
 

@@ -103,7 +103,9 @@ def run(plan: Plan, progress: Progress | None = None) -> Results:
     counts = dict(zip(cases, operations(cases, plan.samples), strict=True))
     step()
     for problem, points, outliers in plan.kernels:
-        measured = rates(problem, plan.kinds, points, outliers, plan.batch, plan.repeats)
+        measured = rates(
+            problem=problem, kinds=plan.kinds, points=points, outliers=outliers, batch=plan.batch, repeats=plan.repeats
+        )
         for kind, rate in zip(plan.kinds, measured, strict=True):
             each = counts[problem, kind, points, outliers]
             results.kernels.append(

@@ -48,10 +48,11 @@ def _show(results: Results) -> None:
     columns = "problem", "residual", "M hyper-edges/s", "M QR/s", "ratio", "operations", "of peak"
     table = Table(*columns, title="Kernels, exhaustive, against numpy.linalg.qr")
     for row in results.kernels:
-        table.add_row(
+        cells = (
             row["problem"], row["kind"], f"{row['per_second'] / 1e6:.1f}", f"{row['qr_per_second'] / 1e6:.2f}",
             f"{row['ratio']:.0f}", f"{row['operations']:.0f}", f"{100 * row['share_of_peak']:.0f} %",
         )  # fmt: skip
+        table.add_row(*cells)
     console.print(table)
     table = Table("match", "scenes", "median ms", "accuracy", "evaluations", title="Whole matches")
     for row in results.matches:

@@ -120,8 +120,8 @@ def match(
             progress=show,
             **options,
         )
-    _write(found, source, target, true, output, plot)
-    _print(found, source, target, true, as_json, noise == "auto")
+    _write(found=found, source=source, target=target, true=true, output=output, plot=plot)
+    _print(found=found, source=source, target=target, true=true, as_json=as_json, estimated=noise == "auto")
     if found.status.name != "MATCHED":
         raise typer.Exit(NOT_TRUSTED)
 
@@ -168,7 +168,14 @@ def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: 
         places = {path: moves.enter_context(io.written_whole(path)) for path in (output, plot) if path is not None}
         if output is not None:
             weights = text.match_weights(found)
-            io.write_matches(places[output], found.assignment, weights, found.motions, source, target)
+            io.write_matches(
+                path=places[output],
+                assignment=found.assignment,
+                weights=weights,
+                motions=found.motions,
+                source=source,
+                target=target,
+            )
         if plot is not None:
             from rootmatch.report import pictures
 

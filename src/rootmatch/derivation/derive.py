@@ -108,7 +108,9 @@ def derive(
     from rootmatch.derivation.statement import Statement
 
     store.check_stem(name)
-    _check_statement(sympy, equations, each, minimal, shared, eliminate, local)
+    _check_statement(
+        sympy=sympy, equations=equations, each=each, minimal=minimal, shared=shared, eliminate=eliminate, local=local
+    )
     statement = Statement(
         equations=each if each is not None else equations,
         each=each is not None,
@@ -133,7 +135,9 @@ def derive(
             return DerivedProblem(name, found, statement.source, statement.target)
         except (RootmatchError, KeyError, TypeError, ValueError, IndexError):
             pass  # a file that does not hold is made anew
-    generated = _derive(statement, symbols, key, limits, constraints, sample)
+    generated = _derive(
+        statement=statement, symbols=symbols, key=key, limits=limits, constraints=constraints, sample=sample
+    )
     if cached:
         store.save(generated.text, stem)
     return DerivedProblem(name, generated, statement.source, statement.target)
@@ -227,7 +231,9 @@ def _derive(
     polynomials = eliminate(system(abstracted, [*unknowns, x]), unknowns, [x], definitions)
     coefficients, value, removed = without_spurious(polynomials, x, definitions, rng)
     positive = [leaves.abstract(e, {x}) for e in conditions]
-    made = draft(leaves, definitions.entries, coefficients, value, x, positive)
+    made = draft(
+        leaves=leaves, definitions=definitions.entries, coefficients=coefficients, value=value, x=x, positive=positive
+    )
     header = _header(statement, built, removed)
     try:
         trial = store.vetted(made.text(header), "derived")

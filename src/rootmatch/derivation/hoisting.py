@@ -98,7 +98,16 @@ def hoist(
         parts = [[by_row.nonzero(part) for part in one] for one in inner]
     except _NotPolynomialError:
         row, parts = [], [[{(): part} if part != 0 else {} for part in one] for one in inner]
-    return Hoisted(leaves, program, last, monomials, splits, parts[0], row, parts[1:])
+    return Hoisted(
+        leaves=leaves,
+        program=program,
+        last=last,
+        monomials=monomials,
+        coefficients=splits,
+        value=parts[0],
+        row=row,
+        signs=parts[1:],
+    )
 
 
 class _NotPolynomialError(Exception):

@@ -52,7 +52,19 @@ def records(table: Table, problem: str) -> list[Record]:
                 columns = np.stack([table.cells[setting, method, size] for size in sizes], axis=1)
                 for size, e in zip(sizes, estimates(columns), strict=True):
                     for rule in rule_of(table, problem, method):
-                        found.append(_record(panel.label, setting, method, rule, size, e.count, e.mean, e.low, e.high))
+                        found.append(
+                            _record(
+                                panel=panel.label,
+                                s=setting,
+                                m=method,
+                                rule=rule,
+                                samples=size,
+                                count=e.count,
+                                mean=e.mean,
+                                low=e.low,
+                                high=e.high,
+                            )
+                        )
     return found
 
 
@@ -69,7 +81,7 @@ def _record(
 ) -> Record:
     where = (panel, s.problem, s.outliers, s.noise, s.baseline, s.motions)
     how = (m.residual, m.solver, m.rho, rule or "")
-    return Record(*where, *how, samples, count, round(mean, 6), round(low, 6), round(high, 6))
+    return Record(*where, *how, samples, count, *(round(value, 6) for value in (mean, low, high)))
 
 
 def curves_csv(table: Table, problem: str) -> str:

@@ -29,7 +29,7 @@ class Console:
         from rich import console, progress
 
         self._console = console.Console(stderr=True)
-        self._bar = progress.Progress(
+        columns = [
             progress.TextColumn("{task.description}"),
             progress.BarColumn(),
             progress.MofNCompleteColumn(),
@@ -38,9 +38,9 @@ class Console:
             progress.TextColumn("left"),
             # Units come in seconds apart: an estimate over few of them would jump about.
             progress.TimeRemainingColumn(elapsed_when_finished=False),
-            console=self._console,
-            speed_estimate_period=300.0,
-            disable=not self._console.is_terminal,
+        ]
+        self._bar = progress.Progress(
+            *columns, console=self._console, speed_estimate_period=300.0, disable=not self._console.is_terminal
         )
         self._task: progress.TaskID | None = None
         self._title, self._total, self._done = "", 0, 0

@@ -230,23 +230,25 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
         indices = own[stream.indices]
         draws = max(max(sizes) for _, sizes in methods)
         gate = max(affinity(chosen, method.rho).gate for method, _ in methods)
-        residual = _residuals(stream, tables, kernel, gate, shape, draws)
+        residual = _residuals(stream=stream, tables=tables, kernel=kernel, gate=gate, shape=shape, draws=draws)
         for rho in dict.fromkeys(method.rho for method, _ in methods):
             same_rho = [(method, sizes) for method, sizes in methods if method.rho == rho]
             sizes = tuple(sorted({size for _, sizes in same_rho for size in sizes}))
-            for size, tensor in nested_tensors(stream, indices, residual, affinity(chosen, rho), shape, sizes):
+            for size, tensor in nested_tensors(
+                stream=stream, indices=indices, residual=residual, weigh=affinity(chosen, rho), shape=shape, sizes=sizes
+            ):
                 for method, wanted in same_rho:
                     if size not in wanted:
                         continue
                     solution = SOLVERS[method.solver](tensor, seed=seed)
                     yield Row(
-                        task.setting,
-                        method,
-                        seed,
-                        size,
-                        scene.accuracy(solution.assignment),
-                        float(solution.score),
-                        tensor.size,
-                        solution.iterations,
-                        solution.converged,
+                        setting=task.setting,
+                        method=method,
+                        seed=seed,
+                        samples=size,
+                        accuracy=scene.accuracy(solution.assignment),
+                        score=float(solution.score),
+                        hyperedges=tensor.size,
+                        iterations=solution.iterations,
+                        converged=solution.converged,
                     )

@@ -191,7 +191,14 @@ def _of_motions(solution: Solution, shape: tuple[int, int]) -> Assessment:
     lead = solution.statistics.get("lead", 0.0)
     alarms = log10_false_alarms_of_groups(solution, shape)
     status = judged(solution.score, alarms, lead)
-    return Assessment(solution.assignment, solution.score, lead, None, solution.alternatives, status)
+    return Assessment(
+        assignment=solution.assignment,
+        score=solution.score,
+        margin=lead,
+        probability=None,
+        alternatives=solution.alternatives,
+        status=status,
+    )
 
 
 def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:

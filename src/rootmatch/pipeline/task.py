@@ -171,7 +171,16 @@ class MatchingTask:
         points = problem.validated(source, target, noise, normals)
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= EXACT))
         allowed, prior = split_candidates(candidates, *points.shape)
-        return cls(problem, points, weigh, options, noise, estimates, allowed, prior)
+        return cls(
+            problem=problem,
+            points=points,
+            affinity=weigh,
+            options=options,
+            noise=noise,
+            estimates_noise=estimates,
+            allowed=allowed,
+            prior=prior,
+        )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -135,7 +135,14 @@ def match_figure(
     flat, flat_target = _to_axes_plane(left, source), _to_axes_plane(right, target)
     groups = _groups(match, labels, wrong)
     for group in groups:
-        _connect(figure, left.transData, right.transData, flat[group.members], flat_target[match[group.members]], group)
+        _connect(
+            figure=figure,
+            left=left.transData,
+            right=right.transData,
+            starts=flat[group.members],
+            ends=flat_target[match[group.members]],
+            group=group,
+        )
         for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]

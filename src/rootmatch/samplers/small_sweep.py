@@ -42,7 +42,18 @@ class SmallSweep:
         with at_most(1):
             while True:
                 codes, residuals, counts, looked = cpu.sweep(
-                    tables, kind, bases, 0, total, arrangements, affinity.gate, allowed, self.capacity, n_target, n, 1
+                    tables=tables,
+                    kind=kind,
+                    bases=bases,
+                    first_rank=0,
+                    last_rank=total,
+                    arrangements=arrangements,
+                    gate=affinity.gate,
+                    allowed=allowed,
+                    capacity=self.capacity,
+                    targets=n_target,
+                    points=n,
+                    chunks=1,
                 )
                 if counts[0] <= self.capacity:
                     break

@@ -75,15 +75,15 @@ def evaluate(unit: Unit) -> list[Row]:
                 accuracy = float(np.mean(found.assignment == points.truth))
                 rows.append(
                     Row(
-                        task.setting,
-                        method,
-                        unit.seed,
-                        size,
-                        accuracy,
-                        float(found.score),
-                        tensor.size,
-                        found.iterations,
-                        found.converged,
+                        setting=task.setting,
+                        method=method,
+                        seed=unit.seed,
+                        samples=size,
+                        accuracy=accuracy,
+                        score=float(found.score),
+                        hyperedges=tensor.size,
+                        iterations=found.iterations,
+                        converged=found.converged,
                     )
                 )
     return rows

@@ -73,7 +73,14 @@ class P3P(Problem):
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
-        return absolute_fit(points.source, points.target, points.target_noise, self.camera, assignments, None)
+        return absolute_fit(
+            source=points.source,
+            target=points.target,
+            sigma=points.target_noise,
+            camera=self.camera,
+            assignments=assignments,
+            upright=None,
+        )
 
     def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
         """Camera pose; see `Problem.pose`."""

@@ -137,12 +137,12 @@ def absolute_fit(
             translation[every[:, 0], best].reshape(-1, 3),
         )
         image, weight = np.repeat(image, TRIED, axis=0), np.repeat(weight, TRIED, axis=0)
-    descent = _Descent(points, image, weight, camera, axes, prior)
+    descent = _Descent(points=points, image=image, weight=weight, camera=camera, axes=axes, prior=prior)
     rotation, translation, chi2 = descent.run(rotation, translation)
     if upright is None:
         pick = np.arange(count) * TRIED + chi2.reshape(count, TRIED).argmin(axis=1)
         rotation, translation, chi2 = rotation[pick], translation[pick], chi2[pick]
-        descent = _Descent(points, image[pick], weight[pick], camera, axes, prior)
+        descent = _Descent(points=points, image=image[pick], weight=weight[pick], camera=camera, axes=axes, prior=prior)
     with np.errstate(all="ignore"):
         positions, predicted, _ = descent.predict(rotation, translation)
         jacobian = descent.jacobian(positions, translation)
@@ -154,7 +154,17 @@ def absolute_fit(
     evidence: Floats = -0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms
     freedom: NDArray[np.int64] = 2 * used.sum(axis=1) - (6 if upright is None else 4)
     return AbsoluteFit(
-        chi2, freedom, evidence, target, variance, assignments, predicted, jacobian, covariance, positions, rotation
+        chi2=chi2,
+        freedom=freedom,
+        evidence=evidence,
+        target=target,
+        variance=variance,
+        assignments=assignments,
+        predicted=predicted,
+        jacobian=jacobian,
+        covariance=covariance,
+        positions=positions,
+        rotation=rotation,
     )
 
 

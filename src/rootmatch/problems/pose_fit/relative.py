@@ -67,7 +67,16 @@ class Views:
             rays.append(plane @ rotation.T)
             axes.append(rotation[:, :2] * inverse)
         focal = float(np.sqrt(cameras[1].fx * cameras[1].fy))
-        return cls(rays[0], rays[1], axes[0], axes[1], points.source_noise, points.target_noise, tilt, focal)
+        return cls(
+            first=rays[0],
+            second=rays[1],
+            first_axes=axes[0],
+            second_axes=axes[1],
+            first_sigma=points.source_noise,
+            second_sigma=points.target_noise,
+            tilt=tilt,
+            focal=focal,
+        )
 
     def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Epipolar deviations in σ, and σ across the line in the second image in pixels, of pairs (…, m) of indices.

@@ -105,7 +105,14 @@ class UP2P(Problem):
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
         upright = Upright(*self.rotations(), float(self.vertical_noise))
-        return absolute_fit(points.source, points.target, points.target_noise, self.camera, assignments, upright)
+        return absolute_fit(
+            source=points.source,
+            target=points.target,
+            sigma=points.target_noise,
+            camera=self.camera,
+            assignments=assignments,
+            upright=upright,
+        )
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² of groups; see `Problem.group_chi2`."""
