@@ -1,4 +1,4 @@
-"""Options and arguments of ``rootmatch match``: their types, help and panels. Public contract: names and defaults."""
+"""Options and arguments of ``rootmatch match``: types, help texts and panels; defaults are in `match`."""
 
 from __future__ import annotations
 

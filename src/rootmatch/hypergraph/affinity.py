@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems import residual_kinds
+from rootmatch.problems.gate import GATE
 
 KINDS: dict[str, type[residual_kinds.Kind]] = {
     "qr": residual_kinds.QR,
@@ -93,7 +94,7 @@ def affinity(residual: Residual | str = "joint", rho: float | None = None, gate:
     if not (np.isfinite(spread) and spread > 0.0):
         raise InputError(f"rho: {rho} given; give a positive number")
     # beyond 28 ρ a weight is below 1e-12 and changes nothing
-    limit = (residual_kinds.GATE * spread if in_noise else 28.0 * spread) if gate is None else float(gate)
+    limit = (GATE * spread if in_noise else 28.0 * spread) if gate is None else float(gate)
     if not limit > 0.0:
         raise InputError(f"gate: {gate} given; give a positive residual")
     # entries of a row that are no hyper-edge are infinite: a gate stays below that

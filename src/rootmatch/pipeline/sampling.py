@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.sampling_limits import LIMITS
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
 from rootmatch.problems import residual_kinds
@@ -27,36 +27,6 @@ from rootmatch.samplers.random import random_tensor
 
 PAPER_SAMPLES = 100_000
 """Random hyper-edges drawn unless said otherwise, as in the paper."""
-
-
-@dataclass(frozen=True)
-class SamplingLimits:
-    """Sizes in hyper-edges at which one way of sampling gives way to another: round figures of `benchmarks/matches.py`.
-
-    Parameters
-    ----------
-    exhaustive, exhaustive_on_device : int
-        Most that an exhaustive sweep evaluates unasked: about a minute on two cores, and on a card.
-    affordable : int
-        Up to here all are evaluated after a search that found nothing beyond chance: some seconds on two cores.
-    random : int
-        Most random hyper-edges drawn unasked: about half a minute on two cores.
-    per_searched : int
-        Such a search spends one evaluation for so many hyper-edges, about half of the time of the sweep: the
-        evaluations of a sweep are far cheaper.
-    cheap_on_device : int
-        Up to here a card has evaluated all before a search has its first hypothesis.
-    """
-
-    exhaustive: int = 4_000_000_000
-    exhaustive_on_device: int = 100_000_000_000
-    affordable: int = 500_000_000
-    random: int = 200_000_000
-    per_searched: int = 20
-    cheap_on_device: int = 1_000_000_000
-
-
-LIMITS = SamplingLimits()
 
 
 def sample(task: MatchingTask) -> SampledTensor:

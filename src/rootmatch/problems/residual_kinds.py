@@ -8,10 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-GATE = 3.5
-"""Residual in units of the noise beyond which nothing agrees: with two degrees of freedom 0.2 % of the true hyper-edges
-are lost. A round value; the one gate of tensors, hypotheses and groups."""
-
 
 class QR(NamedTuple):
     """``|R_2k,2k|`` of the QR factors of the Sylvester matrix, as in the paper's equation 4."""

@@ -12,11 +12,11 @@ from rootmatch.cameras.pinhole import Camera, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
+from rootmatch.problems.gate import GATE
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import LEAST_ABSOLUTE, Pose, absolute_pose
-from rootmatch.problems.residual_kinds import GATE
 from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
 from rootmatch.problems.up2p.quadratic import quadratic
 from rootmatch.problems.up2p.tables import UP2PTables

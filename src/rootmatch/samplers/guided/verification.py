@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, scalar
 from rootmatch.options import Options, option
-from rootmatch.problems.residual_kinds import GATE
+from rootmatch.problems.gate import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
 
 BEHIND2 = 1e11
