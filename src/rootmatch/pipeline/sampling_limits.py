@@ -1,4 +1,4 @@
-"""Limits of exhaustive and random sampling: how many hyper-edges may be evaluated, and when another sampler takes over."""
+"""Limits of exhaustive and random sampling: how many hyper-edges may be evaluated, and when to switch samplers."""
 
 from __future__ import annotations
 
