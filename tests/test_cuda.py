@@ -198,7 +198,7 @@ class TestChoice:
     )
     def test_single_precision_only_where_the_ranking_survives(self, scene: Any, residual: str) -> None:
         """Said before a card is looked for."""
-        with pytest.raises(rm.InputError, match=r"cuda-float32.*ranking.*use \"cuda\""):
+        with pytest.raises(rm.InputError, match=r"ranking.*single precision; use backend=\"cuda\""):
             rm.match(scene.source, scene.target, scene.problem, residual=residual, backend="cuda-float32")
 
     @pytest.mark.parametrize("slow", [False, True])

@@ -17,10 +17,12 @@ import pytest
 
 import rootmatch as rm
 from robot_scenes import INTRINSICS, moved_points, robot, zoomed
+from rootmatch.backends.selection import device_backend
 from rootmatch.hypergraph.affinity import KINDS, NOISE_KINDS
 from rootmatch.problems import PROBLEMS, problem_class
 from rootmatch.problems.derived.problem import DerivedProblem
 from rootmatch.problems.kernels import ProblemKernels, kernels_of
+from rootmatch.problems.residual_kinds import Joint
 from rootmatch.report.json_record import match_record
 from rootmatch.report.pictures import match_figure
 from rootmatch.samplers.completion import Completion
@@ -246,7 +248,7 @@ def test_pose(name: str, case: Case) -> None:
         np.testing.assert_allclose(t, case.t / np.linalg.norm(case.t), atol=0.05)
     else:
         np.testing.assert_allclose(t, case.t, atol=0.2)
-    assert (pose.scale == 1.0) == (case.problem.name != "similarity")
+    assert pose.scale == pytest.approx(1.7, abs=0.01) if case.problem.name == "similarity" else pose.scale == 1.0
     few = pickle.loads(pickle.dumps(match))
     few.assignment[case.problem.least_for_pose - 1 :] = -1
     assert few.pose() == [None]
@@ -258,7 +260,9 @@ def test_normals(case: Case) -> None:
     if case.problem.takes_normals:
         visible = -case.R.T @ case.t - case.source
     works_or_is_refused(case.problem.takes_normals, "normals", case, lambda: case.match(normals=visible))
-    if case.problem.takes_normals:
+    if not case.problem.takes_normals:
+        refused("normals", case, lambda: rm.Matcher(case.source, case.problem, normals=visible))
+    else:
         visible[0] *= -1.0
         match = case.match(normals=visible)
         holds(match, case)
@@ -355,9 +359,33 @@ def test_each_residual(case: Case, kind: str) -> None:
         assert np.median(true) < 3.0
 
 
+def test_pairs_that_a_residual_does_not_have(case: Case) -> None:
+    beyond = rm.Residual("qr", pairs=(case.problem.pair_count,)) if case.problem.pair_count < 6 else None
+    if beyond is not None:
+        refused("residual", case, lambda: case.match(residual=beyond))
+        index = [[*range(case.problem.order)]]
+        refused("residual", case, lambda: rm.residuals(case.source, case.target, case.problem, index, index, beyond))
+    last = rm.Residual("joint", pairs=(case.problem.pair_count - 1,))
+    right(case.match(residual=last, hyperedges="random", samples=100_000), case)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_each_solver(case: Case, solver: str) -> None:
     right(case.match(solver=solver), case)
+
+
+def test_single_precision(case: Case) -> None:
+    """Where there is no card that is said, after whether the problem has such kernels."""
+    if not case.kernels.residuals[Joint].single:
+        refused("backend", case, lambda: case.match(backend="cuda-float32"))
+        return
+    try:
+        device_backend()
+    except rm.InputError:
+        with pytest.raises(rm.InputError, match="numba-cuda"):
+            case.match(backend="cuda-float32")
+    else:
+        right(case.match(backend="cuda-float32"), case)
 
 
 def test_json(name: str, case: Case) -> None:

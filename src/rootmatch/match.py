@@ -173,7 +173,7 @@ def residuals(
             f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
         )
     chosen = kind if isinstance(kind, Residual) else Residual(kind)
-    kernel_kind = chosen.kernel_kind(problem.pair_count)
+    kernel_kind = chosen.kernel_kind(problem.pair_count, problem.name)
     Capability.RESIDUAL.require(type(kernel_kind) in kinds_of(tables), problem.name)
     return cpu.residuals(tables, kernel_kind, first, second)
 

@@ -14,6 +14,7 @@ from rootmatch.match import Match, solve
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
@@ -57,6 +58,8 @@ class Matcher:
         self.source = check_points(source, problem.source_dimension, "source", problem.order).copy()
         self.problem = problem
         self.noise = noise
+        if normals is not None:
+            Capability.NORMALS.require(problem.takes_normals, problem.name)
         self.normals = None if normals is None else check_normals(normals, len(self.source)).copy()
         self.options = MatchOptions(**options)
         self._sweep = SmallSweep()

@@ -54,14 +54,9 @@ def chosen(name: Name, count: float, single: bool = False) -> Backend:
     Raises
     ------
     InputError
-        If there is no GPU, or there are no single-precision kernels for the request.
+        If there is no GPU.
     """
     if name == "cuda-float32":
-        if not single:
-            raise InputError(
-                'backend: "cuda-float32" given, but the ranking of hyper-edges by this residual does not survive '
-                'single precision; that of "joint" and "normalised" of P3P and up2p does; use "cuda"'
-            )
         device_backend()
         return _screening()
     if name == "cuda":

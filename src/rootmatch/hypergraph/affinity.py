@@ -46,10 +46,13 @@ class Residual:
         if not self.pairs or any(not 0 <= pair < 6 for pair in self.pairs):
             raise InputError(f"residual: pairs {self.pairs} given; give one or more of 0 to 5")
 
-    def kernel_kind(self, pair_count: int) -> residual_kinds.Kind:
+    def kernel_kind(self, pair_count: int, problem: str = "the problem") -> residual_kinds.Kind:
         """The type that chooses the kernel."""
         if max(self.pairs) >= pair_count:
-            raise InputError(f"residual: pair {max(self.pairs)} given; this problem has pairs 0 to {pair_count - 1}")
+            raise InputError(
+                f"residual: {problem} has pairs 0 to {pair_count - 1} of minimal sets, pair {max(self.pairs)} given; "
+                "give one or more of those"
+            )
         return KINDS[self.kind](pairs=sum(1 << pair for pair in set(self.pairs)))
 
 

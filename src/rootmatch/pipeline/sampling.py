@@ -18,6 +18,7 @@ from rootmatch.pipeline.sampling_limits import LIMITS
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
 from rootmatch.problems import residual_kinds
+from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.residual_dispatch import has_single
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
@@ -48,6 +49,8 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
     """The sampled tensor, and the backend that can contract it."""
     options, sampling = task.options, task.sampling_task
     single = has_single(task.tables, sampling.kind)
+    if options.backend == "cuda-float32":
+        Capability.SINGLE_PRECISION.require(single, task.problem.name)
     sampler, fallback = choose_sampler(task)
     searched = 0
     if callable(sampler):

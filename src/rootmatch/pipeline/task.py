@@ -106,7 +106,7 @@ class MatchOptions:
         in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
         paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho
         chosen = affinity(residual, self.rho if self.rho is not None or in_noise else paper_rho)
-        chosen.residual.kernel_kind(problem.pair_count)  # refuses pairs that the problem does not have
+        chosen.residual.kernel_kind(problem.pair_count, problem.name)  # refuses pairs that the problem does not have
         return chosen
 
 

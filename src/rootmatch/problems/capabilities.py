@@ -34,6 +34,12 @@ class Capability(Enum):
     """Declared by `ProblemKernels.completion`."""
     RESIDUAL = "residual", "has no kernels of that kind", 'use another kind, such as residual="joint"'
     """Declared by `ProblemKernels.residuals`."""
+    SINGLE_PRECISION = (
+        "backend",
+        "has no residual of this kind whose ranking of hyper-edges survives single precision",
+        'use backend="cuda"; "joint" and "normalised" of p3p and up2p do survive it',
+    )
+    """Declared by `ResidualKernels.single`."""
 
     def require(self, declared: object, problem: str) -> None:
         """Raise the one error unless the capability is declared.
