@@ -1,0 +1,37 @@
+"""What keeps the package easy to move in: one place for each thing, and a pipeline that fits on a screen."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
+
+
+def callers(name: str) -> set[str]:
+    """Files that call a function of that name."""
+    found = set()
+    for path in SOURCES.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == name:
+                found.add(path.relative_to(SOURCES).as_posix())
+    return found
+
+
+def test_noise_is_parsed_in_one_place() -> None:
+    assert callers("check_noise") == {"problems/points.py"}
+    assert callers("parse_noise") == {"problems/base.py", "pipeline/task.py"}  # as given, and as estimated
+
+
+def test_points_are_validated_by_the_problem_alone() -> None:
+    assert callers("validated") == {"pipeline/task.py", "problems/base.py"}
+    # a matcher checks its source once; invariants are no problem
+    assert callers("check_points") == {"problems/base.py", "matcher.py", "hypergraph/invariants.py"}
+
+
+def test_the_pipeline_fits_on_a_screen() -> None:
+    tree = ast.parse((SOURCES / "match.py").read_text(encoding="utf-8"))
+    bodies = {node.name: node.body for node in tree.body if isinstance(node, ast.FunctionDef)}
+    for name in ("match", "solve"):
+        first, last = bodies[name][1], bodies[name][-1]  # without the docstring
+        assert (last.end_lineno or 0) - first.lineno < 40
