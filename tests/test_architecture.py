@@ -1,17 +1,22 @@
-"""docs/architecture.svg shows the imports of today."""
+"""docs/architecture.svg shows the imports of today, and the pages name files that exist."""
 
 from __future__ import annotations
 
 import ast
 import importlib.util
 import itertools
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-SCRIPT = Path(__file__).parents[1] / "docs" / "make_architecture.py"
+ROOT = Path(__file__).parents[1]
+SCRIPT = ROOT / "docs" / "make_architecture.py"
+FOLDERS = ("src", "tests", "benchmarks", "examples", "docs")
+WRITTEN = {"ransac.py"}
+"""Files that are not of this repository."""
 
 
 @pytest.fixture
@@ -46,3 +51,14 @@ def test_boxes_of_a_row_do_not_overlap(drawing):
     for row in grid:
         for left, right in itertools.pairwise(row):
             assert right.x - left.x >= (left.width + right.width) / 2
+
+
+PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/README.md")})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_files_that_a_page_names_exist(page):
+    files = {f"/{path.relative_to(ROOT).as_posix()}" for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    named = set(re.findall(r"[\w./-]*\w\.py\b", page.read_text(encoding="utf-8")))
+    missing = {name for name in named - WRITTEN if not any(file.endswith(f"/{name}") for file in files)}
+    assert missing == set()
