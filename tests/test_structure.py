@@ -19,7 +19,7 @@ def callers(name: str) -> set[str]:
 
 
 def test_noise_is_parsed_in_one_place() -> None:
-    assert callers("check_noise") == {"problems/points.py"}
+    assert callers("check_noise") == {"problems/noise.py"}
     assert callers("parse_noise") == {"problems/base.py", "pipeline/task.py"}  # as given, and as estimated
 
 

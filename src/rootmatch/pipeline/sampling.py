@@ -14,7 +14,6 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.sampling_limits import LIMITS
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
 from rootmatch.problems import residual_kinds
@@ -24,6 +23,7 @@ from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.random import random_tensor
 
 PAPER_SAMPLES = 100_000

@@ -17,7 +17,8 @@ from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.pipeline.validation import check_callable, check_choice, check_count, check_positive, split_candidates
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.points import PointSets, parse_noise
+from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler, SamplingTask
 from rootmatch.solvers import Solver, get_solver

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points
-from rootmatch.problems.points import PointSets, parse_noise
+from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
 

@@ -12,15 +12,12 @@ from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, ran
 from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
-
-CHEAP, CHEAP_OF_MANY = 2_000_000, 200_000_000
-"""Hyper-edges up to which an exhaustive sweep takes no longer than a search, for one motion and for several:
-benchmarks/matches.py (docs/performance.md)."""
+from rootmatch.samplers.limits import LIMITS
 
 
 def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
-    most = CHEAP if task.motions == 1 else CHEAP_OF_MANY
+    most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     return has_hypotheses(type(task.tables)) and task.hyperedge_count > most
 
 

@@ -1,4 +1,4 @@
-"""Limits of exhaustive and random sampling: how many hyper-edges may be evaluated, and when to switch samplers."""
+"""Limits of sampling: how many hyper-edges are evaluated exhaustively or at random, and when to search instead."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ class SamplingLimits:
     per_searched : int
         Such a search spends one evaluation for so many hyper-edges, about half of the time of the sweep: the
         evaluations of a sweep are far cheaper.
+    guided, guided_multi_motion : int
+        Up to here an exhaustive sweep takes no longer than a search, for one motion and for several
+        (docs/performance.md).
     cheap_on_device : int
         Up to here a card has evaluated all before a search has its first hypothesis.
     """
@@ -29,6 +32,8 @@ class SamplingLimits:
     affordable: int = 500_000_000
     random: int = 200_000_000
     per_searched: int = 20
+    guided: int = 2_000_000
+    guided_multi_motion: int = 200_000_000
     cheap_on_device: int = 1_000_000_000
 
 
