@@ -1,13 +1,13 @@
 """What each use of Numba's insides and the second process of a first match are worth, in turns with and without.
 
-    python benchmarks/insides.py borrowed --turns 5    # sweeps and the ascent, whose drivers count no references
+    python benchmarks/insides.py borrowed --turns 5    # sweeps, whose drivers count no references
     python benchmarks/insides.py internal --turns 3    # a first match; jitted functions have no entries for Python
     python benchmarks/insides.py calls --turns 3       # ... kernels are called without a function in between
     python benchmarks/insides.py second --turns 3      # ... of the command, helped by a second process
 
 Each turn is a process of its own. "Without" is what `rootmatch.jit` does where Numba lacks the inside. Times of sweeps
-are of this process alone, those of first matches of processor time (user and system, of children too) and by the clock;
-medians, and the medians of the turns' ratios without / with.
+are nanoseconds for each hyper-edge on one thread; those of first matches are seconds of processor time (user and
+system, of children too) and by the clock. Medians, and the median of the turns' ratios without / with.
 """
 
 from __future__ import annotations
@@ -53,28 +53,30 @@ def hide(module: str, name: str) -> None:
 
 
 def sweeps() -> dict[str, float]:
-    """Processor seconds of sweeps and of the solver, the least of seven."""
-    import rootmatch as rm
-    from rootmatch.simulation import p3p_scene, up2p_scene
-    from rootmatch.solvers import get_solver
+    """Processor nanoseconds for each hyper-edge of a sweep, the least of fifteen."""
+    from rootmatch.backends import cpu
+    from rootmatch.backends.strongest import Enumeration
+    from rootmatch.hypergraph.affinity import KINDS
+    from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
+    scenes = {
+        "P3P": p3p_scene(10, 4, 1.0, 1),
+        "up2p": up2p_scene(20, 4, 1.0, 1),
+        "3P1": three_plus_one_scene(10, 0, 1.0, 1),
+    }
     found = {}
-    for make, n in ((p3p_scene, 10), (up2p_scene, 20)):
-        scene = make(n, 2, 1.0, 1)
-        match = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
-        works = {
-            "sweep": lambda scene=scene: rm.match(
-                scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive", solver="power-l1"
-            ),
-            "ascent": lambda match=match: get_solver("ascent")(match.tensor, seed=1),
-        }
-        for name, work in works.items():
-            times = []
-            for _ in range(8):
-                started = time.process_time()
-                work()
-                times.append(time.process_time() - started)
-            found[f"{make.__name__} {name}"] = min(times[1:])
+    for problem, kind in (("P3P", "joint"), ("up2p", "joint"), ("P3P", "qr"), ("3P1", "qr")):
+        scene = scenes[problem]
+        tables = scene.problem.prepare(scene.source, scene.target, 1.0)
+        shape = len(scene.source), len(scene.target)
+        work = Enumeration.of(tables, KINDS[kind](), shape, scene.problem.order, None)
+        slabs = min(work.ranks, max(64, 3_000_000 // work.per_slab))
+        times = []
+        for _ in range(16):
+            started = time.process_time()
+            cpu.strongest(work, 0, slabs, 3.5, 10**7)
+            times.append(time.process_time() - started)
+        found[f"{problem} {kind}"] = 1e9 * min(times[1:]) / (slabs * work.per_slab)
     return found
 
 
@@ -153,7 +155,9 @@ def main() -> None:
     for name, pairs in rows.items():
         here, there = (statistics.median(side) for side in zip(*pairs, strict=True))
         ratio = statistics.median(b / a for a, b in pairs)
-        print(f"{name}: {here:.3g} s with, {there:.3g} s without, {ratio:.2f} times; load {os.getloadavg()[0]:.1f}")
+        unit = "ns" if given.what == "borrowed" else "s"
+        load = os.getloadavg()[0]
+        print(f"{name}: {here:.3g} {unit} with, {there:.3g} {unit} without, {ratio:.2f} times; load {load:.1f}")
 
 
 if __name__ == "__main__":
