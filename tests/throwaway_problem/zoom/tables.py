@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
-from rootmatch.problems.residual_dispatch import slab_of_rows
 from rootmatch.problems.residual_kinds import Joint
 
 
@@ -30,12 +29,13 @@ def edge(t, kind, i, j):
 
 
 @kernel
-def row(t, kind, i, j, out):
-    for last in range(out.shape[0]):
-        out[last] = edge(t, kind, i, (j[0], j[1], last))
+def slab(t, kind, i, j, first, scratch, out):
+    for r in range(out.shape[0]):
+        for last in range(out.shape[1]):
+            out[r, last] = edge(t, kind, (i[0], i[1], first + r), (j[0], j[1], last))
 
 
-KERNELS = ProblemKernels(residuals={Joint: ResidualKernels(edge, slab_of_rows(row))})
+KERNELS = ProblemKernels(residuals={Joint: ResidualKernels(edge, slab)})
 
 
 class ZoomTables(NamedTuple):
