@@ -34,12 +34,12 @@ __all__ = ["Match", "Status", "match", "residuals", "solve"]
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Which point is which.
+    """The result of matching: an assignment, how far to trust it, and what it was found from.
 
     Attributes
     ----------
     task : MatchingTask
-        What was matched: problem, points with their noise, options.
+        The validated input: problem, points with their noise, options.
     assignment : (n,) int64
         Index into the target points; −1 where unmatched.
     score : float
@@ -49,11 +49,11 @@ class Match:
         more, but is less probable), 1 where no other scores. With several motions the score is the evidence of the
         packing, and the lead that over the best packing without one of its groups.
     probability : float or None
-        Of the assignment being right, given that one of those considered is: each is fitted by its best pose. None
-        where the problem cannot fit poses, for residuals of the paper and with several motions. Computed when first
-        asked for where the status did not need it.
+        Posterior probability that the assignment is right, given that one of those considered is; each is fitted by
+        its best pose. None where the problem cannot fit poses, for the paper's residuals and with several motions.
+        Computed on first access where the status did not need it.
     alternatives : list of ((n,) int64, float)
-        The best other assignments and their scores, the most probable first where probabilities are known.
+        The best different assignments and their scores, the most probable first where probabilities are known.
     soft : (n, n') float64
         Soft assignment of the solver.
     tensor : AffinityTensor
@@ -61,15 +61,15 @@ class Match:
     motions : (n,) int64
         Label of the rigid motion, −1 where unmatched.
     status : Status
-        Whether to believe it, by one rule (`rootmatch.pipeline.assessment.judged`); `advice` says what to do.
+        Whether to trust the assignment, by one rule (`rootmatch.pipeline.assessment.judged`); see `advice`.
     converged : bool
         Whether the solver stopped by its own criterion rather than at a limit.
     hyperedges : int
-        How many hyper-edges were evaluated.
+        Number of hyper-edges evaluated.
     seconds : float
         Wall-clock time.
     fitted_probability : float or None
-        The probability as far as the status needed it.
+        The probability, where the status needed it.
     """
 
     task: MatchingTask
@@ -88,7 +88,7 @@ class Match:
 
     @cached_property
     def probability(self) -> float | None:
-        """Of the assignment being right; see `Match`."""
+        """Posterior probability that the assignment is right; see `Match`."""
         if self.fitted_probability is not None:
             return self.fitted_probability
         return probability_of(self.task, self.assignment, self.alternatives)
@@ -110,12 +110,12 @@ class Match:
 
     @property
     def noise(self) -> Any:
-        """σ as it was given (a number, an array or a pair), or as it was estimated."""
+        """σ as given (a number, an array or a pair), or as estimated."""
         return self.task.noise
 
     @property
     def advice(self) -> str:
-        """The status in a sentence, with what can be done about it where this problem is solved."""
+        """The status as a sentence, with what can be done about it for this problem."""
         return self.status.advice(self.problem)
 
     def pose(self) -> list[Pose | None]:
@@ -200,7 +200,7 @@ def match(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Match:
-    """Find which point is which from geometry alone.
+    """Match two point sets by geometry alone.
 
     Parameters
     ----------
@@ -211,47 +211,46 @@ def match(
     problem : Problem
         `P3P`, `UP2P`, `ThreePlusOne`, or another one.
     noise : float, (n',) array or "auto"
-        Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the answer, by matching a few
-        times.
+        Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the match, in a few
+        rounds.
     seed : int
-        Of everything random.
+        Random seed; the same seed gives the same match.
     preset : "paper", optional
-        The method as the paper has it: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, a ρ for each problem, power iteration
+        The published method: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, a ρ for each problem, power iteration
         with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
         better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler
         Which are evaluated: all, random ones, or those that a guided search finds. A sampler can be given instead:
         `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own, which takes
         a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` where there are more than two million. With
-        several motions it is ``"guided"`` beyond 200 million, or where the problem allows it all that agree are found
-        by completing minimal sets.
+        several motions it is ``"guided"`` beyond 200 million or, where the problem supports it, all hyper-edges that
+        agree are found by completing minimal sets.
     samples : int
-        How many random hyper-edges.
+        Number of random hyper-edges.
     residual : str or Residual
     rho : float
         Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 in units of σ, else
         `Problem.paper_rho`, or `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
     solver : str or Solver
     normals : (n, 3) array, optional
-        Outward normals of the source points: a point is seen only from its front. Zero rows for unknown.
+        Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     candidates : (n, n') array, optional
-        Bool: which correspondences are possible. Numbers: prior weights, of which zeros forbid.
+        Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     motions : int or "auto"
-        Into how many rigid motions the matches are divided.
+        Number of rigid motions to find.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
-        What evaluates hyper-edges and contracts the tensor: processor cores, or an NVIDIA card through numba-cuda (the
-        extra ``gpu``). ``"auto"`` is the card where there is one and 200 million hyper-edges or more are looked at. A
-        guided search runs on the processor; with ``"cuda"`` it is chosen only beyond a thousand million hyper-edges.
-        ``"cuda-float32"`` looks at all hyper-edges in single precision and again in double at those that pass: for
-        ``"joint"`` and ``"normalised"`` of P3P and up2p, where ``"auto"`` takes it on cards that are slow in double.
+        Where hyper-edges are evaluated and the tensor is contracted: on the CPU, or on an NVIDIA GPU through numba-cuda
+        (the extra ``gpu``). ``"auto"`` is the GPU where there is one and 200 million hyper-edges or more are evaluated.
+        A guided search runs on the CPU; with ``"cuda"`` it is used only beyond a thousand million hyper-edges.
+        ``"cuda-float32"`` evaluates all hyper-edges in single precision and those that pass again in double: for
+        ``"joint"`` and ``"normalised"`` of P3P and up2p, where ``"auto"`` uses it on GPUs that are slow in double.
     max_hyperedges : int
-        Most hyper-edges kept, the strongest; 24 bytes each at order 4.
+        Most hyper-edges kept, the strongest ones; 24 bytes each at order 4.
     limit : int
-        Most hyper-edges that an exhaustive search may look at; by default 4e9 on the processor, 1e11 on a card.
+        Most hyper-edges that an exhaustive search may evaluate; by default 4e9 on the CPU, 1e11 on a GPU.
     scheduler : str, optional
-        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``: blocks of hyper-edges, all of them or
-        random ones, go to its workers, and the tensor is the same to the last bit. They need this package in this
-        version.
+        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``, to whose workers blocks of hyper-edges
+        go, all of them or random ones. The tensor is bit-identical. The workers need this version of the package.
     progress : callable, optional
         Called with (done, total) between blocks.
 

@@ -31,7 +31,7 @@ class Matcher:
         Points in space in any frame and unit, or pixels of the first image.
     problem : Problem
     noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels, where `match` is not told otherwise.
+        Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
     **options
         Of `rootmatch.match`: normals, seed, residual, solver, hyperedges, motions, and so on.
 

@@ -45,9 +45,11 @@ def rates(problem: str, kinds: Sequence[str], points: int, outliers: int, batch:
     evaluated = {}
 
     def sweep(kind: str) -> None:
-        weigh = affinity(Residual(kind), gate=NARROW if kind in NOISE_KINDS else 1e-3 * scene.problem.paper_rho)
-        residual = weigh.residual.kernel_kind(scene.problem.pair_count)
-        _, evaluated[kind] = exhaustive_tensor(tables, residual, weigh, shape, scene.problem.order, max_hyperedges=KEPT)
+        weighting = affinity(Residual(kind), gate=NARROW if kind in NOISE_KINDS else 1e-3 * scene.problem.paper_rho)
+        residual = weighting.residual.kernel_kind(scene.problem.pair_count)
+        _, evaluated[kind] = exhaustive_tensor(
+            tables, residual, weighting, shape, scene.problem.order, max_hyperedges=KEPT
+        )
 
     works: list[Callable[[], object]] = [lambda: np.linalg.qr(matrices, mode="r"), *(partial(sweep, k) for k in kinds)]
     reference, *spent = least_seconds(works, repeats)

@@ -44,10 +44,10 @@ def main() -> None:
     problem, points, outliers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     scene, tables = scene_and_tables(problem, points, outliers)
     before = peak_megabytes()
-    weigh = affinity("joint")
+    weighting = affinity("joint")
     shape = (len(scene.source), len(scene.target))
-    kind = weigh.residual.kernel_kind(scene.problem.pair_count)
-    tensor, evaluated = exhaustive_tensor(tables, kind, weigh, shape, scene.problem.order)
+    kind = weighting.residual.kernel_kind(scene.problem.pair_count)
+    tensor, evaluated = exhaustive_tensor(tables, kind, weighting, shape, scene.problem.order)
     bytes_each = (tensor.indices.nbytes + tensor.weights.nbytes) / max(tensor.size, 1)
     figures = {
         "case": f"{problem} {shape[0]} × {shape[1]}, exhaustive", "hyperedges": evaluated, "kept": tensor.size,

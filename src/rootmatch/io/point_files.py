@@ -64,7 +64,9 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
     with_normals = [name for name in NORMALS if name in rows[0][1]]
     if with_normals and len(with_normals) < 3:
         missing = next(name for name in NORMALS if name not in with_normals)
-        raise InputError(f"{path}: the column {missing} is missing beside {with_normals[0]}; give nx,ny,nz or none")
+        raise InputError(
+            f"{path}: the column {missing} is missing although {with_normals[0]} is given; give nx,ny,nz or none"
+        )
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
     refuse_repeats(path, [(row, tuple(point)) for (row, _), point in zip(rows, points.tolist(), strict=True)], "point")
     normals = None
