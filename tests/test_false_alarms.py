@@ -27,7 +27,8 @@ def test_false_alarms_count_ways_and_agreements() -> None:
     problem = rm.P3P(CAMERA)
     score = 0.5 * math.comb(6, 4)
     expected = math.comb(8, 6) * math.perm(9, 6) * 4 * 1e-3**3
-    assert log10_false_alarms(problem, 8, 9, score, 0.5, 1e-3) == pytest.approx(math.log10(expected), abs=1e-6)
+    found = log10_false_alarms(problem, (8, 9), score=score, true_weight=0.5, chance=1e-3)
+    assert found == pytest.approx(math.log10(expected), abs=1e-6)
 
 
 def test_mean_weight_of_a_true_hyperedge_is_that_of_its_law() -> None:
