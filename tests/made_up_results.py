@@ -18,6 +18,7 @@ def made_up_rhos():
         return np.where(np.isclose(GRID, rho, rtol=0.1, atol=0.0), height, 0.0)[None]  # one seed
 
     return Rhos(
+        {(r, p): peak(ONE, 0.8) for r in RESIDUALS for p in RHO},
         {(r, p): peak(rho, 0.9) + peak(ONE, 0.8) for r in RESIDUALS for p, rho in RHO.items()},
         {(r, p): peak(rho, 1.0) for r in RESIDUALS for p, rho in EXACT.items()},
     )

@@ -81,7 +81,8 @@ def test_rho_is_chosen_on_the_mean_of_the_problems_and_on_noise_free_scenes(tmp_
     assert {p: rhos.chosen("qr", p, "own") for p in PROBLEMS} == {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
     assert {rhos.chosen("svd", p, "one") for p in PROBLEMS} == {1e-5}
     assert {rhos.chosen("qr-both", p, "exact") for p in PROBLEMS} == {1e-14}
-    assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9 + 0.9) / 3)
+    assert rhos.curve("qr-both", "p3p", "own")[GRID.index(1e-9)] == pytest.approx(0.9)
+    assert rhos.whole["qr-both", "p3p"].mean(axis=0)[GRID.index(1e-9)] == pytest.approx((0.45 + 0.9 + 0.9) / 3)
     assert rhos.choices("qr", "p3p", "own") == {1e-9: 1.0}
 
 
@@ -91,7 +92,8 @@ def test_a_choice_is_as_firm_as_its_scenes_agree():
     agreed, disputed = np.zeros((2, 20, len(GRID)))
     agreed[:, 3], agreed[:, 9] = 0.51, 0.5
     disputed[:, 3], disputed[:, 9] = rng.permuted(np.repeat([[0.0, 1.0]], 10, axis=0).ravel()) + 0.01, 0.5
-    rhos = Rhos({("qr", p): agreed for p in PROBLEMS} | {("svd", p): disputed for p in PROBLEMS}, {})
+    curves = {("qr", p): agreed for p in PROBLEMS} | {("svd", p): disputed for p in PROBLEMS}
+    rhos = Rhos(curves, curves, {})
     assert rhos.choices("qr", "p3p", "own") == {GRID[3]: 1.0}
     shares = rhos.choices("svd", "p3p", "one")
     assert rhos.chosen("svd", "p3p", "one") == GRID[3]

@@ -55,7 +55,8 @@ CLAIMS: tuple[Claim, ...] = (
     Claim(
         "One ρ serves all problems",
         "The parameter ρ was set empirically in our experiments and kept constant for all the instances and problems.",
-        f"For each problem, a ρ of its own gains at most {100 * EQUAL:g} points, a mean over its settings at the end.",
+        f"For each problem, its own ρ, one with noise and one without, gain at most {100 * EQUAL:g} points, a mean "
+        "over its settings at the end.",
         PROBLEMS,
         lambda table, rule: judges.one_rho_serves_all(table),
         rules=("one",),

@@ -244,9 +244,12 @@ def one_rho_serves_all(table: Table) -> list[Case]:
     """A ρ of its own gains a problem little."""
     cases = []
     for problem in table.problems:
-        pairs = [table.paper(s, rule="own") - table.paper(s, rule="one") for s in settings_of(problem)]
+        pairs = [
+            table.paper(s, rule="own" if s.noise > 0.0 else "exact") - table.paper(s, rule="one")
+            for s in settings_of(problem)
+        ]
         gain = estimate(np.mean(pairs, axis=0))
-        one, own = (table.method(problem, rule=r).rho for r in ("one", "own"))
-        figures = f"ρ = {own:g} instead of {one:g} gains {_points(gain)}"
+        one, own, exact = (table.method(problem, rule=r).rho for r in ("one", "own", "exact"))
+        figures = f"ρ = {own:g} with noise and {exact:g} without, instead of {one:g}, gains {_points(gain)}"
         cases.append(Case(TITLES[problem], gain.mean <= EQUAL, figures))
     return cases

@@ -146,6 +146,13 @@ def _groups(keys):  # type: ignore[no-untyped-def]
     return group, first[:known].copy()
 
 
+@njit(cache=True)
+def _lower(least, group, residual, start, stop):  # type: ignore[no-untyped-def]
+    """Lower the least residual of each group by the draws start … stop − 1."""
+    for e in range(start, stop):
+        least[group[e]] = min(least[group[e]], residual[e])
+
+
 def nested_tensors(
     stream: Stream,
     indices: NDArray[np.int32],
@@ -154,21 +161,18 @@ def nested_tensors(
     shape: tuple[int, int],
     sizes: tuple[int, ...],
 ) -> Iterator[tuple[int, AffinityTensor]]:
-    """The tensors H_s of the first s draws, s ascending.
+    """The tensors H_s of the first s draws, s ascending; ``indices`` are those of the stream, in the scene's own order.
 
-    Weights below 10⁻¹² are left out (`Affinity.gate`).
-
-    Parameters
-    ----------
-    stream : Stream
-    indices : (G, d) int32 array
-        The different hyper-edges of the stream, with the source points numbered as the scene has them.
-    residual : (≥ G,) array
-        Of each; as many as the largest sample has shown will do.
-    weigh, shape, sizes
+    A hyper-edge drawn again is the same entry; the order of its points may be another, and with it the minimal sets
+    that are compared, so the lesser residual counts, as in `AffinityTensor.merged`. Weights below 10⁻¹² are left out
+    (`Affinity.gate`).
     """
+    least = np.full(len(indices), np.inf)
+    start = 0
     for size in sorted(sizes):
-        known = residual[: stream.seen[size - 1]]
+        _lower(least, stream.group, residual, start, size)
+        start = size
+        known = least[: stream.seen[size - 1]]
         keep = np.flatnonzero(known <= weigh.gate)
         yield size, AffinityTensor.unchecked(indices[keep], weigh.weights(known[keep]), shape)
 
@@ -192,45 +196,52 @@ def _evaluate(unit: Unit) -> Iterator[Row]:
         yield from _rows(unit.seed, task, scene, streams[key], shape)
 
 
-def _residuals(
-    stream: Stream, tables: Any, kernel: residual_kinds.Kind, gate: float, shape: tuple[int, int], draws: int
-) -> NDArray[np.float64]:
-    """Residuals of the different hyper-edges that the first draws show, source points increasing.
+def _as_drawn(stream: Stream, tables: Any, kernel: residual_kinds.Kind, draws: int) -> NDArray[np.float64]:
+    """Residuals of the first draws, the points of each in the order that was drawn, as the paper has it."""
+    starts = range(0, draws, BLOCK)
+    blocks = [(stream.source[k : k + BLOCK], stream.target[k : k + BLOCK]) for k in starts]
+    return np.concatenate([cpu.residuals(tables, kernel, *block) for block in blocks])
 
-    Those of the default pipeline come from a sweep over all hyper-edges where that is quicker, infinite above the gate.
-    """
-    order = stream.indices.shape[1]
-    count = -(-int(stream.seen[draws - 1]) // BLOCK) * BLOCK
-    if isinstance(kernel, residual_kinds.Joint) and exhaustive_count(*shape, order) <= MOST_SWEPT:
-        residual = np.full(len(stream.indices), np.inf)
+
+def _in_one_order(
+    stream: Stream, tables: Any, kernel: residual_kinds.Kind, gate: float, shape: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Residuals (G,) of the stream's different hyper-edges, source points increasing; infinite above the gate."""
+    count, order = stream.indices.shape
+    residual = np.full(-(-count // BLOCK) * BLOCK, np.inf)
+    if exhaustive_count(*shape, order) <= MOST_SWEPT:
         rows, found, _ = exhaustive_residuals(tables, kernel, gate, shape, order, max_hyperedges=MOST_SWEPT)
         group = stream.groups_of(rows)
         residual[group[group >= 0]] = found[group >= 0]
         return residual
-    whole = np.resize(stream.indices, (count, order))
-    starts = range(0, count, BLOCK)
-    return np.concatenate([cpu.residuals(tables, kernel, *np.divmod(whole[k : k + BLOCK], shape[1])) for k in starts])
+    whole = np.resize(stream.indices, (len(residual), order))
+    for k in range(0, len(whole), BLOCK):
+        residual[k : k + BLOCK] = cpu.residuals(tables, kernel, *np.divmod(whole[k : k + BLOCK], shape[1]))
+    return residual
 
 
 def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int, int]) -> Iterator[Row]:
     """Rows of one task: each kind of residual is evaluated once, and each tensor is made once, for all its solvers.
 
-    As in `rootmatch.match`, the paper's residuals take the source points in the order of the scene, and those in units
-    of the noise from those far apart on; so a row of the paper's method is what
+    As in `rootmatch.match`, the stream counts the source points as the scene has them for the paper's residuals, and
+    from those far apart on for residuals in units of the noise; so a row of the paper's method is what
     `match(..., preset="paper", samples=s, rho=rho, solver=solver, seed=seed)` finds.
     """
     kinds = list(dict.fromkeys(method.residual for method, _ in task.methods))
     for kind in kinds:
-        methods = [(method, sizes) for method, sizes in task.methods if method.residual == kind]
-        chosen = Residual(kind)
-        kernel = chosen.kernel_kind(scene.problem.pair_count)
         order = wide_first(scene.source) if kind in NOISE_KINDS else np.arange(shape[0])
         tables = scene.problem.prepare(scene.source[order], scene.target, max(scene.noise, NOISE_FLOOR))
         own = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)[order].ravel()
         indices = own[stream.indices]
+        methods = [(method, sizes) for method, sizes in task.methods if method.residual == kind]
+        chosen = Residual(kind)
+        kernel = chosen.kernel_kind(scene.problem.pair_count)
         draws = max(max(sizes) for _, sizes in methods)
-        gate = max(affinity(chosen, method.rho).gate for method, _ in methods)
-        residual = _residuals(stream=stream, tables=tables, kernel=kernel, gate=gate, shape=shape, draws=draws)
+        if kind in NOISE_KINDS:
+            gate = max(affinity(chosen, method.rho).gate for method, _ in methods)
+            residual = _in_one_order(stream, tables, kernel, gate, shape)[stream.group[:draws]]
+        else:
+            residual = _as_drawn(stream, tables, kernel, draws)
         for rho in dict.fromkeys(method.rho for method, _ in methods):
             same_rho = [(method, sizes) for method, sizes in methods if method.rho == rho]
             sizes = tuple(sorted({size for _, sizes in same_rho for size in sizes}))

@@ -192,8 +192,8 @@ class MatchingTask:
     def order(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
-        The order decides which resultant a hyper-edge has. The paper prefers none, so its preset takes the points as
-        they are given, unless a search takes their place.
+        The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
+        none, so its preset takes the points as they are given, unless a search takes their place.
         """
         if self.options.is_paper and self.options.sampler in ("random", "exhaustive"):
             return np.arange(self.shape[0])

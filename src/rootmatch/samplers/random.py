@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Block, Progress
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.affinity import Affinity
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
 from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
@@ -32,16 +32,20 @@ def random_tensor(
 ) -> tuple[AffinityTensor, int]:
     """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
 
-    A hyper-edge has one residual, that with its source points in increasing order, as in `exhaustive_residuals`: H is
-    symmetric, so the order in which the points were drawn plays no part, and a hyper-edge drawn twice is one entry. The
-    tensors of growing samples tend to that of all hyper-edges.
+    A residual of the paper is that of the sample as it was drawn: the order of its points says which minimal sets are
+    compared. H is symmetric, so a hyper-edge that is drawn again, in whatever order, is the same entry; the least of
+    its residuals counts. One in units of the noise is worked out with the source points in increasing order, as
+    `exhaustive_residuals` does.
     """
     n, n_target = shape
+    increasing = affinity.residual.kind in NOISE_KINDS
     stream = enumeration.random_hyperedges(n, n_target, order, samples, seed, mask=candidates)
 
     def blocks() -> Iterator[Block]:
         for source, target in stream:
-            yield np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
+            if increasing:
+                source, target = np.divmod(sorted_rows((source * n_target + target).astype(np.int32)), n_target)
+            yield source, target
 
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
     done = 0
