@@ -1,1 +1,1 @@
-"""From what the caller gave to a match: the task, sampling, several motions, assessment."""
+"""The stages between the arguments and the match: task, sampling, multi-motion, assessment."""

@@ -33,7 +33,7 @@ class TrustOptions:
     margin : float
         Least lead in score of a matched assignment where no probability is known.
     false_alarms : float
-        Decimal logarithm of the number of assignments as good that chance may be expected to find.
+        Decimal logarithm of the expected number of false alarms.
     beyond_clutter : float
         Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, …
     listed, listed_probability : int, float
@@ -44,7 +44,7 @@ class TrustOptions:
         Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3,
         and those that meet clutter by accident seldom more than 0.2.
     last_support, last_pairs : float, int
-        That share where no more than so many pairs would be left over, which chance could hardly have chosen from.
+        That share where at most so many pairs would remain, too few for an accident to select from.
     clear_margin, clear_support, clear_rival : float
         Lead in score, least support of a matched point and most support of any other match, both over the median
         support, with which an assignment is clear and is not fitted: of 2050 such on the development seeds none was
@@ -72,10 +72,10 @@ TRUST = TrustOptions()
 class Status(Enum):
     """Whether to believe a match; `advice` says what to do in the words of its problem.
 
-    One rule, see `judged`: UNTRUSTED where chance alone could have found an assignment as good; else AMBIGUOUS where
+    One rule, see `judged`: UNTRUSTED where a false alarm could be as good; else AMBIGUOUS where
     the assignment is not sure: its probability below 0.9 or, where there is none, its margin below 0.2; else MATCHED. A
     `clear` assignment, with a margin of 0.5 and no other match supported, is judged by its margin: of those all had a
-    probability above 0.9 when that was looked into, and fitting them would double the time of a small match.
+    probability above 0.9 when that was measured, and fitting them would double the time of a small match.
     """
 
     MATCHED = "matched: the assignment is well supported and no other explains the points nearly as well"
@@ -156,13 +156,13 @@ def probability_of(task: MatchingTask, assignment: NDArray[np.int64], alternativ
 
 
 def judged(score: float, alarms: float, lead: float, probability: float | None = None) -> Status:
-    """The status of an assignment: could chance have found one as good, and is it sure.
+    """The status of an assignment: could it be a false alarm, and is it the only good one.
 
     Parameters
     ----------
     score : float
     alarms : float
-        Decimal logarithm of the expected number of assignments as good by chance.
+        Decimal logarithm of the expected number of false alarms.
     lead : float
         Lead in score over the best different assignment.
     probability : float, optional
@@ -202,7 +202,7 @@ def _of_motions(solution: Solution, shape: tuple[int, int]) -> Assessment:
 
 
 def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:
-    """Decimal logarithm of the number of assignments as good that chance is expected to find.
+    """Decimal logarithm of the expected number of false alarms with such a score.
 
     ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
     outside of the assignment where it is not known.
@@ -210,7 +210,7 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     tensor, evaluated, share, chance = sampled[:4]
     problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS
     true_weight = TRUE_WEIGHT[problem.constraints] if in_noise else 1.0
-    # what assignments of nearly this score share out is structure (a symmetric object), not chance
+    # what assignments of nearly this score share out is structure (a symmetric object), not accident
     explained = sum(value for value in known if value >= (1.0 - TRUST.margin) * score)
     others = max(float(tensor.weights.sum()) - explained, true_weight)
     random = others / evaluated if chance is None else chance
@@ -223,16 +223,16 @@ def supported(
     assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor
 ) -> tuple[NDArray[np.int64], float, Alternatives]:
     """Assignments without the points that nothing supports, distinct, best first."""
-    asked = np.array([assignment, *(other for other, _ in alternatives)])
-    kept, scores = drop_unsupported(tensor, asked, TRUST.support)
+    candidates = np.array([assignment, *(other for other, _ in alternatives)])
+    kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
     matched = (kept >= 0).sum(axis=1)
     last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
     if last.any():
-        more, more_scores = drop_unsupported(tensor, asked, TRUST.last_support)
+        more, more_scores = drop_unsupported(tensor, candidates, TRUST.last_support)
         kept[last], scores[last] = more[last], more_scores[last]
-    answers = {answer.tobytes(): (answer, float(value)) for answer, value in zip(kept, scores, strict=True)}
-    ranked = sorted(answers.values(), key=lambda pair: -pair[1])
+    distinct = {one.tobytes(): (one, float(value)) for one, value in zip(kept, scores, strict=True)}
+    ranked = sorted(distinct.values(), key=lambda pair: -pair[1])
     (best, score), rest = ranked[0], ranked[1:]
-    # an answer that merely leaves some of the points out is not a different one
+    # an assignment that merely leaves some of the points out is not a different one
     different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
     return best, score, different

@@ -1,4 +1,4 @@
-"""Could chance alone have found an answer as good? The question behind "no trustworthy match"."""
+"""False alarms: how many assignments with such a score are expected by accident, behind "no trustworthy match"."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TRUE_WEIGHT = {degrees: math.sqrt(0.5**degrees) for degrees in range(1, 9)}
 
 
 def supported_points(score: float, order: int, true_weight: float) -> float:
-    """How many points, all of one motion and all right, would give this score: C(m, order) · true_weight = score.
+    """Number of points, all of one motion and all right, that would give this score: C(m, order) · true_weight = score.
 
     Between whole numbers C(m, d) is continued as m (m − 1) … (m − d + 1) / d!. Below the order: the order itself.
     """
@@ -34,17 +34,17 @@ def supported_points(score: float, order: int, true_weight: float) -> float:
 def log10_false_alarms(
     problem: Problem, shape: tuple[int, int], *, score: float, true_weight: float, chance: float
 ) -> float:
-    """Decimal logarithm of how many answers as good chance is expected to find (Desolneux et al. 2000, a contrario).
+    """Decimal logarithm of the expected number of false alarms (a contrario, Desolneux et al. 2000).
 
     There are C(n, m) n'! / (n' − m)! ways to match m points. A minimal set of them fixes the motion, up to the roots
-    of its polynomial, and each further point agrees by chance with the probability that a random hyper-edge does.
+    of its polynomial, and each further point agrees accidentally with the probability that a random hyper-edge does.
 
     Parameters
     ----------
     problem : Problem
     shape : (n, n')
     score : float
-        Of the answer, with all hyper-edges among its points evaluated.
+        Score of the assignment, with all hyper-edges among its points evaluated.
     true_weight : float
         Mean weight of a true hyper-edge.
     chance : float

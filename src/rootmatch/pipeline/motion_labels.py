@@ -63,7 +63,7 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     if motions == 1 or len(matched) <= tensor.order:
         labels[matched] = 0
         return labels
-    from scipy.cluster.hierarchy import fcluster, linkage  # slow to import, seldom wanted
+    from scipy.cluster.hierarchy import fcluster, linkage  # slow to import, rarely needed
     from scipy.spatial.distance import squareform
 
     inside = tensor.inside(assignment)

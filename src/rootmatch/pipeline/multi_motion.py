@@ -61,7 +61,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
 
 
 def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> float:
-    """Decimal logarithm of how many sets of groups as good chance is expected to find.
+    """Decimal logarithm of the expected number of false alarms among sets of groups.
 
     The ways to divide the points into such groups, over the exponential of the evidence, which has paid for the ways
     to match them.

@@ -1,4 +1,4 @@
-"""Estimation of σ from the points themselves: match with a guess, take the residuals of the inliers, match again."""
+"""Estimation of σ for ``noise="auto"``: match with an initial σ, take the residuals of the inliers, match again."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ S = TypeVar("S", bound=Solved)
 
 
 def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], S]) -> S:
-    """The match at the σ that it bears out itself.
+    """The match at a σ consistent with its own residuals.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
 
 
 def first_guess(target: NDArray[np.float64]) -> float:
-    """A generous σ for points (n', 2) of which nothing is known."""
+    """An initial, generous σ for points (n', 2)."""
     return FIRST_GUESS * float(np.linalg.norm(np.ptp(target, axis=0)))
 
 
@@ -129,7 +129,7 @@ def _scale(match: Solved, members: NDArray[np.int64]) -> float:
 
 def mean_cut(freedom: int) -> float:
     """Mean of min(χ², CUT) with so many degrees of freedom."""
-    from scipy.special import gammainc  # slow to import, seldom wanted
+    from scipy.special import gammainc  # slow to import, rarely needed
 
     below, weighted = (float(gammainc(0.5 * k, 0.5 * CUT)) for k in (freedom, freedom + 2))
     return freedom * weighted + CUT * (1.0 - below)

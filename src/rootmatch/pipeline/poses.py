@@ -1,4 +1,4 @@
-"""Poses of a match, one a motion, for those who want them: matching itself hands none on."""
+"""Poses of a match, one per motion; matching itself does not use them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def poses_of(
     assignment: NDArray[np.int64],
     motions: NDArray[np.int64],
 ) -> list[Pose | None]:
-    """One pose a motion, None where a motion has fewer matches than the problem's pose needs.
+    """One pose per motion, None where a motion has fewer matches than the problem's pose needs.
 
     Raises
     ------
