@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import random_rotation, rotation_about_y
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def p3p_scene(
     rng = streams["camera"]
     pose = _look_at_origin(CAMERA_RADIUS * _unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
-    moves = [(np.eye(3), np.zeros(3))] + [(_random_rotation(rng), _unit(rng)) for _ in range(motions - 1)]
+    moves = [(np.eye(3), np.zeros(3))] + [(random_rotation(rng), _unit(rng)) for _ in range(motions - 1)]
     return _absolute(
         problem=P3P(camera),
         camera=camera,
@@ -172,7 +173,9 @@ def up2p_scene(
     pose = _look_at_origin(CAMERA_RADIUS * _horizontal(streams["camera"]))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))]
-    moves += [(_rotation_about_vertical(rng.uniform(0.0, 2.0 * np.pi)), _unit(rng)) for _ in range(motions - 1)]
+    for _ in range(motions - 1):
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        moves.append((rotation_about_y(np.cos(angle), np.sin(angle)), _unit(rng)))
     problem = UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN)
     return _absolute(
         problem=problem,
@@ -329,20 +332,6 @@ def _horizontal(rng: np.random.Generator) -> Floats:
     """Unit vector uniform on the circle y = 0."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
-
-
-def _rotation_about_vertical(angle: float) -> Floats:
-    """Rotation about the vertical (the y axis) by ``angle`` radians."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def _random_rotation(rng: np.random.Generator) -> Floats:
-    """Rotation uniform over SO(3): a unit quaternion uniform on the 3-sphere."""
-    from scipy.spatial.transform import Rotation
-
-    q = rng.standard_normal(4)
-    return np.asarray(Rotation.from_quat(q / np.linalg.norm(q)).as_matrix())
 
 
 def _check(n: int, outliers: int, noise: float, seed: int, motions: int, hidden: int) -> None:

@@ -1,4 +1,4 @@
-"""Rotation matrices for NumPy: from rotation vectors, about the y axis, and onto it."""
+"""Rotation matrices for NumPy: from rotation vectors, about the y axis, onto it, and random ones."""
 
 from __future__ import annotations
 
@@ -45,3 +45,11 @@ def rotation_onto_y(direction: Floats) -> Floats:
     factor = 1.0 / (1.0 + cosine) if cosine > 0.0 else (1.0 - cosine) / sine2
     rotation: Floats = np.eye(3) + cross + factor * cross @ cross
     return rotation
+
+
+def random_rotation(rng: np.random.Generator) -> Floats:
+    """Rotation uniform over SO(3): a unit quaternion uniform on the 3-sphere."""
+    from scipy.spatial.transform import Rotation
+
+    q = rng.standard_normal(4)
+    return np.asarray(Rotation.from_quat(q / np.linalg.norm(q)).as_matrix())
