@@ -84,16 +84,8 @@ class _Streams:
     """Independent random generators from one seed, one per ingredient of a scene."""
 
     INGREDIENTS = (
-        "points",
-        "camera",
-        "motions",
-        "outliers",
-        "noise",
-        "source noise",
-        "outlier noise",
-        "order",
-        "hidden",
-    )
+        "points", "camera", "motions", "outliers", "noise", "source noise", "outlier noise", "order", "hidden",
+    )  # fmt: skip
 
     def __init__(self, seed: int) -> None:
         children = np.random.SeedSequence(seed).spawn(len(self.INGREDIENTS))
