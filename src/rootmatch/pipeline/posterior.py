@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from rootmatch.options import Options, option
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.clutter import CROWDING
+from rootmatch.samplers.guided.detection_grid import local_density
 
 Integers = NDArray[np.int64]
 
@@ -25,6 +27,17 @@ class PosteriorOptions(Options):
     neighbour_odds: float = option(12.0, above=0.0)
     """Log-odds, to first order, at which a change is not even fitted: twice `negligible_odds`, as a new pose may gain
     as much again. Not tuned."""
+    most_inflation: float = option(4.0, least=1.0)
+    """Largest factor on the given variances: where the best fit asks for more than twice the given σ, the assignment is
+    not believed. A round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
+    fully_visible: float = option(0.5, above=0.0, most=1.0)
+    """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front;
+    beyond, light falls with the cosine (Lambert). A round value, not tuned."""
+    barely_visible: float = option(0.02, above=0.0, most=1.0)
+    """How visible a point is, over that, as seen from the side or from behind: normals are not exact. Not tuned."""
+    detected: tuple[float, ...] = option((0.95, 0.6, 0.25, 0.1), above=0.0, most=1.0)
+    """Probabilities that a visible point is detected, over which the odds against clutter alone are averaged. Round
+    values, as in `VerificationOptions`."""
     noise_freedom: float = option(20.0, above=0.0)
     """Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value; its
     effect is measured in benchmarks/accuracy.py and benchmarks/reliability.py."""
@@ -46,15 +59,14 @@ IMPOSSIBLE = -1e9
 
 
 def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
-    """Log prior odds of each correspondence (n, n') against clutter, times pixel².
+    """Log prior odds of each correspondence (n, n') of a detected point against clutter, times pixel².
 
-    A source point is visible as often as those of ``assignment`` are; clutter is as dense as the detections it leaves.
+    Clutter is as dense as the detections that ``assignment`` leaves.
     """
     n, n_target = task.shape
     matched = int((assignment >= 0).sum())
     density = CROWDING * (n_target - matched + HALF) / _area(task)
-    visible = (matched + HALF) / (n + 1.0)
-    odds = np.full((n, n_target), np.log(visible / (1.0 - visible)) - np.log(density))
+    odds = np.full((n, n_target), -np.log(density))
     if task.prior is not None:
         with np.errstate(divide="ignore"):
             odds += np.log(task.prior / max(float(task.prior.max(initial=0.0)), 1e-300))
@@ -63,8 +75,30 @@ def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     return odds
 
 
-def log_odds_against_clutter(task: MatchingTask, assignment: Integers) -> float:
-    """Log-odds of an assignment's clutter and invisible points against the hypothesis that all is clutter."""
+def visibility(task: MatchingTask, fit: Fit, k: int, options: PosteriorOptions) -> NDArray[np.float64]:
+    """How visible each source point (n,) is in the pose of assignment k, up to 1."""
+    if task.points.normals is None:
+        return np.ones(task.shape[0])
+    cosine = np.nan_to_num(fit.facing(k, task.points.normals), nan=0.0)
+    return np.clip(cosine / options.fully_visible, options.barely_visible, 1.0)
+
+
+def log_odds_against_clutter(
+    assignment: Integers, visible: NDArray[np.float64], density: NDArray[np.float64], options: PosteriorOptions
+) -> float:
+    """Log-odds of an assignment's matched and unmatched points against the hypothesis that all is clutter.
+
+    Clutter is as dense about each detection as detections are there (``density``, the matched ones among them): that
+    detections crowd is no evidence for a pose. How often a visible point is detected is averaged over.
+    """
+    matched = assignment >= 0
+    detected = [float(np.where(matched, np.log(d * visible), np.log1p(-d * visible)).sum()) for d in options.detected]
+    clutter = float(np.log(CROWDING * density[assignment[matched]]).sum())
+    return float(np.logaddexp.reduce(detected)) - math.log(len(detected)) - clutter
+
+
+def log_odds_against_uniform(task: MatchingTask, assignment: Integers) -> float:
+    """Log-odds of an assignment's clutter and invisible points against all being clutter, uniform in the image."""
     n, n_target = task.shape
     matched = int((assignment >= 0).sum())
     visible, left, area = (matched + HALF) / (n + 1.0), n_target - matched, _area(task)
@@ -94,6 +128,8 @@ class Ranked:
     logarithms: NDArray[np.float64]
     beyond_chance: float
     """Log-odds of the first assignment against none, all detections clutter; NaN where unknown."""
+    misfit: float
+    """Factor on the variances that the fit of the first assignment asks for; infinite where no pose fits."""
 
     @property
     def probability(self) -> float:
@@ -105,6 +141,12 @@ class Ranked:
         shares = np.exp(self.logarithms)
         same = [np.array_equal(other, assignment) for other in self.assignments]
         return float(shares[same].sum() / shares.sum())
+
+    @property
+    def probabilities(self) -> NDArray[np.float64]:
+        """Posterior probability of each assignment (K,), given that one of them is right."""
+        shares = np.exp(self.logarithms)
+        return np.asarray(shares / shares.sum())
 
     def probability_of(self, count: int) -> float:
         """Posterior probability that the right assignment is among the first ``count``."""
@@ -128,18 +170,33 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     options : PosteriorOptions
     """
     least = task.problem.minimal + 1
-    odds = log_odds(task, assignments[0])
     pool = {assignment.tobytes(): assignment for assignment in assignments if (assignment >= 0).sum() >= least}
     fits: dict[bytes, tuple[Fit, int]] = {}
+    visible: dict[bytes, NDArray[np.float64]] = {}
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
+    leader, detected = assignments[0], _detected(assignments[0], np.ones(task.shape[0]))
     for turn in range(options.rounds + 1):
-        fits |= _fits(task, [key for key in pool if key not in fits], pool)
+        new = _fits(task, [key for key in pool if key not in fits], pool)
+        fits |= new
+        visible |= {key: visibility(task, fit, k, options) for key, (fit, k) in new.items()}
         inflation = _inflation(fits, options)
-        for key, (fit, k) in fits.items():
-            matched = np.flatnonzero(pool[key] >= 0)
-            total = float(fit.inflated(inflation)[k] + odds[matched, pool[key][matched]].sum())
-            value[key] = total if np.isfinite(total) else -np.inf
+        # clutter and the share of the visible points that is detected are those of the best assignment
+        for _ in range(2):
+            odds = log_odds(task, leader)
+            for key, (fit, k) in fits.items():
+                matched = pool[key] >= 0
+                chance = detected * visible[key]
+                total = float(fit.inflated(inflation)[k] + odds[matched, pool[key][matched]].sum())
+                total += float(np.where(matched, np.log(chance), np.log1p(-chance)).sum())
+                value[key] = total if np.isfinite(total) else -np.inf
+            best = max(value, key=lambda key: value[key], default=None)
+            if best is None or value[best] == -np.inf:
+                break
+            before = leader, detected
+            leader, detected = pool[best], _detected(pool[best], visible[best])
+            if detected == before[1] and np.array_equal(leader, before[0]):
+                break
         if turn == options.rounds or not value:
             break
         enough = max(value.values()) - options.negligible_odds
@@ -150,7 +207,8 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
         for key in waiting:
             visited.add(key)
             fit, k = fits[key]
-            gains = odds + fit.densities(k, inflation)
+            chance = detected * visible[key]
+            gains = odds + (np.log(chance) - np.log1p(-chance))[:, None] + fit.densities(k, inflation)
             if task.points.normals is not None:
                 gains[(pool[key] < 0) & fit.invisible(k, task.points.normals)] = -np.inf
             for other, gain in _neighbours(gains, pool[key], options):
@@ -160,10 +218,23 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     order = [key for key in order if value[key] > -np.inf]
     logarithms = np.array([(value[key] - value[order[0]]) / fits[key][0].doubt for key in order])
     if not order:
-        return Ranked([], logarithms, np.nan)
+        return Ranked([], logarithms, np.nan, np.inf)
     fit, k = fits[order[0]]
-    beyond = float(fit.inflated(inflation)[k]) + fit.of_pose() + log_odds_against_clutter(task, pool[order[0]])
-    return Ranked([pool[key] for key in order], logarithms, beyond)
+    density = local_density(task.points.target.T, float(np.median(task.points.target_noise)))
+    beyond = float(fit.inflated(inflation)[k]) + fit.of_pose(k, density)
+    if task.problem.source_dimension == 2:  # a second image is full of detections, an object is a cluster of them
+        beyond += log_odds_against_uniform(task, pool[order[0]])
+    else:
+        beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options)
+    given = options.noise_freedom
+    misfit = (given + float(fit.chi2[k])) / (given + max(int(fit.freedom[k]), 0))
+    return Ranked([pool[key] for key in order], logarithms, beyond, misfit)
+
+
+def _detected(assignment: Integers, visible: NDArray[np.float64]) -> float:
+    """Probability that a visible point is detected, as an assignment has it."""
+    matched = int((assignment >= 0).sum())
+    return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 
 
 def _fits(task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:
@@ -178,14 +249,15 @@ def _fits(task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers]) ->
 def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) -> float:
     """Factor on the given variances that the best fitting assignment asks for; at least 1.
 
-    Only assignments count that match hardly fewer points than the first: the fewer, the better they fit.
+    Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so
+    that an assignment which no pose fits does not become probable by taking everything for noise.
     """
     found = [(float(fit.chi2[k]), int(fit.freedom[k])) for fit, k in fits.values()]
     given = options.noise_freedom
     fair = [
         (given + chi2) / (given + freedom) for chi2, freedom in found if freedom >= found[0][1] - options.freedom_slack
     ]
-    return max(1.0, min(fair, default=1.0)) if np.isfinite(min(fair, default=1.0)) else 1.0
+    return min(max(1.0, min(fair, default=1.0)), options.most_inflation)
 
 
 def _neighbours(

@@ -12,7 +12,6 @@ from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Affinity
-from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
@@ -42,7 +41,11 @@ def sample(task: MatchingTask) -> SampledTensor:
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)
-    return sampled._replace(tensor=selection.placed(_in_given_order(task, tensor), backend))
+    assignments = sampled.assignments
+    if assignments is not None:
+        assignments = np.ascontiguousarray(assignments[:, np.argsort(task.order)])
+    tensor = selection.placed(_in_given_order(task, tensor), backend)
+    return sampled._replace(tensor=tensor, assignments=assignments)
 
 
 def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
@@ -79,9 +82,8 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
             backend=backend,
             progress=sampling.progress,
         )
-        # a random sample contains each hyper-edge with this probability
-        share = -math.expm1(-evaluated / exhaustive_count(*task.shape, task.problem.order))
-        return SampledTensor(tensor, evaluated, share), backend
+        # what was not drawn is not taken to agree: a score is worth what was found
+        return SampledTensor(tensor, evaluated), backend
     backend = _backend(task, sampling.hyperedge_count, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
     check_size(task.shape, sampling.hyperedge_count, most if options.limit is None else options.limit)

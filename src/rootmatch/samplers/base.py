@@ -68,6 +68,8 @@ class SampledTensor(NamedTuple):
     """False for a search that ended without a hypothesis beyond chance: it spent its budget or tried everything."""
     partial: bool = False
     """Whether only the correspondences of hypotheses were evaluated, so that a small motion may be missing."""
+    assignments: NDArray[np.int64] | None = None
+    """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
 
 
 class Sampler(Protocol):

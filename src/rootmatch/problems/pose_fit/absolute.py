@@ -21,6 +21,8 @@ from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples,
 
 TRIED = 2
 """Of the poses of minimal sets, those that are refined: near a plane two of them nearly coincide. Not tuned."""
+DEPTHS = 100.0
+"""Greatest over least distance of an object, beforehand, each octave as probable. A round value, not tuned."""
 CUT = 100.0
 """Squared deviation at which a point stops counting when those poses are compared. Not tuned: (10 σ)²."""
 
@@ -52,6 +54,11 @@ class AbsoluteFit(Fit):
     """(K, n, 3) in the camera frame."""
     rotation: Floats
     """(K, 3, 3)."""
+    translation: Floats
+    """(K, 3), of the points' centre in units of their root mean square distance from it."""
+    focal2: float
+    """Product of the focal lengths."""
+    upright: Upright | None
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
         """See `Fit.densities`."""
@@ -75,6 +82,24 @@ class AbsoluteFit(Fit):
         squared = (c * x * x - 2.0 * b * x * y + a * y * y) / (determinant * inflation)
         density = -0.5 * (squared + np.log(determinant)) - np.log(2.0 * np.pi * inflation)
         return np.asarray(np.where((self.positions[k, :, 2] > 0.0)[:, None] & np.isfinite(density), density, -np.inf))
+
+    def of_pose(self, k: int, density: Floats) -> float:
+        """See `Fit.of_pose`: any rotation, at the detections, at any distance within two decades."""
+        depth = float(self.translation[k, 2])
+        if not depth > 0.0:
+            return -np.inf
+        used = self.assignments[k][self.assignments[k] >= 0]
+        position = float(density[used].mean()) / len(self.target) * self.focal2 / depth**2
+        rotations, tilt = (8.0 * np.pi**2, 0.0) if self.upright is None else (2.0 * np.pi, self.upright.noise)
+        laplace = 0.5 * self.jacobian.shape[-1] * np.log(2.0 * np.pi)
+        of_tilt = np.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
+        return float(laplace - np.log(rotations) - of_tilt + np.log(position) - np.log(depth * np.log(DEPTHS)))
+
+    def facing(self, k: int, normals: Floats) -> Floats:
+        """See `Fit.facing`."""
+        length = np.linalg.norm(normals, axis=1) * np.linalg.norm(self.positions[k], axis=1)
+        along = -np.einsum("ni,ni->n", normals @ self.rotation[k].T, self.positions[k])
+        return np.asarray(np.where(length > 0.0, along / np.where(length > 0.0, length, 1.0), 1.0))
 
     def invisible(self, k: int, normals: Floats) -> NDArray[np.bool_]:
         """See `Fit.invisible`."""
@@ -120,14 +145,21 @@ def absolute_fit(
         else:
             axes, prior = axes[:1], prior[:4]
     else:
+        # the matched points alone, side by side: most of an object may be unmatched
+        most = int(used.sum(axis=1).max(initial=0))
+        packed = np.argsort(~used, axis=1, kind="stable")[:, :most]
+        every_point, every_image, every_weight = points, image, weight
+        points, image = points[packed], np.take_along_axis(image, packed[..., None], axis=1)
+        weight, used = np.take_along_axis(weight, packed, axis=1), np.take_along_axis(used, packed, axis=1)
+        rays = np.take_along_axis(rays, packed[..., None], axis=1)
         chosen = triples(image, used)
         every = np.arange(count)[:, None, None]
         rotation, translation = poses_of_triples(
-            points[chosen].reshape(-1, 3, 3), rays[every, chosen].reshape(-1, 3, 3)
+            points[every, chosen].reshape(-1, 3, 3), rays[every, chosen].reshape(-1, 3, 3)
         )
         rotation, translation = rotation.reshape(count, -1, 3, 3), translation.reshape(count, -1, 3)
         with np.errstate(all="ignore"):
-            positions = points @ rotation.swapaxes(-1, -2) + translation[:, :, None]
+            positions = points[:, None] @ rotation.swapaxes(-1, -2) + translation[:, :, None]
             squared = (((camera.project(positions) - image[:, None]) * weight[:, None, :, None]) ** 2).sum(axis=-1)
             behind = (~(positions[..., 2] > 0.0) & used[:, None]).any(axis=-1)
             total = np.where(behind, np.inf, np.minimum(squared, CUT).sum(axis=-1))
@@ -136,13 +168,17 @@ def absolute_fit(
             rotation[every[:, 0], best].reshape(-1, 3, 3),
             translation[every[:, 0], best].reshape(-1, 3),
         )
+        points = np.repeat(points, TRIED, axis=0)
         image, weight = np.repeat(image, TRIED, axis=0), np.repeat(weight, TRIED, axis=0)
     descent = _Descent(points=points, image=image, weight=weight, camera=camera, axes=axes, prior=prior)
     rotation, translation, chi2 = descent.run(rotation, translation)
     if upright is None:
         pick = np.arange(count) * TRIED + chi2.reshape(count, TRIED).argmin(axis=1)
         rotation, translation, chi2 = rotation[pick], translation[pick], chi2[pick]
-        descent = _Descent(points=points, image=image[pick], weight=weight[pick], camera=camera, axes=axes, prior=prior)
+        descent = _Descent(
+            points=every_point, image=every_image, weight=every_weight, camera=camera, axes=axes, prior=prior
+        )
+        used = assignments >= 0
     with np.errstate(all="ignore"):
         positions, predicted, _ = descent.predict(rotation, translation)
         jacobian = descent.jacobian(positions, translation)
@@ -165,6 +201,9 @@ def absolute_fit(
         covariance=covariance,
         positions=positions,
         rotation=rotation,
+        translation=translation,
+        focal2=camera.fx * camera.fy,
+        upright=upright,
     )
 
 

@@ -39,8 +39,11 @@ class Fit(ABC):
     freedom: NDArray[np.int64]
     evidence: Floats
 
-    def of_pose(self) -> float:
-        """Logarithm of the prior density of the pose, which the evidence lacks; NaN where none is known."""
+    def of_pose(self, k: int, density: Floats) -> float:
+        """Logarithm of the prior density of assignment k's pose, which the evidence lacks; NaN where none is known.
+
+        ``density`` (n',): detections per pixel² about each.
+        """
         return np.nan
 
     @abstractmethod
@@ -56,6 +59,10 @@ class Fit(ABC):
         with np.errstate(invalid="ignore"):
             change = self.chi2 * (1.0 - 1.0 / inflation) - self.freedom * np.log(inflation)
             return np.where(np.isfinite(self.chi2), self.evidence + 0.5 * change, -np.inf)
+
+    def facing(self, k: int, normals: Floats) -> Floats:
+        """Cosine (n,) between each normal (n, 3) and the direction to the camera; 1 where there is no normal."""
+        return np.ones(len(normals))
 
     def invisible(self, k: int, normals: Floats) -> NDArray[np.bool_]:
         """Which points (n,) face away in the pose of assignment k, by their normals (n, 3)."""

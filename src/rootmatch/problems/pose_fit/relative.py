@@ -127,7 +127,7 @@ class RelativeFit(Fit):
     sign: Floats
     """(K,) of the translation."""
 
-    def of_pose(self) -> float:
+    def of_pose(self, k: int, density: Floats) -> float:
         """See `Fit.of_pose`: uniform rotation and direction of translation, parallaxes of 0.001 to 1 image."""
         laplace = 0.5 * self.pose.shape[1] * np.log(2.0 * np.pi)
         tilt = np.log(2.0 * np.pi * self.views.tilt**2) if self.views.tilt > 0.0 else 0.0

@@ -7,6 +7,7 @@ thousand, and the distance to the one named is exact.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +38,8 @@ class GridOptions(Options):
     """Cosine to the mean bearing below which a detection is off the plane: 87°. Not tuned."""
     noise_ratio: float = option(2.0, least=1.0)
     """The gate of all detections has the median σ, or the largest over this if that is more. Not tuned."""
+    neighbours: int = option(3, least=1)
+    """Nearest detections that tell the density about one, at least; else the root of their number. Not tuned."""
     least_gate: float = option(1e-4, above=0.0)
     """Gate over the extent of the detections below which it is rounding, not noise. Not tuned."""
 
@@ -61,8 +64,8 @@ class DetectionGrid(NamedTuple):
     """Cells a unit of length."""
     gate2: float
     """Square of the gate, the distance within which a detection is found."""
-    density: float
-    """Detections per unit of area, as a prediction distributed like the detections themselves meets them."""
+    density: NDArray[np.float64]
+    """(n',) detections per unit of area about each, as a false prediction near the detections meets them."""
 
 
 def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,8 +79,7 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
 def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> DetectionGrid:
     """Grid of bearings (3, n') with a gate in radians (at the mean bearing).
 
-    The density is that of a normal distribution with the detections' covariance, averaged over itself:
-    n' / (4π √det Σ), which is also right for a filled rectangle but for a factor of 1.05.
+    Its density is `local_density`.
     """
     basis = mean_basis(rays)
     rotated = basis @ rays
@@ -108,16 +110,32 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
         cells[rows, columns][nearer] = k
     return DetectionGrid(
         cells, positions, rotated, basis, corner,
-        scale=1.0 / size, gate2=gate * gate, density=_density(inside, gate),
+        scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate, options.neighbours),
     )  # fmt: skip
 
 
-def _density(positions: NDArray[np.float64], gate: float) -> float:
-    """Density n' / (4π √det Σ) of the positions, each blurred by the gate so that a line of points has an area too."""
-    count = positions.shape[1]
-    centred = positions - positions.mean(axis=1, keepdims=True)
+def local_density(
+    positions: NDArray[np.float64], blur: float, neighbours: int = DEFAULT_GRID.neighbours
+) -> NDArray[np.float64]:
+    """Density (n',) of the positions (2, n') about each, blurred so that a line of points has an area too.
+
+    The greater of two: k / (π r²) with the k-th neighbour at a distance of r, and n' / (4π √det Σ), that of a normal
+    distribution averaged over itself, which is also right for a filled rectangle but for a factor of 1.05. So a few
+    detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
+    """
+    ahead = np.isfinite(positions[0])
+    inside = positions[:, ahead]
+    count = inside.shape[1]
+    centred = inside - inside.mean(axis=1, keepdims=True)
     (suu, suv), (_, svv) = centred @ centred.T / count
-    return float(count / (4.0 * np.pi * np.sqrt((suu + gate * gate) * (svv + gate * gate) - suv * suv)))
+    overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
+    density = np.full(positions.shape[1], overall)
+    k = max(neighbours, math.ceil(math.sqrt(count)))
+    if k < count:
+        distance2 = ((inside[:, :, None] - inside[:, None, :]) ** 2).sum(axis=0)
+        reach2 = np.partition(distance2, k, axis=1)[:, k] + blur * blur
+        density[ahead] = np.maximum(overall, k / (np.pi * reach2))
+    return density
 
 
 @scalar

@@ -11,6 +11,7 @@ from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
 from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
 from rootmatch.samplers.guided.stopping import StoppingOptions
 from rootmatch.samplers.guided.verification import VerificationOptions
+from rootmatch.samplers.guided.visibility import VisibilityOptions
 
 __all__ = [
     "BatchOptions",
@@ -22,6 +23,7 @@ __all__ = [
     "SequentialTestOptions",
     "StoppingOptions",
     "VerificationOptions",
+    "VisibilityOptions",
 ]
 
 
@@ -97,9 +99,11 @@ class GuidedOptions(Options):
         Most hyper-edges that are evaluated, those of the strongest clusters. A round value, not tuned.
     surplus : float
         Drawn d-subsets for each that is used, as some are drawn twice or repeat a point. A round value.
+    hypotheses : int
+        Most assignments that are handed on beside the hyper-edges, to be fitted by a pose each. A round value.
     chance_samples : int
         Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond; not tuned.
-    stopping, test, sets, verification, clustering, refinement, batches, grid
+    stopping, test, sets, verification, clustering, refinement, batches, grid, visibility
         Options of the parts; see their classes.
     """
 
@@ -110,6 +114,7 @@ class GuidedOptions(Options):
     subsets: int = option(20_000, above=0)
     edges: int = option(300_000, above=0)
     surplus: float = option(1.5, least=1.0)
+    hypotheses: int = option(200, least=1)
     chance_samples: int = option(4096, above=0)
     stopping: StoppingOptions = option(StoppingOptions())
     test: SequentialTestOptions = option(SequentialTestOptions())
@@ -119,3 +124,4 @@ class GuidedOptions(Options):
     refinement: RefinementOptions = option(RefinementOptions())
     batches: BatchOptions = option(BatchOptions())
     grid: GridOptions = option(GridOptions())
+    visibility: VisibilityOptions = option(VisibilityOptions())

@@ -52,4 +52,8 @@ class Guided(GuidedOptions):
         # no sample is large enough to say that chance never agrees
         total = max(1.0, float(affinity.weights(by_chance[by_chance <= affinity.gate]).sum()))
         evaluated = search.evaluated + len(source) + self.chance_samples
-        return SampledTensor(tensor, evaluated, coverage, total / self.chance_samples, search.conclusive, partial=True)
+        return SampledTensor(
+            tensor, evaluated, coverage, total / self.chance_samples, search.conclusive,
+            partial=True,
+            assignments=search.assignments() if search.single else None,
+        )  # fmt: skip

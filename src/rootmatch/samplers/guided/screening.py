@@ -77,6 +77,21 @@ def cells_of_two(tables, grid, normals, before, one, two, own, bearings, scratch
         cells[1, k] = predicted_cell(grid, frame, normals, two) if real else NO_SOLUTION
 
 
+@scalar
+def mark_facing(tables, grid, before, own, bearings, scratch, root, passed):  # type: ignore[no-untyped-def]
+    """Mark the solutions at one root in which the set's own points face the camera; how many there are."""
+    found = 0
+    for k in range(scratch.shape[1]):
+        real, frame = set_frame(tables, grid, before, k, scratch, root)
+        x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
+        real = real & (away(frame, own[:3], bearings[0], bearings[1], bearings[2]) <= 0.0)
+        real = real & (away(frame, own[3:6], bearings[3], bearings[4], bearings[5]) <= 0.0)
+        real = real & (away(frame, own[6:], x, y, z) <= 0.0)
+        passed[root, k] = real
+        found += real
+    return found
+
+
 @part
 def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, lookups, scratch, cells, passed):  # type: ignore[no-untyped-def]
     """Mark the solutions that cannot be dropped yet in ``passed`` (4, columns); how many solutions there are.
@@ -112,6 +127,10 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         fronts = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bearings = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     found = 0
+    if normals and lookups == 0:
+        for root in range(ROOTS):
+            found += mark_facing(tables, grid, before, fronts, bearings, scratch, root, passed)
+        return found
     for root in range(ROOTS):
         for pair in range((lookups + 1) // 2 if lookups > 0 else 1):
             one = numbers(coordinates, 2 * pair)

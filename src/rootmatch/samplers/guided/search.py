@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 
 import numba
 import numpy as np
@@ -28,6 +29,7 @@ from rootmatch.samplers.guided.sequential_test import (
 )
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.verification import verify
+from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points
 
 Integers = NDArray[np.int64]
 
@@ -56,6 +58,8 @@ class Search:
         self.grid = build_grid(tables.rays, options.gate * usual, options.grid)
         self.density = CROWDING * self.grid.density
         self.normals = bool(np.any(tables.normals))
+        self.facing = np.ascontiguousarray(tables.normals.T)
+        self.visible = facing_points(self.facing, options.visibility) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
         self.refined_at = -1
@@ -68,7 +72,8 @@ class Search:
         options = self.options.batches
         arrangements = self.rng.permutation(enumeration.target_arrangements(self.n_target, self.minimal - 1))
         batch = options.first
-        for wave, points in enumerate(minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)):
+        tried = self._tried()
+        for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
             tasks, done = len(points) * len(arrangements), 0
@@ -84,8 +89,32 @@ class Search:
                     self.conclusive = True
                     self._try_rivals()
                     return
+                if done == tasks and tried is not None:
+                    tried.add(points)
+                    if tried.suffice(self._most_matched()):
+                        self.conclusive = True
+                        return
                 if len(self.hypotheses) > options.most_batches:
                     self._clustered()
+
+    def _waves(self) -> Iterator[Integers]:
+        """Waves of minimal sets, those first that are likely to be visible and to predict well."""
+        if self.normals:
+            return covering_waves(self.positions, self.facing, self.minimal, self.options.sets, self.options.visibility)
+        return minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)
+
+    def _tried(self) -> TriedSets | None:
+        """What tells when a search for one motion has missed nothing, where normals tell what is visible."""
+        if self.visible is None or not self.single:
+            return None
+        return TriedSets(self.visible, self.options.visibility)
+
+    def _most_matched(self) -> int:
+        """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
+        if not self.hypotheses:
+            return self.minimal + 1
+        strongest = max(self.hypotheses, key=lambda batch: float(batch.evidence.max()))
+        return int((strongest.best[strongest.evidence.argmax()] >= 0).sum())
 
     def _prepared(self, points: Integers, arrangements: int) -> PreparedSets:
         """Minimal sets with what all their images share, each beginning elsewhere in the arrangements."""
@@ -98,7 +127,7 @@ class Search:
         """The sequential test of a wave: hopeful at first, then ever more patient with hidden points."""
         options = self.options.test
         visible = (options.visible if self.single else options.visible_of_many) * min(1.0, self.n_target / self.n)
-        clutter = self.density * math.pi * self.grid.gate2
+        clutter = float(self.density.mean()) * math.pi * self.grid.gate2
         return sequential_test(options, clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:
@@ -111,6 +140,8 @@ class Search:
         if not self.hypotheses or max(batch.evidence.max() for batch in self.hypotheses) <= self._false_alarm_level():
             return False
         self.refine()
+        if self.normals and self.single:
+            return True  # another pose is sought among its rivals
         leaders, _, hypotheses = self._clustered()
         return enough_found(
             hypotheses.take(leaders), self._false_alarm_level(), self.shape,
@@ -133,12 +164,16 @@ class Search:
         wanted = math.ceil(self.options.refinement.rival_sets * (self.n / len(images)) ** self.minimal)
         if wanted <= 0:
             return
-        for points in minimal_sets(self.positions, self.minimal, self.rng, self.options.sets):
-            some = points[:wanted]
+        tried = self._tried()
+        least = max(self.minimal + 1, math.ceil(self.options.visibility.rival * len(images)))
+        for points in self._waves():
+            some = points[:wanted] if tried is None else points
             sets = self._prepared(some, len(arrangements))
             self._try(sets, self._test(0), arrangements, first=0, last=len(some) * len(arrangements), allowed=mask)
             wanted -= len(some)
-            if wanted <= 0 or self._spent():
+            if tried is not None:
+                tried.add(some)
+            if (wanted <= 0 if tried is None else tried.suffice(least)) or self._spent():
                 return
 
     def _false_alarm_level(self) -> float:
@@ -213,9 +248,25 @@ class Search:
         leaders, lists, hypotheses = self._clustered()
         evidence, level = hypotheses.evidence[leaders], self._false_alarm_level()
         if self.single and len(leaders) and evidence[0] > level:
-            rivals = evidence > min(level, self.options.refinement.rival_evidence * evidence[0])
+            rivals = self._rivals(evidence)
             evidence, lists = evidence[rivals], lists[rivals]
         return HypothesisClusters(lists, evidence, level)
+
+    def assignments(self) -> Integers:
+        """Assignments (K, n) of the hypotheses, each once, those of the highest evidence first.
+
+        Where one is beyond chance, it and its rivals.
+        """
+        _, _, hypotheses = self._clustered()
+        level = self._false_alarm_level()
+        if len(hypotheses.evidence) and hypotheses.evidence[0] > level:
+            hypotheses = hypotheses.take(self._rivals(hypotheses.evidence))
+        _, first = np.unique(hypotheses.best, axis=0, return_index=True)
+        return np.ascontiguousarray(hypotheses.best[np.sort(first)[: self.options.hypotheses]])
+
+    def _rivals(self, evidence: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which hypotheses, strongest first, come near the first one."""
+        return evidence > min(self._false_alarm_level(), self.options.refinement.rival_evidence * float(evidence[0]))
 
     def _clustered(self) -> tuple[Integers, Integers, Hypotheses]:
         """Leaders (G,) and candidates (G, n, c) of the clusters of all hypotheses, and these, strongest first."""

@@ -37,7 +37,7 @@ def verify(
     tables: Any,
     points: NDArray[np.int64],
     images: NDArray[np.int64],
-    density: float,
+    density: NDArray[np.float64],
     allowed: NDArray[np.bool_],
     options: VerificationOptions,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -54,8 +54,8 @@ def verify(
         Minimal sets of source points.
     images : (K, 1 + m) int64 array
         Root, and image of each of the points.
-    density : float
-        λ.
+    density : (n',) array
+        λ about each detection.
     allowed : (n, n') bool array, or (0, 0) for all
     options : VerificationOptions
 
@@ -87,7 +87,7 @@ def _verify(  # type: ignore[no-untyped-def]
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
     tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
     roots, visible, owner, strength, distances = borrowed((roots, visible, owner, strength, distances))
-    evidence, best, candidates = borrowed((evidence, best, candidates))
+    evidence, best, candidates, density = borrowed((evidence, best, candidates, density))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size
@@ -121,7 +121,7 @@ def _verify(  # type: ignore[no-untyped-def]
                 chi2, determinant = _squared_distance(rays, variance, out, d, k)
                 if not (chi2 <= gate2):
                     continue
-                ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * density)
+                ratio = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(determinant) * density[k])
                 # the stronger claim of two source points on one detection holds
                 if ratio > strength[d] and (owner[k] < 0 or ratio > strength[owner[k]]):
                     if best[q, d] >= 0:

@@ -1,0 +1,172 @@
+"""Which source points are visible together, by their normals: the order of minimal sets, and what a search has missed.
+
+From any direction a third to a half of the points of a closed surface show their front. A wide minimal set is then
+hardly ever visible as a whole, so sets are ordered by how many views they cover that those before them do not. A view
+is a direction to the camera with the points that face it, less some that go undetected.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.random_tuples import distinct_sets
+from rootmatch.options import Options, option
+from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS, MinimalSetOptions, width
+
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VisibilityOptions(Options):
+    """How minimal sets are ordered where normals tell what is visible, and when enough of them were tried.
+
+    What it finds and costs: benchmarks/constellations.py.
+    """
+
+    views: int = option(512, least=1)
+    """Directions that stand for all. A round value, not tuned."""
+    facing: float = option(0.25, least=-1.0, most=1.0)
+    """Cosine between normal and direction to the camera above which a point counts as visible here: beyond 75° little
+    light comes back. An order and a probability follow from it; no point is taken to be hidden. Not tuned."""
+    detected: float = option(0.75, above=0.0, most=1.0)
+    """Fraction of the facing points that is detected in the views that the order is to cover. Not tuned."""
+    failure: float = option(0.5, above=0.0, most=1.0)
+    """Probability that a set leads to nothing though all of it is detected: noise, or clutter in its place. On the safe
+    side on the development seeds of benchmarks/constellations.py."""
+    ordered: int = option(400, least=1)
+    """Sets ordered by what they cover; the rest follow by width and number of views. Takes a fifth of a second once for
+    each object; not tuned."""
+    missed: float = option(0.005, above=0.0, most=1.0)
+    """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
+    rival: float = option(0.7, above=0.0, most=1.0)
+    """Fraction of the best hypothesis's detections that a rival explains at least. A round value, not tuned."""
+
+
+DEFAULT_VISIBILITY = VisibilityOptions()
+
+
+def sphere(count: int) -> Floats:
+    """Unit vectors (count, 3) spread evenly over the sphere (Fibonacci lattice)."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.arange(count) * (math.pi * (3.0 - math.sqrt(5.0)))
+    radius = np.sqrt(1.0 - z * z)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+
+
+def facing_points(normals: Floats, options: VisibilityOptions = DEFAULT_VISIBILITY) -> Bools:
+    """Which points face the camera from each direction, (views, n); those without a normal always do."""
+    length = np.linalg.norm(normals, axis=1)
+    cosine = sphere(options.views) @ (normals / np.where(length > 0.0, length, 1.0)[:, None]).T
+    return np.asarray((cosine > options.facing) | (length == 0.0))
+
+
+def some_of(visible: Bools, most: int, rng: np.random.Generator) -> Bools:
+    """At most so many of the visible points (V, n) of each view, at random."""
+    rank = np.argsort(np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1), axis=1)
+    return np.asarray(visible & (rank < most))
+
+
+def within(sets: Integers, views: Bools) -> Bools:
+    """Which sets (S, m) are wholly visible in which views (V, n): (V, S)."""
+    inside = views[:, sets[:, 0]]
+    for p in range(1, sets.shape[1]):
+        inside = inside & views[:, sets[:, p]]
+    return inside
+
+
+def covering_waves(
+    positions: Floats,
+    normals: Floats,
+    size: int,
+    sets: MinimalSetOptions = DEFAULT_SETS,
+    options: VisibilityOptions = DEFAULT_VISIBILITY,
+) -> Iterator[Integers]:
+    """Waves of minimal sets (W, size) of points (n, 3): all, or as many as are listed.
+
+    Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
+    frame after another asks for it.
+    """
+    ordered = _covering(positions.tobytes(), normals.tobytes(), len(positions), size, sets, options)
+    wave, done = sets.first_wave, 0
+    while done < len(ordered):
+        yield np.ascontiguousarray(ordered[done : done + wave])
+        done, wave = done + wave, min(2 * wave, sets.largest_wave)
+
+
+@lru_cache(maxsize=8)
+def _covering(
+    positions_bytes: bytes,
+    normals_bytes: bytes,
+    n: int,
+    size: int,
+    listed: MinimalSetOptions,
+    options: VisibilityOptions,
+) -> Integers:
+    positions = np.frombuffer(positions_bytes).reshape(n, 3)
+    normals = np.frombuffer(normals_bytes).reshape(n, 3)
+    rng = np.random.default_rng([n, size])
+    views = facing_points(normals, options)
+    views &= rng.random(views.shape) < options.detected
+    if math.comb(n, size) <= listed.listed:
+        sets = np.array(list(combinations(range(n), size)), np.int64).reshape(-1, size)
+    else:
+        sets = np.unique(distinct_sets(rng, listed.listed, n, size), axis=0)
+    wide = width(positions, sets) * rng.uniform(listed.evenness, 1.0, len(sets))
+    worth = (wide / max(float(wide.max()), 1e-300)).astype(np.float32)
+    covers = np.ascontiguousarray(within(sets, views).T).astype(np.float32)
+    needed = np.ones(options.views, np.float32)
+    free = np.ones(len(sets), np.bool_)
+    first = []
+    for _ in range(min(options.ordered, len(sets))):
+        gain = np.where(free, worth * (covers @ needed), -1.0)
+        best = int(gain.argmax())
+        if gain[best] <= 0.0:
+            break
+        first.append(best)
+        free[best] = False
+        needed *= 1.0 - np.float32(1.0 - options.failure) * covers[best]
+    rest = np.flatnonzero(free)
+    rest = rest[np.argsort(-(worth * covers.sum(axis=1))[rest], kind="stable")]
+    ordered: Integers = sets[np.concatenate([np.array(first, np.int64), rest])]
+    ordered.setflags(write=False)
+    return ordered
+
+
+class TriedSets:
+    """Which minimal sets a search has tried, and the probability of having missed a pose.
+
+    Parameters
+    ----------
+    visible : (V, n) bool array
+        Of `facing_points`.
+    options : VisibilityOptions
+    """
+
+    def __init__(self, visible: Bools, options: VisibilityOptions = DEFAULT_VISIBILITY) -> None:
+        self.visible, self.options = visible, options
+        self.sets: list[Integers] = []
+
+    def add(self, sets: Integers) -> None:
+        """These sets (S, m) were tried with all their images."""
+        self.sets.append(sets)
+
+    def missed(self, matched: int) -> float:
+        """Probability that a pose with so many detected points was met by none of the sets."""
+        if not self.sets:
+            return 1.0
+        views = some_of(self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]]))
+        met = within(np.concatenate(self.sets), views).sum(axis=1)
+        return float((self.options.failure**met).mean())
+
+    def suffice(self, matched: int) -> bool:
+        """Whether a pose that explains so many points would have been met."""
+        return self.missed(matched) <= self.options.missed

@@ -1,0 +1,109 @@
+"""Objects that hide most of their points: the order of minimal sets, what a search has missed, and whole matches."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rootmatch as rm
+from rootmatch.samplers.guided.detection_grid import local_density
+from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, sphere, within
+
+CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
+NOISE = 0.3
+
+
+def ball(seed: int, n: int = 30) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points near the surface of a ball of 10 cm, and their normals."""
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals * rng.uniform(0.08, 0.12, (n, 1)), normals
+
+
+def view(
+    seed: int, clutter: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Points, normals, pixels and truth: what lies within 70 degrees of its normal is visible."""
+    points, normals = ball(seed)
+    rng = np.random.default_rng([seed, 1])
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    seen = points @ rotation.T + [0.05, -0.03, 0.6]
+    cosine = -((normals @ rotation.T) * seen).sum(axis=1) / np.linalg.norm(seen, axis=1)
+    visible = np.flatnonzero(cosine > np.cos(np.radians(70.0)))
+    pixels = CAMERA.project(seen[visible]) + NOISE * rng.normal(size=(len(visible), 2))
+    pixels = np.vstack([pixels, rng.uniform((0, 0), (1280, 960), (clutter, 2))])
+    order = rng.permutation(len(pixels))
+    truth = np.full(len(points), -1)
+    truth[visible] = np.argsort(order)[: len(visible)]
+    return points, normals, pixels[order], truth
+
+
+def test_the_first_sets_are_visible_from_everywhere() -> None:
+    points, normals = ball(0)
+    views = facing_points(normals)
+    wave = np.concatenate(list(itertools.islice(covering_waves(points, normals, 3), 4)))
+    assert len(wave) == 8 + 16 + 32 + 64
+    assert len(np.unique(wave, axis=0)) == len(wave)
+    covered = within(wave, views).sum(axis=1)
+    assert np.median(covered) >= 5
+    # of as many random sets few are visible from any one direction
+    rng = np.random.default_rng(1)
+    random = np.array([rng.choice(len(points), 3, replace=False) for _ in wave])
+    assert np.median(within(random, views).sum(axis=1)) < np.median(covered)
+
+
+def test_all_sets_come_once() -> None:
+    points, normals = ball(2, n=9)
+    every = np.concatenate(list(covering_waves(points, normals, 3)))
+    assert sorted(map(tuple, every.tolist())) == list(itertools.combinations(range(9), 3))
+
+
+def test_missed_falls_with_sets_and_with_points() -> None:
+    points, normals = ball(3)
+    tried = TriedSets(facing_points(normals))
+    assert tried.missed(8) == 1.0
+    before = 1.0
+    for wave in itertools.islice(covering_waves(points, normals, 3), 6):
+        tried.add(wave)
+        assert tried.missed(8) <= before
+        before = tried.missed(8)
+    assert before < 0.5
+    assert tried.missed(12) < tried.missed(8) < tried.missed(5)
+
+
+def test_directions_are_even() -> None:
+    some = sphere(200)
+    assert np.allclose(np.linalg.norm(some, axis=1), 1.0)
+    assert np.abs(some.mean(axis=0)).max() < 0.01
+
+
+def test_far_clutter_does_not_thin_out_a_cluster() -> None:
+    rng = np.random.default_rng(4)
+    cluster = rng.uniform(0.0, 0.05, (2, 12))
+    alone = local_density(cluster, 1e-4)
+    among = local_density(np.concatenate([cluster, [[0.9, -0.8, 0.7], [0.6, 0.9, -0.9]]], axis=1), 1e-4)
+    assert np.median(among[:12]) > 0.4 * np.median(alone)
+    assert among[12:].max() < 0.01 * np.median(alone)
+
+
+@pytest.mark.parametrize("clutter", [0, 5])
+def test_objects_that_hide_themselves(clutter: int) -> None:
+    trusted = scenes = 0
+    for seed in range(12):
+        points, normals, pixels, truth = view(seed, clutter)
+        if (truth >= 0).sum() < 8:
+            continue
+        scenes += 1
+        match = rm.match(points, pixels, rm.P3P(CAMERA), noise=NOISE, normals=normals)
+        claimed = match.assignment >= 0
+        if match.status is rm.Status.MATCHED:
+            trusted += 1
+            assert np.array_equal(match.assignment[claimed], truth[claimed]), seed
+            assert claimed.sum() >= 0.9 * (truth >= 0).sum(), seed
+    assert scenes >= 5
+    assert trusted >= scenes - 1
