@@ -1,5 +1,7 @@
 """Verdicts on made-up tables: each claim is upheld by results as the paper describes them, and can fall."""
 
+from pathlib import Path
+
 import pytest
 
 from made_up_results import EXACT, ONE, RHO, made_up_table
@@ -222,3 +224,14 @@ def test_one_problem_is_judged_on_what_it_can_decide(problem):
     assert {"Sparse beats dense", "One ρ serves all problems"} <= titles
     page = claims_markdown(table, [], 0.0)
     assert "Not judged, as they need problems that were not run" in page
+
+
+def test_the_page_on_reproduction_shows_the_verdicts_that_were_judged():
+    """Whoever runs the experiments anew has to carry the verdicts over."""
+    docs = Path(__file__).parents[1] / "docs"
+    judged = (docs / "reproduction" / "claims.md").read_text(encoding="utf-8")
+    table = judged.split("## Verdicts")[1].split("## ρ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[1] for row in rows[1:]] == TITLES
+    shown = (docs / "reproduction.md").read_text(encoding="utf-8").splitlines()
+    assert [row for row in rows if row not in shown] == []
