@@ -710,7 +710,7 @@ def test_the_next_process_finds_compiled_kernels(tmp_path: Path) -> None:
         """
         import numpy as np, sympy as sp
         from rootmatch.backends import cpu
-        from rootmatch.kernels.kinds import QR
+        from rootmatch.problems.residual_kinds import QR
         from rootmatch.derivation.derive import derive
         from rootmatch.problems.derived.measurements import Points
 

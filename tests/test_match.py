@@ -183,7 +183,7 @@ def test_pose_is_recovered() -> None:
     [
         ({"noise": -1.0}, "not negative"),
         ({"noise": np.nan}, "not negative"),
-        ({"noise": [1.0, 1.0]}, "one number or one for each"),
+        ({"noise": [1.0, 1.0]}, "one number, or one for each"),
         ({"preset": "papre"}, "paper"),
         ({"residual": "svdd"}, "joint"),
         ({"solver": "hungry"}, "ascent"),

@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 SCRIPT = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 import joblib
 from rootmatch.experiments.worker_lifetime import end_with
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 
 def work(folder, parent):
     end_with(parent)

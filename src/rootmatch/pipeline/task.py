@@ -63,7 +63,7 @@ class MatchOptions:
         elif self.motions is None:
             raise InputError('motions: None given; give a whole number of at least 1, or "auto"')
         else:
-            check_count("motions", self.motions)
+            check_count("motions", self.motions, otherwise=', or "auto"')
         check_count("seed", self.seed, least=0)
         check_count("samples", self.samples)
         check_count("limit", self.limit)

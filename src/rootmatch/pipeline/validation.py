@@ -65,12 +65,12 @@ def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
 
 
-def check_count(name: str, value: Any, least: int = 1) -> None:
-    """Refuse anything but a whole number of at least ``least``; None passes."""
+def check_count(name: str, value: Any, least: int = 1, otherwise: str = "") -> None:
+    """Refuse anything but a whole number of at least ``least``; None passes. ``otherwise``: what else may be given."""
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}")
+        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}{otherwise}")
 
 
 def check_positive(name: str, value: Any) -> None:
