@@ -40,7 +40,7 @@ def reproduce(
     With `hypergraph`, all solvers run on the public protocols of hypergraph matching instead.
 
     Results are stored as they arrive: after any interruption the same command resumes. The same seed gives the same
-    results whatever the number of processes. A hundred scenes per setting take 75 minutes on one core (`hypergraph`:
+    results whatever the number of processes. A hundred scenes per setting take two hours on one core (`hypergraph`:
     six minutes); `--instances 4` takes a few minutes.
 
     Exit code 0: done; 2: bad input; 130: interrupted, finished work is kept.
