@@ -9,7 +9,7 @@ SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
 MOST = 5
 KERNELS = {"launch", "frame"}
 """Plain functions that hand their arguments on to a kernel."""
-JITTED = {"njit", "scalar", "kernel", "part", "internal", "calls", "chooses", "jit", "overload"}
+JITTED = {"njit", "scalar", "kernel", "part", "internal", "driver", "calls", "chooses", "jit", "overload"}
 """Decorators of compiled code, where arguments have no names, and of what chooses it."""
 
 

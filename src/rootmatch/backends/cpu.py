@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
 from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.problems.padding import padded, target_columns
 from rootmatch.problems.residual_dispatch import (
@@ -44,7 +44,7 @@ WORTH_A_THREAD = 16384
 """Hyper-edges of a list, a few milliseconds."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@driver(nogil=True, error_model="numpy")
 def evaluate(tables, kind, source_index, target_index, first, last, block, residual):  # type: ignore[no-untyped-def]
     """Residuals of the hyper-edges first … last − 1 of index arrays (E, d), into an array (E,), and a scratch block."""
     tables, source_index, target_index, block = borrowed((tables, source_index, target_index, block))
@@ -119,7 +119,7 @@ def sweep(
     return codes, residuals, counts, evaluated
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@driver(nogil=True, error_model="numpy")
 def _sweep(  # type: ignore[no-untyped-def]
     tables, kind, bases, first_rank, last_rank, arrangements, gate, allowed, targets, points,
     chunks, first_chunk, last_chunk, i, j, before, scratch, out, panel, codes, residuals, counts, evaluated,

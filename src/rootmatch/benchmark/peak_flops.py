@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.benchmark.timing import least_seconds
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads
 
 CHAIN = 16
@@ -16,7 +16,7 @@ ROWS, NUMBERS = 8, 64
 """Numbers per thread: four kilobytes, which fit in the L1 cache."""
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@driver(nogil=True, fastmath={"contract"}, error_model="numpy")
 def _fused(line, factor, term, repeats):  # type: ignore[no-untyped-def]
     """Apply x ← factor · x + term to the numbers (ROWS, NUMBERS), CHAIN times each and all ``repeats`` times."""
     for _ in range(repeats):

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
@@ -21,6 +20,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affin
 from rootmatch.hypergraph.enumeration import exhaustive_count, random_hyperedges, wide_first
 from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import at_most
 from rootmatch.problems import residual_kinds
 from rootmatch.samplers.exhaustive import exhaustive_residuals
@@ -120,7 +120,7 @@ class Stream:
         return np.where(keys[place] == wanted, order[place], -1)
 
 
-@njit(cache=True)
+@driver()
 def _groups(keys):  # type: ignore[no-untyped-def]
     """Group (E,) of each key, numbered in the order of first appearance, and where each group first appears (G,).
 
@@ -146,7 +146,7 @@ def _groups(keys):  # type: ignore[no-untyped-def]
     return group, first[:known].copy()
 
 
-@njit(cache=True)
+@driver()
 def _lower(least, group, residual, start, stop):  # type: ignore[no-untyped-def]
     """Lower the least residual of each group by the draws start … stop − 1."""
     for e in range(start, stop):

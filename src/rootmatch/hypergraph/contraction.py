@@ -11,9 +11,9 @@ own and the tables are summed in order, so the result is the same to the last bi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
 
 CHUNK = 32768
@@ -44,7 +44,7 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
     return np.asarray(tables.sum(axis=1).sum(axis=0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@driver(nogil=True, error_model="numpy")
 def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
     """Add the contraction of hyper-edges first…last−1 into the sum of two tables (2, n n').
 
@@ -99,7 +99,7 @@ def inside(indices: NDArray[np.int32], chosen: NDArray[np.bool_]) -> tuple[NDArr
             return which[:count], edges[:count]
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _inside(indices, chosen, which, edges):  # type: ignore[no-untyped-def]
     """Fill in what is inside as far as the arrays reach, and count all of it."""
     count = 0
@@ -129,7 +129,7 @@ def first_fault(indices: NDArray[np.int32], weights: NDArray[np.float64], n: int
     return verdict, edge
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@driver(nogil=True, error_model="numpy")
 def _first_fault(indices, weights, n, n_target, first, last):  # type: ignore[no-untyped-def]
     """Verdict and number of the first hyper-edge of first…last−1 that is no good."""
     for e in range(first, last):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.contraction import CHUNK
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
 
 
@@ -19,7 +19,7 @@ def sorted_rows(indices: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _sort_rows(out, first, last):  # type: ignore[no-untyped-def]
     """Put the entries of rows first…last−1 into ascending order (insertion sort: d is small)."""
     for e in range(first, last):

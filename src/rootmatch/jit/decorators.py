@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from rootmatch.jit.cache import kept_on_disk
 from rootmatch.jit.internal import internal
 from rootmatch.jit.options import FORCED
 
@@ -23,3 +27,8 @@ compiled the driver would call the other copy than one that found it on disk, wh
 
 part = internal(fastmath=FASTMATH, error_model="numpy")
 """Decorator of what LLVM may inline or call: pieces of the search, whose loop a large body would slow by two thirds."""
+
+
+def driver(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of what Python calls: as `numba.njit` with these options, kept on disk (`rootmatch.jit.cache`)."""
+    return kept_on_disk(options)

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangent_basis
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, scalar
+from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.jit.dispatch import calls
 from rootmatch.problems.kernels import STRIDE, CompletionKernels, kernels_of
 from rootmatch.problems.padding import padded
@@ -96,7 +95,7 @@ class Completions:
             self.found = np.empty((2 * count, self.found.shape[1]), np.int64)
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _complete(tables, flat, points, solutions, n_target, images, gate2, allowed, out, found):  # type: ignore[no-untyped-def]
     """Fill ``found`` with the completions of the set of the first m points; their number, and that of evaluations."""
     tables, flat, images, allowed, out, found = borrowed((tables, flat, images, allowed, out, found))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.solvers.base import Alternatives
 
 
@@ -42,7 +42,7 @@ def best_neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep:
     return list(zip(changes.take(chosen).applied_to(assignment), (score + change[chosen]).tolist(), strict=True))
 
 
-@njit(cache=True)
+@driver()
 def _pair_weights(indices: NDArray[Any], weights: NDArray[Any], image: NDArray[Any], n_target: int) -> NDArray[Any]:
     """P + Q of each pair of points (n, n): hyper-edges inside with both, and those with their targets exchanged."""
     n, order = image.size, indices.shape[1]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
@@ -77,7 +77,7 @@ class KLProjection(Options):
         )
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def project(y: NDArray[Any], matches: float, iterations: int, tolerance: float) -> tuple[NDArray[Any], float, int]:
     """Projection of y ≥ 0 (n, n') in relative entropy, the last change of a logarithm of a factor, and rounds made."""
     n, n_target = y.shape

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
@@ -108,7 +108,7 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
     return out if wide else out.T
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def _sinkhorn(y, row, column, spare, column_sum, steps, tolerance):  # type: ignore[no-untyped-def]
     """Balance a matrix with n ≤ n' in place; the slack row, of total `spare`, is kept as one factor a column."""
     n, n_target = y.shape

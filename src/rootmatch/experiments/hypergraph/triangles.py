@@ -6,14 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rootmatch.jit.decorators import driver
 
 ORDERS = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)])
 """All orders of a triangle's points; the last three turn it over."""
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def all_triangles(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Increasing triples (T, 3) of n points (n, 2) and the sines (T, 3) of the angles at their points.
 
@@ -38,7 +39,7 @@ def all_triangles(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return index, sines
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def most_alike(
     asked: NDArray[Any], sines: NDArray[Any], norm: NDArray[Any], count: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -9,9 +9,9 @@ from the same linear start: for a unit bearing u the two equations along its tan
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from rootmatch.algebra.vector import tangent_basis
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 
 STEPS = 6
@@ -26,7 +26,7 @@ FLAT = 1e-12
 """Pivot, relative to the largest entry, below which equations count as degenerate: rounding. Not tuned."""
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def upright_chi2(points, rays, variance, groups):  # type: ignore[no-untyped-def]
     """χ² of the bearings of each group about those of its best pose, 2 m − 4 degrees of freedom for m points.
 
@@ -52,7 +52,7 @@ def upright_chi2(points, rays, variance, groups):  # type: ignore[no-untyped-def
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed):  # type: ignore[no-untyped-def]
     """Groups grown by what their pose predicts, the nearest first, and fitted again.
 
@@ -109,7 +109,7 @@ def upright_grown(points, rays, variance, groups, first_gate2, gate2, allowed): 
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@driver(error_model="numpy")
 def upright_extended(points, rays, variance, groups, gate2, allowed, out):  # type: ignore[no-untyped-def]
     """Groups with each one of the correspondences more that lie within a gate of what their pose predicts.
 

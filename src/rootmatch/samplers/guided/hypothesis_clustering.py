@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.options import Options, option
 
@@ -67,7 +67,7 @@ def cluster(
     return leaders[:made], lists[:made]
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _cluster(evidence, best, candidates, least_shared, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
     """Fill in leaders and lists; how many there are. ``size`` (K,) is how many correspondences each has."""
     n, places = best.shape[1], lists.shape[2]
@@ -114,7 +114,7 @@ def membership(lists: Integers, n_target: int) -> NDArray[np.uint64]:
     return mask
 
 
-@njit(cache=True)
+@driver()
 def candidate_hyperedges(lists, mask, subsets, source, target, counts):  # type: ignore[no-untyped-def]
     """Hyper-edges over given source points among the candidates of any one cluster, each once, cluster by cluster.
 

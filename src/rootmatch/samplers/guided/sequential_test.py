@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, part
+from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import in_threads
 from rootmatch.options import Options, option
 from rootmatch.problems.padding import padded_rows, target_columns
@@ -235,7 +234,7 @@ def _lookups(test: SequentialTest, others: int, minimal: int) -> int:
     return min(lookups, others) if lookups <= others or test.least > minimal else 0
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_chunks(  # type: ignore[no-untyped-def]
     tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, first_chunk, last_chunk, chunks,
     scratch, cells, passed, stamp, j, survivors, ratios, counts,

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, scalar
+from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.options import Options, option
 from rootmatch.problems.gate import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
@@ -79,7 +78,7 @@ def verify(
     return evidence, best, candidates
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _verify(  # type: ignore[no-untyped-def]
     tables, points, roots, images, density, gate2, allowed, visible, out, owner, strength, distances,
     evidence, best, candidates,

@@ -95,7 +95,14 @@ def covering_waves(
     Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
     frame after another asks for it.
     """
-    ordered = _covering(positions.tobytes(), normals.tobytes(), len(positions), size, sets, options)
+    ordered = _covering(
+        positions_bytes=positions.tobytes(),
+        normals_bytes=normals.tobytes(),
+        n=len(positions),
+        size=size,
+        listed=sets,
+        options=options,
+    )
     wave, done = sets.first_wave, 0
     while done < len(ordered):
         yield np.ascontiguousarray(ordered[done : done + wave])

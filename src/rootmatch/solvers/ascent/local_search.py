@@ -19,11 +19,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
 from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads
 from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, objective
@@ -110,7 +110,7 @@ def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
     return -1, -1, begin
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _ascend(  # type: ignore[no-untyped-def]
     index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves
 ):
@@ -273,7 +273,7 @@ def _change_of_score(
     return value, np.where(exchange, np.minimum(most[i, k], most[j, l]), 0.0)
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _joint_weights(index, state, i, k, j, l, weight):  # type: ignore[no-untyped-def]  # noqa: E741
     """The terms Q of exchanges, as of `Changes`."""
     n_target = index.n_target

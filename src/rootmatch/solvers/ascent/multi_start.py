@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, scored_neighbours, state_of
@@ -224,7 +224,7 @@ def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
     return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _best_of_each(indices, weights, rank, top, best):  # type: ignore[no-untyped-def]
     """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none.
 

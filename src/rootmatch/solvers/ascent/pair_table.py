@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 
 SPARSEST = 2
@@ -46,7 +46,7 @@ def place_of_pair(a, b):  # type: ignore[no-untyped-def]
     return ((high * (high - np.uint32(1))) >> np.uint32(1)) + low
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _fill(indices, weights, start, others, held, sums, marginals):  # type: ignore[no-untyped-def]
     """Counting sort of the pairs of all hyper-edges (E, 3), into the arrays of a `PairTable`.
 
@@ -94,7 +94,7 @@ def _fill(indices, weights, start, others, held, sums, marginals):  # type: igno
         marginals[high] = total
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def pair_support(indices, weights, sums, support):  # type: ignore[no-untyped-def]
     """Weights of the other hyper-edges that share two correspondences with each, (E,), from the sums of the pairs."""
     for e in range(indices.shape[0]):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.options import Options, option
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
@@ -70,7 +70,7 @@ def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEF
     return discretise(x.reshape(shape))
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _contract_among(index, x, chosen, v):  # type: ignore[no-untyped-def]
     """Add the contraction of all hyper-edges by x (n n',), which is 0 but at `chosen`, ascending, to v (n n',)."""
     start, others, held = index.start, index.others, index.held

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from rootmatch.jit.decorators import driver
 from rootmatch.solvers.ascent.assignment_state import State
 
 Assignments = NDArray[np.int64]
@@ -17,7 +17,7 @@ def different(candidates: NDArray[np.int32], open_: NDArray[np.bool_], count: in
     return chosen[: int(_different(candidates, open_, chosen))]
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _different(candidates, open_, chosen):  # type: ignore[no-untyped-def]
     """Fill in the selected ones as far as they fit; their number."""
     order, count = candidates.shape[1], 0
@@ -47,7 +47,7 @@ def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, le
     return inside
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _within(source, target, images, least, inside):  # type: ignore[no-untyped-def]
     """Mark the candidates, given by their source and target points (C, d)."""
     for c in range(inside.size):

@@ -16,12 +16,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.contraction import CHUNK
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.solvers.ascent.pair_table import pair_support, pair_table, worth_a_table
@@ -120,7 +120,7 @@ def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@driver()
 def _sort_at_once(  # type: ignore[no-untyped-def]
     indices, keys, bits, bucket_shift, tag_shift, edge_bits
 ) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -191,7 +191,7 @@ def _sort_by_parts(
     return start, entries
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _count_parts(indices, keys, bucket_shift, first, last, place):  # type: ignore[no-untyped-def]
     """Subsets of hyper-edges first…last−1 in each part."""
     down = np.uint64(bucket_shift + PART_BITS)
@@ -201,7 +201,7 @@ def _count_parts(indices, keys, bucket_shift, first, last, place):  # type: igno
             place[np.int64((total - keys[indices[e, p]]) >> down)] += 1
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _move_to_parts(  # type: ignore[no-untyped-def]
     indices, keys, bucket_shift, tag_shift, edge_bits, first, last, place, moved
 ):
@@ -220,7 +220,7 @@ def _move_to_parts(  # type: ignore[no-untyped-def]
             place[to] += 1
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[no-untyped-def]
     """Counting sort of the parts first…last−1 by bucket."""
     local, half = 1 << PART_BITS, np.uint64(32)
@@ -270,7 +270,7 @@ def index_support(index: SubsetIndex) -> NDArray[np.float64]:
     return support
 
 
-@njit(cache=True)
+@driver()
 def _hashed_support(index):  # type: ignore[no-untyped-def]
     """Sums over the entries of each bucket that have the same bits of the hash."""
     order = index.indices.shape[1]

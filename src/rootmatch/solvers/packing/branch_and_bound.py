@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from rootmatch.jit.decorators import driver
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def search(elements, loss, price, slot_price, most, budget, nodes):  # type: ignore[no-untyped-def]
     """The disjoint sets that lose least against a bound, if they lose less than `budget`.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 
 
@@ -34,7 +34,7 @@ def cliques(indices: NDArray[np.int32], shape: tuple[int, int], most: int) -> ND
         found = np.empty((count, ordered.shape[1] + 1), np.int32)
 
 
-@njit(cache=True, nogil=True)
+@driver(nogil=True)
 def _join(ordered, starts, n_target, found):  # type: ignore[no-untyped-def]
     """Fill ``found`` with cliques of the sorted hyper-edges; how many there are."""
     edges, d = ordered.shape

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 
 LEAST_TENURE, STRIDE, SPREAD = 3, 7, 11
@@ -13,7 +13,7 @@ ROUNDING = 1e-9
 """Improvement that is rounding."""
 
 
-@njit(cache=True)
+@driver()
 def pack(elements, values, count, most, start, patience):  # type: ignore[no-untyped-def]
     """Disjoint sets of a large total value (tabu search; Glover 1989).
 
