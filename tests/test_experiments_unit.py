@@ -1,4 +1,4 @@
-"""A unit's rows are what the road finds on the first draws of the stream, whatever else is in the unit."""
+"""A unit's rows are what the pipeline finds on the first draws of the stream, whatever else is in the unit."""
 
 import math
 
@@ -95,7 +95,7 @@ def test_a_hyperedge_drawn_again_in_another_order_has_the_least_of_its_residuals
 
 
 @pytest.mark.parametrize("setting", [*SETTINGS, Setting("p3p", 10, 0.5)], ids=str)
-def test_a_row_of_the_default_road_is_from_the_tensor_of_match(setting):
+def test_a_row_of_the_default_pipeline_is_from_the_tensor_of_match(setting):
     """Up to 15 image points all hyper-edges are looked at, with more those drawn."""
     rows = evaluate(Unit(5, (Task(setting, ((DEFAULT_PIPELINE, (2000, 60_000)),)),)))
     scene = setting.scene(5)
@@ -113,9 +113,9 @@ def test_a_row_of_the_default_road_is_from_the_tensor_of_match(setting):
 def test_more_samples_find_what_fewer_do_not():
     method = Method("qr", "power-l1", 1e-2)
     rows = evaluate(Unit(1, (Task(Setting("up2p"), ((method, (30, 30_000)), (DEFAULT_PIPELINE, (30_000,)))),)))
-    few, many, road = (row.accuracy for row in rows)
+    few, many, pipeline = (row.accuracy for row in rows)
     assert few < 0.5
-    assert many == road == 1.0
+    assert many == pipeline == 1.0
 
 
 def test_rows_do_not_depend_on_what_else_is_in_the_unit():

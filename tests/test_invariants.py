@@ -134,7 +134,7 @@ def test_affinities_make_a_tensor_whose_weights_fall_with_the_distance() -> None
     ("name", "dimension", "scale"),
     [("angles", 2, 1.7), ("signed-angles", 2, 0.8), ("angles", 3, 0.4), ("distances", 2, 1.0), ("distances", 3, 1.0)],
 )
-def test_the_classical_road_matches(name: str, dimension: int, scale: float) -> None:
+def test_the_classical_pipeline_matches(name: str, dimension: int, scale: float) -> None:
     """Points, their nearest tuples, a tensor, a solver."""
     accuracy = []
     for seed in range(4):

@@ -1,4 +1,4 @@
-"""The whole road on the paper's scenes, its options, and its judgement of itself."""
+"""The whole pipeline on the paper's scenes, its options, and its judgement of itself."""
 
 from dataclasses import replace
 

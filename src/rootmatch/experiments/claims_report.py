@@ -147,7 +147,7 @@ def _accuracies(table: Table) -> list[str]:
     residuals: list[tuple[str, ...]] = []
     for panel in (panel for problem in table.problems for panel in PANELS[problem]):
         for setting in panel.settings:
-            road = estimate(table.default(setting))
+            pipeline = estimate(table.default(setting))
             ends.append(
                 (
                     panel.label,
@@ -155,7 +155,7 @@ def _accuracies(table: Table) -> list[str]:
                     _by_rule(table, setting, SPARSE),
                     _by_rule(table, setting, BALANCED),
                     _by_rule(table, setting, DENSE),
-                    f"{100 * road.mean:.0f} [{100 * road.low:.0f}, {100 * road.high:.0f}]",
+                    f"{100 * pipeline.mean:.0f} [{100 * pipeline.low:.0f}, {100 * pipeline.high:.0f}]",
                 )
             )
             three = [
