@@ -40,7 +40,7 @@ def main() -> None:
     right = np.array([float(row["right"]) for row in rows])
     shown = np.array([float(row["shown"]) for row in rows])
     print(
-        f"{len(rows)} scenes with a probability, of {len(trusted)} that are matched or ambiguous\n\n"
+        f"{len(rows)} scenes with a probability, of {len(trusted)} matched or ambiguous ones\n\n"
         "| probability | scenes | mean | right | 95 % interval | truth listed |\n| --- | --- | --- | --- | --- | --- |"
     )
     drawn = []
@@ -63,7 +63,7 @@ def main() -> None:
         )
     print("\n| status | scenes | right | truth listed |\n| --- | --- | --- | --- |")
     for status in ("matched", "ambiguous"):
-        some = [row for row in trusted if row["status"] == status]
+        some = [row for row in rows if row["status"] == status]
         if some:
             share = [np.mean([float(row[key]) for row in some]) for key in ("right", "shown")]
             print(f"| {status} | {len(some)} | {share[0]:.4f} | {share[1]:.4f} |")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -15,7 +15,7 @@ from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, ranked
+from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, misfit, ranked
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
@@ -127,14 +127,14 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     scores = [score, *(value for _, value in alternatives)]
     lead = margin(score, alternatives, assignment)
     obvious = clear(assignment, lead, sampled.tensor)
-    probability, trusted, misfit, support = None, False, 0.0, score
+    probability, trusted, factor, support = None, False, 0.0, score
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if obvious and not proposed:
         # hyper-edges may agree pair by pair without a pose that suits all of them
-        misfit = _misfit(task, assignment)
+        factor = misfit(task, assignment) if fits(task, assignment) else 0.0
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
         found = ranked(task, [assignment, *(other for other, _ in alternatives), *proposed])
-        misfit = found.misfit
+        factor = found.misfit
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])
             values = scores_of(sampled.tensor, kept)
@@ -149,17 +149,10 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = float(values[likely].max(initial=score))
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
-    if not misfit <= DEFAULT_OPTIONS.most_inflation:
+    if not factor <= DEFAULT_OPTIONS.most_inflation:
         alarms = math.inf
     status = judged(math.inf if trusted else support, alarms, lead, probability)
     return Assessment(assignment, score, lead, probability, alternatives, status=status)
-
-
-def _misfit(task: MatchingTask, assignment: NDArray[np.int64]) -> float:
-    """Factor on the variances that the best pose of an assignment asks for; 0 where the problem fits none."""
-    if not fits(task, assignment):
-        return 0.0
-    return ranked(task, [assignment], replace(DEFAULT_OPTIONS, rounds=0)).misfit
 
 
 def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:

@@ -226,9 +226,17 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
         beyond += log_odds_against_uniform(task, pool[order[0]])
     else:
         beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options)
+    return Ranked([pool[key] for key in order], logarithms, beyond, _misfit(fit, k, options))
+
+
+def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions = DEFAULT_OPTIONS) -> float:
+    """Factor on the variances that the best pose of an assignment asks for; infinite where no pose fits."""
+    return _misfit(task.problem.fitted(task.points, assignment[None]), 0, options)
+
+
+def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> float:
     given = options.noise_freedom
-    misfit = (given + float(fit.chi2[k])) / (given + max(int(fit.freedom[k]), 0))
-    return Ranked([pool[key] for key in order], logarithms, beyond, misfit)
+    return (given + float(fit.chi2[k])) / (given + max(int(fit.freedom[k]), 0))
 
 
 def _detected(assignment: Integers, visible: NDArray[np.float64]) -> float:
