@@ -23,7 +23,7 @@ class Matcher:
     """`rootmatch.match` for many images of the same source points.
 
     The source is checked once, the enumerations of a small problem are kept from frame to frame, and nothing waits for
-    other threads where one is enough: five markers against eight detections take little more than a millisecond.
+    other threads where one is enough: five markers against eight detections take a few milliseconds.
 
     Parameters
     ----------
