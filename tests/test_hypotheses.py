@@ -188,7 +188,34 @@ def test_density_is_that_of_the_field_of_detections() -> None:
     rng = np.random.default_rng(0)
     rays = np.column_stack([rng.uniform(-0.2, 0.2, 4000), rng.uniform(-0.1, 0.1, 4000), np.ones(4000)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    assert detection_grid.build_grid(np.ascontiguousarray(rays.T), 1e-3).density == pytest.approx(4000 / 0.08, rel=0.1)
+    density = detection_grid.build_grid(np.ascontiguousarray(rays.T), 1e-3).density / (4000 / 0.08)
+    assert np.median(density) == pytest.approx(1.0, rel=0.1)
+    assert density.min() > 0.9
+    assert density.max() < 2.0
+
+
+def test_far_clutter_leaves_the_density_of_a_cluster() -> None:
+    rng = np.random.default_rng(0)
+    cluster = np.stack([rng.uniform(-0.2, 0.2, 200), rng.uniform(-0.1, 0.1, 200)])
+    far = rng.uniform(-3.0, 3.0, (2, 5))
+    density = detection_grid.local_density(np.concatenate([cluster, far], axis=1), 1e-4) / (200 / 0.08)
+    assert np.median(density[:200]) == pytest.approx(1.0, rel=0.2)
+    assert density[200:].max() < 0.2
+
+
+def test_density_of_many_detections_is_that_of_few() -> None:
+    """Beyond `TREE_FROM` detections the neighbours come from a tree, below from all distances."""
+    rng = np.random.default_rng(0)
+    positions = rng.normal(size=(2, detection_grid.TREE_FROM + 1))
+    positions[:, 7] = np.inf
+    with np.errstate(invalid="ignore"):
+        difference = positions[:, :, None] - positions[:, None, :]
+        distance = np.sort(np.where(np.isfinite(difference).all(axis=0), np.hypot(*difference), np.inf), axis=1)
+    k = math.ceil(math.sqrt(detection_grid.TREE_FROM))
+    expected = k / (np.pi * (distance[:, k] ** 2 + 0.01**2))
+    density = detection_grid.local_density(positions, 0.01)
+    inside = np.isfinite(positions[0])
+    np.testing.assert_allclose(density[inside], np.maximum(expected, density[7])[inside], rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -296,7 +323,7 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
     assert tested[0] > tested[2] > tested[3]
 
 
-def evidence_by_hand(tables, out: np.ndarray, points, images, density: float, seen: np.ndarray) -> float:
+def evidence_by_hand(tables, out: np.ndarray, points, images, density: np.ndarray, seen: np.ndarray) -> float:
     """Mean over v of Π (1 − v + v N / λ), each source point with its best detection that no stronger one claims."""
     n, n_target = out.shape[1], tables.rays.shape[1]
     ratio = np.zeros((n, n_target))
@@ -305,7 +332,7 @@ def evidence_by_hand(tables, out: np.ndarray, points, images, density: float, se
         spread = np.array([[out[9, d], out[10, d]], [out[10, d], out[11, d]]]) + tables.variance[k] * np.eye(2)
         chi2 = error @ np.linalg.solve(spread, error)
         if chi2 <= 12.25 and out[:3, d] @ tables.rays[:, k] > 0:
-            ratio[d, k] = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(np.linalg.det(spread)) * density)
+            ratio[d, k] = math.exp(-0.5 * chi2) / (2.0 * math.pi * math.sqrt(np.linalg.det(spread)) * density[k])
     ratio[:, images] = 0.0
     strength = {d: ratio[d].max() for d in range(n) if d not in points}
     total = sum(math.prod((1.0 - v) + v * strength[d] for d in strength) for v in seen)
@@ -319,20 +346,20 @@ def test_evidence_is_the_product_of_likelihood_ratios(name: str) -> None:
     m = scene.problem.minimal
     rng = np.random.default_rng(0)
     rows = [scene.truth[:m]] + [rng.permutation(12)[:m] for _ in range(20)]
-    seen = np.array([0.9, 0.4])
+    seen, density = np.array([0.9, 0.4]), rng.uniform(100.0, 500.0, 12)
     options = VerificationOptions(visible=(0.9, 0.4))
     compared = 0
     for images in rows:
         for root, out in predictions(tables, list(range(m)), list(images)).items():
             evidence, best, candidates = verify(
-                tables, np.arange(m)[None], np.array([[root, *images]]), 300.0, EVERYTHING, options
+                tables, np.arange(m)[None], np.array([[root, *images]]), density, EVERYTHING, options
             )
             # the formula by hand has no rule for two points that claim one detection
             claimed = best[0][best[0] >= 0]
             assert len(set(claimed.tolist())) == len(claimed)
             first = candidates[0, :, 0]
             if len(set(first[first >= 0].tolist())) == (first >= 0).sum():
-                expected = evidence_by_hand(tables, out, list(range(m)), images, 300.0, seen)
+                expected = evidence_by_hand(tables, out, list(range(m)), images, density, seen)
                 assert evidence[0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
                 compared += 1
     assert compared >= 10
@@ -348,7 +375,7 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
     crowded = 0
     for root, out in roots.items():
         rows = np.array([[root, *images]])
-        _, _, everything = verify(tables, np.arange(3)[None], rows, 100.0, EVERYTHING, options)
+        _, _, everything = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), EVERYTHING, options)
         for d in range(3, 6):
             spread = np.array([[out[9, d], out[10, d]], [out[10, d], out[11, d]]])
             error = out[3:9, d].reshape(2, 3) @ tables.rays
@@ -363,7 +390,7 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
             crowded += len(inside) == 4
             if inside:
                 mask[d, inside[0]] = False
-        _, best, masked = verify(tables, np.arange(3)[None], rows, 100.0, mask, options)
+        _, best, masked = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), mask, options)
         for d, k in product(range(3, 6), range(46)):
             if not mask[d, k]:
                 assert best[0, d] != k

@@ -19,7 +19,9 @@ class JitFallbackWarning(RuntimeWarning):
 
 
 def warn_lost(loss: str, error: Exception) -> None:
-    """Tell what is lost with an inside, and what to do."""
+    """Tell what is lost with an inside, and what to do; nothing where compilation is switched off."""
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return
     warnings.warn(
         f"Numba {numba.__version__} lacks an inside that rootmatch uses ({type(error).__name__}: {error}). Matching "
         f"works, but {loss}. Install a version of Numba that rootmatch's dependencies allow.",

@@ -114,6 +114,10 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
     )  # fmt: skip
 
 
+TREE_FROM = 600
+"""Detections from which a tree finds neighbours faster than all distances do, and in less memory. A round value."""
+
+
 def local_density(
     positions: NDArray[np.float64], blur: float, neighbours: int = DEFAULT_GRID.neighbours
 ) -> NDArray[np.float64]:
@@ -132,10 +136,19 @@ def local_density(
     density = np.full(positions.shape[1], overall)
     k = max(neighbours, math.ceil(math.sqrt(count)))
     if k < count:
-        distance2 = ((inside[:, :, None] - inside[:, None, :]) ** 2).sum(axis=0)
-        reach2 = np.partition(distance2, k, axis=1)[:, k] + blur * blur
-        density[ahead] = np.maximum(overall, k / (np.pi * reach2))
+        density[ahead] = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
     return density
+
+
+def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
+    if positions.shape[1] < TREE_FROM:
+        distance2 = ((positions[:, :, None] - positions[:, None, :]) ** 2).sum(axis=0)
+        return np.asarray(np.partition(distance2, k, axis=1)[:, k])
+    from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
+
+    distance, _ = cKDTree(positions.T).query(positions.T, k=[k + 1])
+    return np.asarray(distance[:, 0] ** 2)
 
 
 @scalar
