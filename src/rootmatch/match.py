@@ -282,13 +282,17 @@ def match(
     task = MatchingTask.of(
         problem, source, target, noise=noise, normals=normals, candidates=candidates, options=options
     )
-    found = solve_with_estimated_noise(task, solve) if task.estimates_noise else solve(task)
+    return solve(task, started)
+
+
+def solve(task: MatchingTask, started: float) -> Match:
+    """The match of a task, its noise estimated first where that is asked for; ``started``: by `time.perf_counter`."""
+    found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
     return replace(found, seconds=time.perf_counter() - started)
 
 
-def solve(task: MatchingTask) -> Match:
+def _solve(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
-    started = time.perf_counter()
     options = task.options
     sampled = sample(task)
     if options.packs_motions:
@@ -308,6 +312,6 @@ def solve(task: MatchingTask) -> Match:
         status=assessed.status,
         converged=solution.converged,
         hyperedges=sampled.evaluated,
-        seconds=time.perf_counter() - started,
+        seconds=0.0,
         fitted_probability=assessed.probability,
     )

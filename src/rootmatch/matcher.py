@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.match import Match, solve
-from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
@@ -99,8 +98,7 @@ class Matcher:
         )
         if self._sweeps(task):
             task = replace(task, options=replace(self.options, hyperedges=self._sweep))
-        found = solve_with_estimated_noise(task, solve) if task.estimates_noise else solve(task)
-        return replace(found, seconds=time.perf_counter() - started)
+        return solve(task, started)
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""

@@ -126,10 +126,9 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor)
     scores = [score, *(value for _, value in alternatives)]
     lead = margin(score, alternatives, assignment)
-    obvious = clear(assignment, lead, sampled.tensor)
     probability, trusted, factor, support = None, False, 0.0, score
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
-    if obvious and not proposed:
+    if not proposed and clear(assignment, lead, sampled.tensor):
         # hyper-edges may agree pair by pair without a pose that suits all of them
         factor = misfit(task, assignment) if fits(task, assignment) else 0.0
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):

@@ -13,8 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.validation import check_motions
 from rootmatch.solvers.base import Solution
 
 EXPECTED_WEIGHT = 0.15
@@ -91,13 +91,6 @@ def label_motions(assignment: NDArray[np.int64], tensor: AffinityTensor, motions
     rank[order] = np.arange(len(sizes))
     labels[matched] = rank[groups]
     return labels
-
-
-def check_motions(motions: int | str) -> None:
-    """Refuse anything but a positive whole number or ``"auto"``."""
-    valid = motions == "auto" or (isinstance(motions, int | np.integer) and int(motions) >= 1)
-    if not valid:
-        raise InputError(f'motions: {motions!r} given; give a whole number of at least 1, or "auto"')
 
 
 def _excess(groups: NDArray[np.int64], points: NDArray[np.int64], weights: NDArray[np.float64], order: int) -> float:

@@ -260,11 +260,9 @@ def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) ->
     Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so
     that an assignment which no pose fits does not become probable by taking everything for noise.
     """
-    found = [(float(fit.chi2[k]), int(fit.freedom[k])) for fit, k in fits.values()]
-    given = options.noise_freedom
-    fair = [
-        (given + chi2) / (given + freedom) for chi2, freedom in found if freedom >= found[0][1] - options.freedom_slack
-    ]
+    first, row = next(iter(fits.values()), (None, 0))
+    least = 0 if first is None else int(first.freedom[row]) - options.freedom_slack
+    fair = [_misfit(fit, k, options) for fit, k in fits.values() if int(fit.freedom[k]) >= least]
     return min(max(1.0, min(fair, default=1.0)), options.most_inflation)
 
 

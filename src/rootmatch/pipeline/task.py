@@ -14,7 +14,14 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import wide_first
-from rootmatch.pipeline.validation import check_callable, check_choice, check_count, check_positive, split_candidates
+from rootmatch.pipeline.validation import (
+    check_callable,
+    check_choice,
+    check_count,
+    check_motions,
+    check_positive,
+    split_candidates,
+)
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.noise import parse_noise
@@ -58,12 +65,7 @@ class MatchOptions:
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
             raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
-        if isinstance(self.motions, str):
-            check_choice("motions", self.motions, ("auto",))
-        elif self.motions is None:
-            raise InputError('motions: None given; give a whole number of at least 1, or "auto"')
-        else:
-            check_count("motions", self.motions, otherwise=', or "auto"')
+        check_motions(self.motions)
         check_count("seed", self.seed, least=0)
         check_count("samples", self.samples)
         check_count("limit", self.limit)

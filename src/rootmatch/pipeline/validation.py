@@ -65,12 +65,19 @@ def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
 
 
-def check_count(name: str, value: Any, least: int = 1, otherwise: str = "") -> None:
-    """Refuse anything but a whole number of at least ``least``; None passes. ``otherwise``: what else may be given."""
+def check_motions(motions: Any) -> None:
+    """Refuse anything but a positive whole number or ``"auto"``."""
+    whole = isinstance(motions, Integral) and not isinstance(motions, bool) and int(motions) >= 1
+    if not whole and not (isinstance(motions, str) and motions == "auto"):
+        raise InputError(f'motions: {_shortened(motions)} given; give a whole number of at least 1, or "auto"')
+
+
+def check_count(name: str, value: Any, least: int = 1) -> None:
+    """Refuse anything but a whole number of at least ``least``; None passes."""
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}{otherwise}")
+        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}")
 
 
 def check_positive(name: str, value: Any) -> None:
