@@ -27,7 +27,7 @@ HIDDEN = {"__main__", "__init__", "_version", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("matcher", "match", "pipeline"),
+    "matching": ("matcher", "match", "result", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -39,7 +39,8 @@ CAPTIONS = {
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
     "matcher": "frame after frame",
-    "match": "match() and its result",
+    "match": "match(), the pipeline",
+    "result": "Match",
     "pipeline": "task, sampling, assessment",
     "samplers": "which hyper-edges to evaluate",
     "solvers": "tensor to assignment",

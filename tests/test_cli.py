@@ -522,9 +522,9 @@ def test_errors_speak_of_files_and_options(text: str, expected: str) -> None:
 def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
-    from rootmatch.match import Status
     from rootmatch.report.json_record import match_record
     from rootmatch.report.text import print_match
+    from rootmatch.result import Status
 
     make: Callable[..., Any] = SimpleNamespace
     found = make(

@@ -8,11 +8,12 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.hypergraph.affinity import Affinity, Residual
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import Match, Status, match, residuals
+from rootmatch.match import match, residuals
 from rootmatch.matcher import Matcher
 from rootmatch.problems import MODULES
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.result import Match, Status
 from rootmatch.samplers.guided.sampler import Guided
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
-from rootmatch.match import Match, solve
+from rootmatch.match import solve
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points
+from rootmatch.result import Match
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
 

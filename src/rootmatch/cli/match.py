@@ -20,7 +20,7 @@ from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
-    from rootmatch.match import Match
+    from rootmatch.result import Match
 
 
 def match(

@@ -107,7 +107,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What is reported of a solution; see `rootmatch.match.Match`."""
+    """What is reported of a solution; see `rootmatch.result.Match`."""
 
     assignment: NDArray[np.int64]
     score: float

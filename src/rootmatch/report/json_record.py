@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rootmatch.match import Match
+    from rootmatch.result import Match
 
 
 def match_record(match: Match) -> dict[str, Any]:

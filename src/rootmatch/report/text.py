@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from rootmatch.match import Match
+    from rootmatch.result import Match
 
 Integers = NDArray[np.int64]
 

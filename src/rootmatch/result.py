@@ -1,0 +1,120 @@
+"""`Match`: what matching found, and how far to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.assessment import Status, probability_of
+from rootmatch.pipeline.poses import Pose, poses_of
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.problems.base import Problem
+
+__all__ = ["Match", "Status"]
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """The result of matching: an assignment, how far to trust it, and what it was found from.
+
+    Attributes
+    ----------
+    task : MatchingTask
+        The validated input: problem, points with their noise, options.
+    assignment : (n,) int64
+        Index into the target points; −1 where unmatched.
+    score : float
+        Total weight of the hyper-edges inside the assignment.
+    margin : float
+        Lead in score over the best different assignment: 1 − second / best, 0 for a tie (or where another one scores
+        more, but is less probable), 1 where no other scores. With several motions the score is the evidence of the
+        packing, and the lead that over the best packing without one of its groups.
+    probability : float or None
+        Posterior probability that the assignment is right, given that one of those considered is; each is fitted by
+        its best pose. None where the problem cannot fit poses, for the paper's residuals and with several motions.
+        Computed on first access where the status did not need it.
+    alternatives : list of ((n,) int64, float)
+        The best different assignments and their scores, the most probable first where probabilities are known.
+    soft : (n, n') float64
+        Soft assignment of the solver.
+    tensor : AffinityTensor
+        The affinities that were solved.
+    motions : (n,) int64
+        Label of the rigid motion, −1 where unmatched.
+    status : Status
+        Whether to trust the assignment, by one rule (`rootmatch.pipeline.assessment.judged`); see `advice`.
+    converged : bool
+        Whether the solver stopped by its own criterion rather than at a limit.
+    hyperedges : int
+        Number of hyper-edges evaluated.
+    seconds : float
+        Wall-clock time.
+    fitted_probability : float or None
+        The probability, where the status needed it.
+    """
+
+    task: MatchingTask
+    assignment: NDArray[np.int64]
+    score: float
+    margin: float
+    alternatives: list[tuple[NDArray[np.int64], float]]
+    soft: NDArray[np.float64]
+    tensor: AffinityTensor
+    motions: NDArray[np.int64]
+    status: Status
+    converged: bool
+    hyperedges: int
+    seconds: float
+    fitted_probability: float | None = None
+
+    @cached_property
+    def probability(self) -> float | None:
+        """Posterior probability that the assignment is right; see `Match`."""
+        if self.fitted_probability is not None:
+            return self.fitted_probability
+        return probability_of(self.task, self.assignment, self.alternatives)
+
+    @property
+    def source(self) -> NDArray[np.float64]:
+        """The source points, (n, 3) or (n, 2)."""
+        return self.task.points.source
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """The target points, (n', 2) or (n', 3)."""
+        return self.task.points.target
+
+    @property
+    def problem(self) -> Problem:
+        """The problem."""
+        return self.task.problem
+
+    @property
+    def noise(self) -> Any:
+        """σ as given (a number, an array or a pair), or as estimated."""
+        return self.task.noise
+
+    @property
+    def advice(self) -> str:
+        """The status as a sentence, with what can be done about it for this problem."""
+        return self.status.advice(self.problem)
+
+    def pose(self) -> list[Pose | None]:
+        """Pose of each motion from its matches; see `Pose` for frames and units.
+
+        Of cameras by PoseLib (the extra ``pose``), between two point sets by least squares in closed form. None for a
+        motion with fewer matches than a pose needs (`Problem.least_for_pose`).
+
+        Raises
+        ------
+        InputError
+            If the problem fits no poses: `UP2PF` and derived ones.
+        RootmatchError
+            If PoseLib is needed and not installed.
+        """
+        return poses_of(self.problem, self.source, self.target, self.assignment, self.motions)
