@@ -1,0 +1,43 @@
+"""What a release is made of agrees with itself: versions, dependencies, the Pythons that are tested."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_one_version() -> None:
+    version = re.search(r'__version__ = "(.+)"', (ROOT / "src/rootmatch/_version.py").read_text()).group(1)
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    recipe = yaml.safe_load((ROOT / "conda/recipe.yaml").read_text())
+    assert citation["version"] == recipe["context"]["version"] == version
+
+
+def test_the_paper_is_cited_by_title_and_authors() -> None:
+    paper = yaml.safe_load((ROOT / "CITATION.cff").read_text())["preferred-citation"]
+    readme = re.sub(r"\s+", " ", (ROOT / "README.md").read_text())
+    assert paper["title"] in readme
+    for author in paper["authors"]:
+        assert author["family-names"] in readme
+
+
+def test_the_conda_recipe_has_the_dependencies_of_the_package() -> None:
+    recipe = yaml.safe_load((ROOT / "conda/recipe.yaml").read_text())["requirements"]["run"]
+    ours = {line.replace(" ", "").replace("matplotlib-base", "matplotlib") for line in recipe}
+    assert ours == {*PROJECT["dependencies"], f"python{PROJECT['requires-python']}"}
+
+
+def test_every_python_of_the_classifiers_is_in_the_matrix() -> None:
+    versions = {found.group(1) for line in PROJECT["classifiers"] if (found := re.search(r"Python :: (3\.\d+)$", line))}
+    matrix = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]["checks"]["strategy"]["matrix"]
+    assert versions
+    assert versions <= set(matrix["python"])
+
+
+def test_the_changelog_begins_with_what_is_unreleased_or_this_version() -> None:
+    first = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE).group(1)
+    assert first in ("Unreleased", PROJECT.get("version", "Unreleased"))
