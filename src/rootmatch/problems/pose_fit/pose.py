@@ -1,4 +1,4 @@
-"""The pose of a match, and how it is estimated: by PoseLib from images, in closed form between two point sets."""
+"""`Pose`: a rigid motion or similarity with its covariance, as a match yields it and as a caller may give one."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import RootmatchError
+from rootmatch.errors import InputError, RootmatchError
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 LEAST_ABSOLUTE, LEAST_RELATIVE = 4, 5
 """Matches that PoseLib needs: one more than P3P, to tell its solutions apart, and those of the five-point problem."""
 KEEP_ALL = {"max_reproj_error": 1e4, "max_epipolar_error": 1e4, "seed": 0}
 """Thresholds in pixels so wide that every match counts: refinement is wanted, not another selection of inliers."""
+ROUNDED = 1e-3
+"""Deviation of RᵀR from the identity that is put down to rounding, as of a matrix in single precision or in a file."""
+ASYMMETRIC = 1e-6
+"""Relative asymmetry, and negative eigenvalue over the largest, of a covariance that is put down to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,23 +33,125 @@ class Pose:
     camera frame (x right, y down, z forward), lengths in the unit of the points. Two images: x in the first camera's
     frame, x' in the second's, t of length 1. Two point sets: x a source point, x' a target point.
 
-    Attributes
+    Parameters
     ----------
-    R : (k, k) float64
+    R : (k, k) array
         Rotation, k = 3, or 2 for point sets of a plane. With ``Similarity(mirror=True)`` its determinant may be −1.
-    t : (k,) float64
+    t : (k,) array
         Translation.
+    covariance : (p, p) array, optional
+        Of the errors (ω, τ) of ``R_true = Exp(ω) R``, ``t_true = t + τ``: three rotations in radians about the axes of
+        the *target* frame (a perturbation from the left), then three translations in the unit of t. In a plane (one
+        angle, two translations). A seventh (fourth) row follows for what else was estimated, ``scale`` or ``focal``.
+        What is known exactly, or fixed by convention, has no variance: UP2P with an exact vertical leaves rank 4, two
+        images with |t| = 1 rank 5 at most, so use a pseudo-inverse there.
     scale : float
         1 but for `rootmatch.Similarity`.
+    focal : float, optional
+        Focal length in pixels, where the problem estimates it.
+    chi2, freedom : float, int, optional
+        χ² of the fit and its degrees of freedom.
+    rms : float, optional
+        Root mean square of ``residuals``, in pixels, or in the unit of the target where that is points in space.
+    rms_sigma : float, optional
+        √(χ² / freedom): about 1 where the given σ is right. NaN where no degree of freedom is left.
+    points : (m,) int array, optional
+        Indices of the source points that were fitted, ascending.
+    predicted : (m, k') array, optional
+        Where this pose predicts the target of each; between two images the nearest point of its epipolar line.
+    residuals : (m,) array, optional
+        Distance of each target from there.
+    inliers : (m',) int array, optional
+        Those of ``points`` within 3.5 σ of their prediction.
+
+    Raises
+    ------
+    InputError
+        If shapes do not go together, R is no rotation, a number is not finite, or the covariance is not symmetric or
+        has a negative eigenvalue.
     """
 
     R: Floats
     t: Floats
+    covariance: Floats | None = None
     scale: float = field(default=1.0, kw_only=True)
+    focal: float | None = field(default=None, kw_only=True)
+    chi2: float | None = field(default=None, kw_only=True)
+    freedom: int | None = field(default=None, kw_only=True)
+    rms: float | None = field(default=None, kw_only=True)
+    rms_sigma: float | None = field(default=None, kw_only=True)
+    points: Integers | None = field(default=None, kw_only=True)
+    predicted: Floats | None = field(default=None, kw_only=True)
+    residuals: Floats | None = field(default=None, kw_only=True)
+    inliers: Integers | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        R = _checked_rotation(self.R)
+        t = _numbers(self.t, "t", f"{len(R)} numbers")
+        if t.size != len(R):
+            raise InputError(f"pose: t of shape {t.shape} given, ({len(R)},) expected")
+        covariance = None if self.covariance is None else _checked_covariance(self.covariance, len(R))
+        self.__dict__.update(R=R, t=t.reshape(-1), covariance=covariance)
 
     def __iter__(self) -> Iterator[Floats]:
         """Rotation and translation."""
         return iter((self.R, self.t))
+
+    @property
+    def quaternion(self) -> Floats:
+        """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of TUM's trajectories."""
+        from scipy.spatial.transform import Rotation  # slow to import, rarely needed
+
+        return np.asarray(Rotation.from_matrix(self.R).as_quat(canonical=True))
+
+    def apply(self, points: ArrayLike) -> Floats:
+        """Points (…, k) of the source frame in the target frame: scale · R x + t."""
+        return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
+
+
+def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"pose: {name} is not an array of numbers; give {expected}") from None
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"pose: {name} holds NaN or infinity; give {expected}")
+    return array
+
+
+def _checked_rotation(value: ArrayLike) -> Floats:
+    """The rotation nearest to a matrix that is one up to rounding."""
+    R = _numbers(value, "R", "a rotation matrix (3, 3)")
+    if R.shape not in ((3, 3), (2, 2)):
+        raise InputError(f"pose: R of shape {R.shape} given; give a rotation matrix (3, 3), or (2, 2) in a plane")
+    off = float(np.abs(R.T @ R - np.eye(len(R))).max())
+    if off > ROUNDED or (len(R) == 3 and np.linalg.det(R) < 0.0):
+        why = f"RᵀR is {off:.2g} off the identity" if off > ROUNDED else "its determinant is −1, a reflection"
+        raise InputError(f"pose: R is no rotation, {why}; give an orthonormal matrix with determinant 1")
+    if off > 1e-12:
+        u, _, vt = np.linalg.svd(R)
+        R = u @ vt
+    return R
+
+
+def _checked_covariance(value: ArrayLike, dimension: int) -> Floats:
+    """A symmetric covariance without negative eigenvalues."""
+    size = 6 if dimension == 3 else 3
+    covariance = _numbers(value, "covariance", f"a matrix ({size}, {size})")
+    if covariance.shape not in ((size, size), (size + 1, size + 1)):
+        raise InputError(f"pose: covariance of shape {covariance.shape} given, ({size}, {size}) expected")
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.outer(deviation, deviation)  # angles and lengths have units of their own
+    if np.any(np.abs(covariance - covariance.T) > ASYMMETRIC * np.maximum(unit, np.abs(covariance))):
+        raise InputError("pose: the covariance is not symmetric; give cov(a, b) = cov(b, a)")
+    covariance = 0.5 * (covariance + covariance.T)
+    scaled = covariance / np.where(unit > 0.0, unit, 1.0)
+    least = float(np.linalg.eigvalsh(scaled)[0])
+    if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
+        raise InputError(
+            "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"
+        )
+    return covariance
 
 
 def absolute_pose(camera: Camera, source: Floats, target: Floats) -> Pose:
