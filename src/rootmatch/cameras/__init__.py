@@ -1,1 +1,1 @@
-"""Cameras: from pixels to bearings and back."""
+"""Cameras: from pixels to bearings and back, with their noise."""

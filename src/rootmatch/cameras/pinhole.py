@@ -1,4 +1,4 @@
-"""The pinhole camera: bearings of pixels and their noise, and projection."""
+"""The camera: focal lengths, principal point, and a lens if it is no ideal pinhole."""
 
 from __future__ import annotations
 
@@ -7,15 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
+from rootmatch.cameras.base import check_camera as check_camera
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.lens import Lens
 from rootmatch.errors import InputError
+
+LEAST_FOCAL, MOST = 1e-6, 1e12
+"""Least focal length, and greatest size of any of the four numbers, in pixels: far beyond any camera's."""
 
 
 @dataclass(frozen=True)
-class Camera:
-    """A calibrated pinhole camera without distortion.
+class Camera(CameraModel):
+    """A calibrated camera: a pinhole, or one with a lens that distorts.
 
-    The camera frame is x right, y down, z forward; a point ``(X, Y, Z)`` of that frame projects to the pixel
-    ``(fx X / Z + cx, fy Y / Z + cy)``.
+    The camera frame is x right, y down, z forward; without a lens a point ``(X, Y, Z)`` of that frame projects to the
+    pixel ``(fx X / Z + cx, fy Y / Z + cy)``. Where the centre of the upper left pixel lies is the calibration's affair
+    and must be the same for the detections: (0, 0) for OpenCV, (0.5, 0.5) for COLMAP.
 
     Parameters
     ----------
@@ -23,6 +32,8 @@ class Camera:
         Focal lengths in pixels, positive.
     cx, cy : float
         Principal point in pixels.
+    lens : Lens, optional
+        What it does to the image; see `from_opencv` and `from_opencv_fisheye`.
 
     Raises
     ------
@@ -34,6 +45,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
@@ -41,14 +53,27 @@ class Camera:
                 value = float(getattr(self, name))
             except (TypeError, ValueError):
                 raise InputError(f"camera: {name} is {getattr(self, name)!r}; give a number of pixels") from None
+            except OverflowError:
+                raise InputError(f"camera: {name} has hundreds of digits; give a number of pixels") from None
             if not np.isfinite(value):
                 raise InputError(f"camera: {name} is {value}; give a finite number of pixels")
+            if abs(value) > MOST:
+                raise InputError(f"camera: {name} is {value:g}, which no camera has; give a number of pixels")
             object.__setattr__(self, name, value)
         for name in ("fx", "fy"):
             if getattr(self, name) <= 0.0:
                 raise InputError(
                     f"camera: focal length {name} is {getattr(self, name):g}; give a positive number of pixels"
                 )
+            if getattr(self, name) < LEAST_FOCAL:
+                raise InputError(
+                    f"camera: focal length {name} is {getattr(self, name):g} px, far below a pixel; "
+                    "give it in pixels, not in metres"
+                )
+        if self.lens is not None and not isinstance(self.lens, Lens):
+            raise InputError(
+                f"camera: lens is {self.lens!r}; use Camera.from_opencv(K, dist) or Camera.from_opencv_fisheye(K, D)"
+            )
 
     @classmethod
     def from_matrix(cls, K: ArrayLike) -> Camera:
@@ -59,7 +84,10 @@ class Camera:
         InputError
             If the matrix is not 3×3 or is not of the form ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``.
         """
-        matrix = np.asarray(K, dtype=float)
+        try:
+            matrix = np.asarray(K, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError("camera matrix: not a matrix of numbers; give [fx 0 cx; 0 fy cy; 0 0 1]") from None
         if matrix.shape != (3, 3):
             raise InputError(f"camera matrix: shape {matrix.shape} given, (3, 3) expected")
         if not np.all(np.isfinite(matrix)) or matrix[2, 2] == 0.0:
@@ -70,46 +98,148 @@ class Camera:
             raise InputError("camera matrix: skew, or a last row other than 0 0 1; undistort to a camera without skew")
         return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
+    @classmethod
+    def from_opencv(cls, K: ArrayLike, dist: ArrayLike = ()) -> Camera:
+        """Make a camera of what ``cv2.calibrateCamera`` returns.
+
+        Detections are then raw pixels, as the camera took them.
+
+        Parameters
+        ----------
+        K : (3, 3) array
+            As in `from_matrix`.
+        dist : (4,), (5,), (8,), (12,) or (14,) array
+            Distortion coefficients in OpenCV's order: k1 k2 p1 p2[ k3[ k4 k5 k6[ s1 s2 s3 s4[ τx τy]]]]. Empty or all
+            zero: a pinhole.
+
+        Raises
+        ------
+        InputError
+            If the matrix is none of a camera, or the coefficients are not so many finite numbers.
+        """
+        camera = cls.from_matrix(K)
+        if np.size(dist) == 0:
+            return camera
+        lens = Brown(dist)  # type: ignore[arg-type]
+        return cls(*camera.numbers, lens) if any(lens.values) else camera
+
+    @classmethod
+    def from_opencv_fisheye(cls, K: ArrayLike, D: ArrayLike) -> Camera:
+        """Make a camera of what ``cv2.fisheye.calibrate`` returns; COLMAP's OPENCV_FISHEYE is the same model.
+
+        Directions beside and behind the camera are seen too, as far as the model goes; OpenCV itself projects only
+        what lies in front.
+
+        Parameters
+        ----------
+        K : (3, 3) array
+            As in `from_matrix`.
+        D : (4,) array
+            k1 to k4 of Kannala and Brandt (2006).
+
+        Raises
+        ------
+        InputError
+            As `from_opencv`.
+        """
+        return cls(*cls.from_matrix(K).numbers, KannalaBrandt(D))  # type: ignore[arg-type]
+
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def numbers(self) -> tuple[float, float, float, float]:
+        """fx, fy, cx and cy."""
+        return self.fx, self.fy, self.cx, self.cy
+
+    @property
+    def matrix(self) -> Floats:
         """The (3, 3) intrinsic matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def bearings(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Unit rays (…, 3) in the camera frame of pixels (…, 2)."""
-        points = np.asarray(pixels, dtype=float)
-        rays = np.empty((*points.shape[:-1], 3))
-        rays[..., 0] = (points[..., 0] - self.cx) / self.fx
-        rays[..., 1] = (points[..., 1] - self.cy) / self.fy
-        rays[..., 2] = 1.0
-        unit: NDArray[np.float64] = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    @property
+    def dimension(self) -> int:
+        """A pixel has two coordinates."""
+        return 2
+
+    @property
+    def focal(self) -> float:
+        """Pixels per radian on the optical axis, the geometric mean of both directions."""
+        return float(np.sqrt(self.fx * self.fy))
+
+    def bearings(self, pixels: ArrayLike) -> Floats:
+        """Unit rays (…, 3) in the camera frame of pixels (…, 2).
+
+        Raises
+        ------
+        InputError
+            For a pixel beyond where the lens model folds over, which shows nothing.
+        """
+        rays = self._rays(pixels)
+        unit: Floats = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         return unit
 
-    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> NDArray[np.float64]:
-        """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
-
-        An off-centre pixel subtends a smaller angle along the radius than across it; returned is the isotropic angle of
-        the same area, so that noise propagation needs nothing but products of bearings.
-        """
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+        """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
+        if self.lens is not None:
+            return super().angular_noise(pixels, sigma)
         points = np.asarray(pixels, dtype=float)
         u = (points[..., 0] - self.cx) / self.fx
         v = (points[..., 1] - self.cy) / self.fy
         cosine = 1.0 / np.sqrt(1.0 + u * u + v * v)
         # du dv = dΩ / cos³, hence the area of a pixel in steradians is cos³ / (fx fy)
-        angle: NDArray[np.float64] = np.asarray(sigma, dtype=float) * np.sqrt(cosine**3 / (self.fx * self.fy))
+        angle: Floats = np.asarray(sigma, dtype=float) * np.sqrt(cosine**3 / (self.fx * self.fy))
         return angle
 
-    def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that they are in front of the camera."""
+    def project(self, points: ArrayLike) -> Floats:
+        """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""
         xyz = np.asarray(points, dtype=float)
+        if self.lens is not None:
+            return np.asarray(self.lens.image(xyz) * (self.fx, self.fy) + (self.cx, self.cy))
         return np.stack(
             [self.fx * xyz[..., 0] / xyz[..., 2] + self.cx, self.fy * xyz[..., 1] / xyz[..., 2] + self.cy], axis=-1
         )
 
+    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points (…, 3) are in front of the camera; with a lens, where its model holds."""
+        xyz = np.asarray(points, dtype=float)
+        return np.asarray(xyz[..., 2] > 0.0) if self.lens is None else self.lens.sees(xyz)
 
-def check_camera(camera: object, name: str = "camera") -> None:
-    """Refuse anything but a camera, such as its matrix."""
-    if not isinstance(camera, Camera):
-        raise InputError(
-            f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
-        )
+    def jacobian(self, points: ArrayLike) -> Floats:
+        """Derivatives (…, 2, 3) of the pixels of points (…, 3) by these points."""
+        xyz = np.asarray(points, dtype=float)
+        if self.lens is not None:
+            return np.asarray(self.lens.jacobian(xyz) * np.array([[self.fx], [self.fy]]))
+        inverse = 1.0 / xyz[..., 2]
+        out = np.zeros((*xyz.shape[:-1], 2, 3))
+        out[..., 0, 0], out[..., 1, 1] = self.fx * inverse, self.fy * inverse
+        out[..., 0, 2] = -self.fx * xyz[..., 0] * inverse * inverse
+        out[..., 1, 2] = -self.fy * xyz[..., 1] * inverse * inverse
+        return out
+
+    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """Rays and their axes; see `CameraModel.axes`. Without a lens the rays end in the plane z = 1."""
+        if self.lens is not None:
+            rays = self.bearings(pixels)
+            return rays, tangent_axes(rays, self.jacobian(rays))
+        rays = self._rays(pixels)
+        axes = np.zeros((*rays.shape, 2))
+        axes[..., 0, 0], axes[..., 1, 1] = 1.0 / self.fx, 1.0 / self.fy
+        return rays, axes
+
+    def _rays(self, pixels: ArrayLike) -> Floats:
+        """Rays (…, 3) of pixels (…, 2): to the plane z = 1, or of any length where there is a lens."""
+        points = np.asarray(pixels, dtype=float)
+        if self.lens is None:
+            rays = np.empty((*points.shape[:-1], 3))
+            rays[..., 0] = (points[..., 0] - self.cx) / self.fx
+            rays[..., 1] = (points[..., 1] - self.cy) / self.fy
+            rays[..., 2] = 1.0
+            return rays
+        rays = self.lens.rays((points - (self.cx, self.cy)) / (self.fx, self.fy))
+        beyond = np.isnan(rays).any(axis=-1)
+        if beyond.any():
+            x, y = points[beyond][0]
+            raise InputError(
+                f"camera: {int(beyond.sum())} pixels, the first at ({x:g}, {y:g}), lie where the lens model shows "
+                f"nothing: it folds over about {self.lens.radius * self.focal:.0f} px from the principal point; "
+                "remove such points, or calibrate up to the rim"
+            )
+        return rays

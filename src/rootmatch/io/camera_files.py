@@ -96,7 +96,8 @@ def parse_camera(text: str, name: str) -> Calibration:
     if text.lower().endswith(".json") or os.path.exists(text):  # unlike Path.exists, no error for over-long texts
         return read_camera(Path(text))
     try:
-        return Calibration(Camera(*parse_numbers(text, 4, name, "1000,1000,320,240")))
+        fx, fy, cx, cy = parse_numbers(text, 4, name, "1000,1000,320,240")
+        return Calibration(Camera(fx, fy, cx, cy))
     except InputError as error:
         hint = "" if "," in text else ", or the path of a camera file (JSON)"
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ').removeprefix('camera: ')}{hint}") from None

@@ -141,7 +141,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
             lead, probability = margin(score, alternatives, assignment), found.probability
             listed = found.probability_of(1 + TRUST.listed)
-            views = task.problem.source_dimension == 2
+            views = task.problem.source_is_image
             beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
             trusted = found.beyond_chance > beyond and listed > TRUST.listed_probability
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it

@@ -89,8 +89,9 @@ def _group_fit(task: MatchingTask) -> GroupFit | None:
     if not task.problem.fits_groups:
         return None
     tables = task.tables_as_given
-    sigma = float(np.median(task.points.target_noise))
-    area = max(float(np.prod(np.ptp(task.points.target, axis=0))), 1e-300) / CROWDING
+    image, noise = task.image
+    sigma = float(np.median(noise))
+    area = max(float(np.prod(np.ptp(image, axis=0))), 1e-300) / CROWDING
 
     def chi2(groups: NDArray[np.int64]) -> NDArray[np.float64]:
         return task.problem.group_chi2(tables, groups)

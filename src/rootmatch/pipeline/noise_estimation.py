@@ -67,7 +67,7 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
     solve : callable
         The match of a task whose noise is known.
     """
-    guess = first = first_guess(task.points.target)
+    guess = first = first_guess(task.image[0])
     match = solve(task.with_noise(guess))
     for _ in range(ROUNDS):
         sigma = estimated_noise(match, guess)

@@ -110,7 +110,7 @@ def log_odds_against_uniform(task: MatchingTask, assignment: Integers) -> float:
 def _area(task: MatchingTask) -> float:
     """Area of the image in pixel²: the bounding box of n' uniform points, corrected for being too small."""
     n_target = task.shape[1]
-    return max(float(np.prod(np.ptp(task.points.target, axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
+    return max(float(np.prod(np.ptp(task.image[0], axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,10 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     if not order:
         return Ranked([], logarithms, np.nan, np.inf)
     fit, k = fits[order[0]]
-    density = local_density(task.points.target.T, float(np.median(task.points.target_noise)))
+    image, sigma = task.image
+    density = local_density(image.T, float(np.median(sigma)))
     beyond = float(fit.inflated(inflation)[k]) + fit.of_pose(k, density)
-    if task.problem.source_dimension == 2:  # a second image is full of detections, an object is a cluster of them
+    if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them
         beyond += log_odds_against_uniform(task, pool[order[0]])
     else:
         beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options)

@@ -33,6 +33,8 @@ from rootmatch.solvers import Solver, get_solver
 Hyperedges = Literal["auto", "exhaustive", "random", "guided"]
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
+EXACT_RADIANS = 1e-5
+"""The same where detections are unit rays: that of a pixel where the focal length is 1000."""
 HYPEREDGES: tuple[Hyperedges, ...] = ("auto", "exhaustive", "random", "guided")
 
 
@@ -172,7 +174,8 @@ class MatchingTask:
             check_choice("noise", noise, ("auto",))
             noise = 1.0
         points = problem.validated(source, target, noise, normals)
-        weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= EXACT))
+        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
+        weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
         allowed, prior = split_candidates(candidates, *points.shape)
         return cls(
             problem=problem,
@@ -189,6 +192,11 @@ class MatchingTask:
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return self.points.shape
+
+    @cached_property
+    def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Target points (n', 2) in the plane in which poses are fitted, pixels as a rule, and their σ (n',) there."""
+        return self.problem.image(self.points)
 
     @cached_property
     def order(self) -> NDArray[np.int64]:

@@ -8,12 +8,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.unit_rays import UnitRays
+from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
+
+MOST_RADIANS = 0.5
+"""Angular noise beyond which nothing is measured; pixels were probably meant. A round value."""
 
 
 class Problem(ABC):
@@ -38,6 +44,8 @@ class Problem(ABC):
     source_dimension: ClassVar[int]
     """3 where the source is points in space, 2 where it is an image."""
     target_dimension: ClassVar[int] = 2
+    source_is_image: ClassVar[bool] = False
+    """Whether the source is a first image rather than points in space."""
     takes_normals: ClassVar[bool] = False
     """Whether source points are points in space seen by a camera, which normals tell the visible side of."""
     noisy_source: ClassVar[bool] = False
@@ -89,7 +97,32 @@ class Problem(ABC):
         second = check_points(target, self.target_dimension, "target", self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)
+        if self.noise_is_angular and sigma2.max() > MOST_RADIANS:
+            raise InputError(
+                f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
+            )
         return PointSets(first, second, sigma, sigma2, facing)
+
+    @property
+    def noise_is_angular(self) -> bool:
+        """Whether the noise is in radians: detections are unit rays."""
+        return isinstance(getattr(self, "camera", None), UnitRays)
+
+    def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Target points in the plane of the pose fits, (n', 2), and their noise there: the pixels themselves.
+
+        Unit rays are mapped to a plane (`rootmatch.cameras.base.CameraModel.chart`).
+        """
+        camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
+        if not isinstance(camera, CameraModel):
+            return points.target, points.target_noise
+        return camera.chart(points.target, points.target_noise)[1:]
+
+    def _take_dimensions(self, camera: CameraModel, camera2: CameraModel | None = None) -> None:
+        """The numbers of a point are those of its camera's detections: in the image, or in both images."""
+        if self.source_is_image:
+            self.__dict__.update(source_dimension=camera.dimension)
+        self.__dict__.update(target_dimension=(camera2 or camera).dimension)
 
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None

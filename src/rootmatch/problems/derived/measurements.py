@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.base import CameraModel, check_camera
+from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -108,55 +109,65 @@ class Points(Measurement):
 
 
 @dataclass(frozen=True)
-class Bearings(Measurement):
-    """Unit rays of pixels in a calibrated camera.
+class Bearings(Measurement, UnitRays):
+    """Unit rays: those of pixels in a calibrated camera, or given as they are.
+
+    ``Bearings(camera)`` is a measurement for `rootmatch.derive`. ``Bearings()`` is that too, and a camera for every
+    problem that takes one: its detections are rays (m, 3) of the camera frame, anywhere about it, and their noise is in
+    radians.
 
     Parameters
     ----------
-    camera : Camera
+    camera : Camera, optional
+        Without one the points are rays already.
     turn : (3, 3) nested tuple, optional
         Rotation applied to the rays, say one that brings a measured vertical onto the y axis
         (`rootmatch.cameras.vertical.rotation_to_vertical`, as ``tuple(map(tuple, R))``).
     """
 
-    camera: Camera
+    camera: CameraModel | None = None
     turn: tuple[tuple[float, ...], ...] | None = None
     letters: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     noise_dimensions: ClassVar[int] = 2
 
+    def __post_init__(self) -> None:
+        if self.camera is not None:
+            check_camera(self.camera, "Bearings")
+
     @property
     def dimension(self) -> int:
-        """A pixel has two coordinates."""
-        return 2
+        """A pixel has two coordinates, a ray three."""
+        return 3 if self.camera is None else self.camera.dimension
 
     @property
     def rotation(self) -> Floats:
         """`turn` as an array (3, 3)."""
         return np.eye(3) if self.turn is None else np.asarray(self.turn, dtype=float)
 
+    @property
+    def _model(self) -> CameraModel:
+        return UnitRays() if self.camera is None else self.camera
+
     def measure(self, points: ArrayLike) -> Floats:
         """Unit rays (…, 3) in the rotated camera frame."""
-        rays: Floats = self.camera.bearings(points) @ self.rotation.T
+        rays: Floats = self._model.bearings(points) @ self.rotation.T
         return rays
 
     def spread(self, points: ArrayLike, sigma: Floats) -> Floats:
         """Derivatives of the unit ray in the two pixel coordinates, times sigma."""
-        pixels = np.asarray(points, dtype=float)
-        rays = self.camera.bearings(pixels)
-        # the ray is v / |v| with v = (u, w, 1); dv along u and w, less the part along the ray, times 1/|v| = its z
-        steps = np.zeros((len(pixels), 3, 2))
-        steps[:, 0, 0] = 1.0 / self.camera.fx
-        steps[:, 1, 1] = 1.0 / self.camera.fy
-        along = np.einsum("nc,ncd->nd", rays, steps)
-        across = (steps - rays[:, :, None] * along[:, None, :]) * (rays[:, 2] * sigma)[:, None, None]
+        rays, axes = self._model.axes(points)
+        size = np.linalg.norm(rays, axis=1)
+        rays = rays / size[:, None]
+        # the ray is v / |v|: what v moves, less the part along the ray, times 1 / |v|
+        along = np.einsum("nc,ncd->nd", rays, axes)
+        across = (axes - rays[:, :, None] * along[:, None, :]) * (sigma / size)[:, None, None]
         turned: Floats = np.einsum("ab,nbd->nad", self.rotation, across)
         return turned
 
     def sample(self, rng: np.random.Generator, count: int) -> Floats:
-        """Pixels within 30° of the optical axis."""
+        """Detections within 30° of the optical axis."""
         uv = rng.uniform(-0.5, 0.5, (count, 2))
-        pixels: Floats = uv * (self.camera.fx, self.camera.fy) + (self.camera.cx, self.camera.cy)
-        return pixels
+        return self._model.project(np.column_stack([uv, np.ones(count)]))
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch._version import __version__
+from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.compile import register_residuals, tag_name
 from rootmatch.problems.derived.evaluator import Evaluator
-from rootmatch.problems.derived.measurements import Measurement
+from rootmatch.problems.derived.measurements import Bearings, Measurement
 from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.store import Generated
 from rootmatch.problems.derived.tables import DerivedTables, tag_of
@@ -70,6 +71,17 @@ class DerivedProblem(Problem):
         )
         residuals, tag = _composed(self.generated, self.source.noise_dimensions, self.target.noise_dimensions)
         self.__dict__.update(residuals=residuals, tag=tag)
+
+    @property
+    def noise_is_angular(self) -> bool:
+        """See `Problem.noise_is_angular`."""
+        return isinstance(self.target, Bearings) and self.target.camera is None
+
+    def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """See `Problem.image`."""
+        if self.noise_is_angular:
+            return UnitRays().chart(points.target, points.target_noise)[1:]
+        return super().image(points)
 
     @property
     def code(self) -> str:

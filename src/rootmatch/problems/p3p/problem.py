@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera, check_camera
+from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.p3p.quartic import quartic_in_ratio
@@ -37,7 +37,7 @@ class P3P(Problem):
     solutions share x. A mirrored ("inside-out") twin is a solution of the same polynomials: see `Match.alternatives`.
     """
 
-    camera: Camera
+    camera: CameraModel
     name: ClassVar[str] = "p3p"
     order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
@@ -54,6 +54,7 @@ class P3P(Problem):
 
     def __post_init__(self) -> None:
         check_camera(self.camera)
+        self._take_dimensions(self.camera)
 
     def tables(self, points: PointSets) -> P3PTables:
         """Tables for the kernels; see `Problem.tables`."""
@@ -73,11 +74,12 @@ class P3P(Problem):
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
+        camera, target, sigma = self.camera.chart(points.target, points.target_noise)
         return absolute_fit(
             source=points.source,
-            target=points.target,
-            sigma=points.target_noise,
-            camera=self.camera,
+            target=target,
+            sigma=sigma,
+            camera=camera,
             assignments=assignments,
             upright=None,
         )

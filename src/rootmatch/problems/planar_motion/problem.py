@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera, check_camera
+from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Bearings
@@ -51,8 +51,8 @@ class PlanarMotion(Problem):
     of each image say little; θ = π puts x at infinity.
     """
 
-    camera: Camera
-    camera2: Camera | None = None
+    camera: CameraModel
+    camera2: CameraModel | None = None
     axis: Vector = (0.0, 1.0, 0.0)
     axis2: Vector = (0.0, 1.0, 0.0)
     name: ClassVar[str] = "planar"
@@ -63,6 +63,7 @@ class PlanarMotion(Problem):
     pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 2
     noisy_source: ClassVar[bool] = True
+    source_is_image: ClassVar[bool] = True
     to_check: ClassVar[str] = "cameras and axes"
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
@@ -70,6 +71,7 @@ class PlanarMotion(Problem):
         check_camera(self.camera)
         if self.camera2 is not None:
             check_camera(self.camera2, "camera2")
+        self._take_dimensions(self.camera, self.camera2)
         self.__dict__.update(
             axis=plain_direction(self.axis, "axis"),
             axis2=plain_direction(self.axis2, "axis2"),

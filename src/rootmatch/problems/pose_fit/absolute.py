@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples, upright_start
 
@@ -56,8 +56,10 @@ class AbsoluteFit(Fit):
     """(K, 3, 3)."""
     translation: Floats
     """(K, 3), of the points' centre in units of their root mean square distance from it."""
-    focal2: float
-    """Product of the focal lengths."""
+    seen: NDArray[np.bool_]
+    """(K, n) whether the camera sees those positions."""
+    position_density: Floats
+    """(K,) pixels a unit of area across the ray to the points' centre, over its distance; NaN where it is not seen."""
     upright: Upright | None
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
@@ -81,19 +83,18 @@ class AbsoluteFit(Fit):
         x, y = difference[..., 0], difference[..., 1]
         squared = (c * x * x - 2.0 * b * x * y + a * y * y) / (determinant * inflation)
         density = -0.5 * (squared + np.log(determinant)) - np.log(2.0 * np.pi * inflation)
-        return np.asarray(np.where((self.positions[k, :, 2] > 0.0)[:, None] & np.isfinite(density), density, -np.inf))
+        return np.asarray(np.where(self.seen[k][:, None] & np.isfinite(density), density, -np.inf))
 
     def of_pose(self, k: int, density: Floats) -> float:
         """See `Fit.of_pose`: any rotation, at the detections, at any distance within two decades."""
-        depth = float(self.translation[k, 2])
-        if not depth > 0.0:
+        if not self.position_density[k] > 0.0:
             return -np.inf
         used = self.assignments[k][self.assignments[k] >= 0]
-        position = float(density[used].mean()) / len(self.target) * self.focal2 / depth**2
+        position = float(density[used].mean()) / len(self.target) * float(self.position_density[k])
         rotations, tilt = (8.0 * np.pi**2, 0.0) if self.upright is None else (2.0 * np.pi, self.upright.noise)
         laplace = 0.5 * self.jacobian.shape[-1] * np.log(2.0 * np.pi)
         of_tilt = np.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
-        return float(laplace - np.log(rotations) - of_tilt + np.log(position) - np.log(depth * np.log(DEPTHS)))
+        return float(laplace - np.log(rotations) - of_tilt + np.log(position) - np.log(np.log(DEPTHS)))
 
     def facing(self, k: int, normals: Floats) -> Floats:
         """See `Fit.facing`."""
@@ -110,7 +111,7 @@ def absolute_fit(
     source: Floats,
     target: Floats,
     sigma: Floats,
-    camera: Camera,
+    camera: CameraModel,
     assignments: NDArray[np.int64],
     upright: Upright | None,
 ) -> AbsoluteFit:
@@ -122,7 +123,7 @@ def absolute_fit(
     target : (n', 2) array
     sigma : (n',) array
         Standard deviation of a pixel coordinate.
-    camera : Camera
+    camera : CameraModel
     assignments : (K, n) int64 array
         −1 where unmatched; at least four matches in each, three where the vertical is known.
     upright : Upright, optional
@@ -133,7 +134,7 @@ def absolute_fit(
     used = assignments >= 0
     image = target[np.maximum(assignments, 0)]
     weight = np.where(used, 1.0 / sigma[np.maximum(assignments, 0)], 0.0)
-    rays = camera.bearings(image)
+    rays = camera.bearings(target)[np.maximum(assignments, 0)]
     count = len(assignments)
     axes, prior = np.eye(3), np.zeros(6)
     if upright is not None:
@@ -161,7 +162,7 @@ def absolute_fit(
         with np.errstate(all="ignore"):
             positions = points[:, None] @ rotation.swapaxes(-1, -2) + translation[:, :, None]
             squared = (((camera.project(positions) - image[:, None]) * weight[:, None, :, None]) ** 2).sum(axis=-1)
-            behind = (~(positions[..., 2] > 0.0) & used[:, None]).any(axis=-1)
+            behind = (~camera.sees(positions) & used[:, None]).any(axis=-1)
             total = np.where(behind, np.inf, np.minimum(squared, CUT).sum(axis=-1))
         best = np.argsort(np.where(np.isnan(total), np.inf, total), axis=1, kind="stable")[:, :TRIED]
         rotation, translation = (
@@ -184,6 +185,11 @@ def absolute_fit(
         jacobian = descent.jacobian(positions, translation)
         jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
         normal = invertible(descent.normal(jacobian))
+        seen = camera.sees(positions)
+        distance = np.linalg.norm(translation, axis=1)
+        position_density = np.where(
+            camera.sees(translation), 1.0 / (camera.steradians(translation) * distance**3), np.nan
+        )
     covariance: Floats = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     variance = sigma**2
     logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
@@ -202,7 +208,8 @@ def absolute_fit(
         positions=positions,
         rotation=rotation,
         translation=translation,
-        focal2=camera.fx * camera.fy,
+        seen=seen,
+        position_density=position_density,
         upright=upright,
     )
 
@@ -211,7 +218,7 @@ class _Descent:
     """Damped Gauss-Newton of B poses side by side: rotations about some axes of the camera frame, and translations."""
 
     def __init__(
-        self, points: Floats, image: Floats, weight: Floats, camera: Camera, axes: Floats, prior: Floats
+        self, points: Floats, image: Floats, weight: Floats, camera: CameraModel, axes: Floats, prior: Floats
     ) -> None:
         self.points, self.image, self.weight = points, image, weight
         self.camera, self.axes, self.prior = camera, axes, prior
@@ -262,16 +269,12 @@ class _Descent:
         chi2 = np.where(self.weight > 0.0, squared, 0.0).sum(axis=1)
         if tilt is not None:
             chi2 = chi2 + (tilt**2 * self.prior).sum(axis=1)
-        behind = (~(positions[..., 2] > 0.0) & (self.weight > 0.0)).any(axis=1)
+        behind = (~self.camera.sees(positions) & (self.weight > 0.0)).any(axis=1)
         return positions, predicted, np.where(behind | ~np.isfinite(chi2), np.inf, chi2)
 
     def jacobian(self, positions: Floats, translation: Floats) -> Floats:
         """Of the pixels (B, n, 2) by the pose, (B, n, 2, p)."""
-        camera, inverse = self.camera, 1.0 / positions[..., 2]
-        by_position = np.zeros((*positions.shape[:2], 2, 3))
-        by_position[..., 0, 0], by_position[..., 1, 1] = camera.fx * inverse, camera.fy * inverse
-        by_position[..., 0, 2] = -camera.fx * positions[..., 0] * inverse * inverse
-        by_position[..., 1, 2] = -camera.fy * positions[..., 1] * inverse * inverse
+        by_position = self.camera.jacobian(positions)
         by_rotation = -by_position @ (cross_matrix(positions - translation[:, None]) @ self.axes.T)
         return np.concatenate([by_rotation, by_position], axis=-1)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, RootmatchError
 
@@ -17,6 +18,8 @@ Integers = NDArray[np.int64]
 
 LEAST_ABSOLUTE, LEAST_RELATIVE = 4, 5
 """Matches that PoseLib needs: one more than P3P, to tell its solutions apart, and those of the five-point problem."""
+FOCAL, LEAST_COSINE = 1000.0, 0.05
+"""Of the ideal camera that stands for one with a lens: pixels, and the cosine of its field's edge."""
 KEEP_ALL = {"max_reproj_error": 1e4, "max_epipolar_error": 1e4, "seed": 0}
 """Thresholds in pixels so wide that every match counts: refinement is wanted, not another selection of inliers."""
 ROUNDED = 1e-3
@@ -154,16 +157,17 @@ def _checked_covariance(value: ArrayLike, dimension: int) -> Floats:
     return covariance
 
 
-def absolute_pose(camera: Camera, source: Floats, target: Floats) -> Pose:
+def absolute_pose(camera: CameraModel, source: Floats, target: Floats) -> Pose:
     """Camera pose from points in space (m, 3) and their pixels (m, 2), m ≥ `LEAST_ABSOLUTE`."""
-    found, _ = _poselib().estimate_absolute_pose(target, source, _described(camera), KEEP_ALL)
+    pixels, described = _ideal(camera, target)
+    found, _ = _poselib().estimate_absolute_pose(pixels, source, described, KEEP_ALL)
     return _rigid(found)
 
 
-def relative_pose(cameras: tuple[Camera, Camera], source: Floats, target: Floats) -> Pose:
+def relative_pose(cameras: tuple[CameraModel, CameraModel], source: Floats, target: Floats) -> Pose:
     """Pose of the second camera in the first one's frame from pixels (m, 2) and (m, 2), m ≥ `LEAST_RELATIVE`."""
-    first, second = cameras
-    found, _ = _poselib().estimate_relative_pose(source, target, _described(first), _described(second), KEEP_ALL)
+    (pixels, first), (pixels2, second) = _ideal(cameras[0], source), _ideal(cameras[1], target)
+    found, _ = _poselib().estimate_relative_pose(pixels, pixels2, first, second, KEEP_ALL)
     return _rigid(found)
 
 
@@ -203,7 +207,14 @@ def _rigid(found: Any) -> Pose:
     return Pose(np.asarray(found.R, dtype=float), np.asarray(found.t, dtype=float))
 
 
-def _described(camera: Camera) -> dict[str, object]:
-    width, height = int(2 * camera.cx) + 1, int(2 * camera.cy) + 1
-    parameters = [camera.fx, camera.fy, camera.cx, camera.cy]
-    return {"model": "PINHOLE", "width": width, "height": height, "params": parameters}
+def _ideal(camera: CameraModel, pixels: Floats) -> tuple[Floats, dict[str, object]]:
+    """Detections as pixels of a pinhole without distortion, and this camera as PoseLib takes it."""
+    if isinstance(camera, Camera) and camera.lens is None:
+        parameters = list(camera.numbers)
+    else:
+        rays = camera.bearings(pixels)
+        if not np.all(rays[:, 2] > LEAST_COSINE):
+            raise InputError("pose: detections beside or behind the camera, which PoseLib's poses do not take")
+        pixels, parameters = FOCAL * rays[:, :2] / rays[:, 2:], [FOCAL, FOCAL, 0.0, 0.0]
+    width, height = int(2 * parameters[2]) + 1, int(2 * parameters[3]) + 1
+    return pixels, {"model": "PINHOLE", "width": width, "height": height, "params": parameters}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
 from rootmatch.algebra.vector import tangent_bases
-from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
 
@@ -35,8 +35,8 @@ class Views:
     Attributes
     ----------
     first, second : (n, 3) and (n', 3) arrays
-        Rays (not of unit length: the third coordinate of the camera frame is 1).
-    first_axes, second_axes : (3, 2) arrays
+        Rays of any length: of a pinhole, the third coordinate of the camera frame is 1.
+    first_axes, second_axes : (n, 3, 2) and (n', 3, 2) arrays
         How such a ray moves with a pixel of its image.
     first_sigma, second_sigma : (n,) and (n',) arrays
         Pixels.
@@ -57,16 +57,14 @@ class Views:
 
     @classmethod
     def of(
-        cls, points: PointSets, cameras: tuple[Camera, Camera], rotations: tuple[Floats, Floats], tilt: float
+        cls, points: PointSets, cameras: tuple[CameraModel, CameraModel], rotations: tuple[Floats, Floats], tilt: float
     ) -> Views:
         """Views of pixels, each rotated so that the common direction is y."""
         rays, axes = [], []
         for pixels, camera, rotation in zip((points.source, points.target), cameras, rotations, strict=True):
-            inverse = np.array([1.0 / camera.fx, 1.0 / camera.fy])
-            plane = np.column_stack([(pixels - [camera.cx, camera.cy]) * inverse, np.ones(len(pixels))])
-            rays.append(plane @ rotation.T)
-            axes.append(rotation[:, :2] * inverse)
-        focal = float(np.sqrt(cameras[1].fx * cameras[1].fy))
+            ray, own_axes = camera.axes(pixels)
+            rays.append(ray @ rotation.T)
+            axes.append(rotation @ own_axes)
         return cls(
             first=rays[0],
             second=rays[1],
@@ -75,7 +73,7 @@ class Views:
             first_sigma=points.source_noise,
             second_sigma=points.target_noise,
             tilt=tilt,
-            focal=focal,
+            focal=cameras[1].focal,
         )
 
     def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
@@ -86,9 +84,9 @@ class Views:
         first, second = self.first[i], self.second[k]
         line = (essential[..., None, :, :] @ first[..., None])[..., 0]
         value = (second * line).sum(axis=-1)
-        by_second = ((line @ self.second_axes) ** 2).sum(axis=-1)
+        by_second = ((line[..., None, :] @ self.second_axes[k])[..., 0, :] ** 2).sum(axis=-1)
         back = (second[..., None, :] @ essential[..., None, :, :])[..., 0, :]
-        by_first = ((back @ self.first_axes) ** 2).sum(axis=-1)
+        by_first = ((back[..., None, :] @ self.first_axes[i])[..., 0, :] ** 2).sum(axis=-1)
         variance = by_second * self.second_sigma[k] ** 2 + by_first * self.first_sigma[i] ** 2
         deviation = np.sqrt(np.maximum(variance, 1e-300))
         return value / deviation, deviation / np.sqrt(np.maximum(by_second, 1e-300))

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera, check_camera
+from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -49,8 +49,8 @@ class ThreePlusOne(Problem):
     every angle (a large residual: nothing is said); θ = π puts x at infinity, which harms only ``"qr"``.
     """
 
-    camera: Camera
-    camera2: Camera | None = None
+    camera: CameraModel
+    camera2: CameraModel | None = None
     axis: Vector = (0.0, 1.0, 0.0)
     axis2: Vector = (0.0, 1.0, 0.0)
     axis_noise: float = 0.0
@@ -64,6 +64,7 @@ class ThreePlusOne(Problem):
     source_dimension: ClassVar[int] = 2
     to_check: ClassVar[str] = "cameras and axes"
     noisy_source: ClassVar[bool] = True
+    source_is_image: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST_RELATIVE
 
@@ -71,6 +72,7 @@ class ThreePlusOne(Problem):
         check_camera(self.camera)
         if self.camera2 is not None:
             check_camera(self.camera2, "camera2")
+        self._take_dimensions(self.camera, self.camera2)
         self.__dict__.update(
             axis=plain_direction(self.axis, "axis"),
             axis2=plain_direction(self.axis2, "axis2"),
@@ -81,7 +83,7 @@ class ThreePlusOne(Problem):
             raise InputError(f"small_baseline: {self.small_baseline} given; give a positive ρ, or 0 for none")
 
     @property
-    def cameras(self) -> tuple[Camera, Camera]:
+    def cameras(self) -> tuple[CameraModel, CameraModel]:
         """Cameras of the first and of the second image."""
         return self.camera, self.camera if self.camera2 is None else self.camera2
 

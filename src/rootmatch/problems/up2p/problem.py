@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.pinhole import Camera, check_camera
+from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -50,7 +50,7 @@ class UP2P(Problem):
     which harms only ``"qr"``.
     """
 
-    camera: Camera
+    camera: CameraModel
     vertical_camera: Vector = (0.0, 1.0, 0.0)
     vertical_world: Vector = (0.0, 1.0, 0.0)
     vertical_noise: float = 0.0
@@ -71,6 +71,7 @@ class UP2P(Problem):
 
     def __post_init__(self) -> None:
         check_camera(self.camera)
+        self._take_dimensions(self.camera)
         self.__dict__.update(
             vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
             vertical_world=plain_direction(self.vertical_world, "vertical_world"),
@@ -105,11 +106,12 @@ class UP2P(Problem):
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
         upright = Upright(*self.rotations(), float(self.vertical_noise))
+        camera, target, sigma = self.camera.chart(points.target, points.target_noise)
         return absolute_fit(
             source=points.source,
-            target=points.target,
-            sigma=points.target_noise,
-            camera=self.camera,
+            target=target,
+            sigma=sigma,
+            camera=camera,
             assignments=assignments,
             upright=upright,
         )

@@ -1,0 +1,109 @@
+"""What the problems need of a camera, whatever its model: bearings of detections, their noise, and projection."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+class CameraModel(ABC):
+    """A calibrated camera: a map between detections and directions of its frame (x right, y down, z forward)."""
+
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """Numbers in a row of the detections: 2 of a pixel, 3 of a unit ray."""
+
+    @property
+    @abstractmethod
+    def focal(self) -> float:
+        """Units of a detection's noise per radian, on the optical axis: pixels, or 1 where noise is in radians."""
+
+    @abstractmethod
+    def bearings(self, pixels: ArrayLike) -> Floats:
+        """Unit rays (…, 3) in the camera frame of detections (…, 2).
+
+        Raises
+        ------
+        InputError
+            For a detection that no direction projects to.
+        """
+
+    @abstractmethod
+    def project(self, points: ArrayLike) -> Floats:
+        """Detections (…, 2) of points (…, 3) in the camera frame; see `sees` for those that have none."""
+
+    @abstractmethod
+    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points (…, 3) of the camera frame are where the model holds: before the lens, within its field."""
+
+    @abstractmethod
+    def jacobian(self, points: ArrayLike) -> Floats:
+        """Derivatives (…, 2, 3) of the detections of points (…, 3) in the camera frame by these points."""
+
+    @abstractmethod
+    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """Rays (…, 3) of detections, of any length, and how such a ray moves with the detection, (…, 3, 2)."""
+
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+        """Standard deviation in radians, on each of two axes across the ray, of pixels (m, 2) known to ``sigma`` px.
+
+        A pixel off the centre subtends different angles along the radius and across it; returned is the isotropic angle
+        of the same area, so that noise propagation needs nothing but products of bearings.
+        """
+        area = self.steradians(self.bearings(pixels))
+        angle: Floats = np.asarray(sigma, dtype=float) * np.sqrt(area)
+        return angle
+
+    def steradians(self, points: ArrayLike) -> Floats:
+        """Solid angle (…,) of one pixel in the directions of points (…, 3) of the camera frame."""
+        xyz = np.asarray(points, dtype=float)
+        jacobian = self.jacobian(xyz / np.linalg.norm(xyz, axis=-1, keepdims=True))
+        first, second = jacobian[..., 0, :], jacobian[..., 1, :]
+        # across the ray alone, as a point that moves along its ray stays on its pixel
+        area: Floats = 1.0 / np.maximum(np.linalg.norm(np.cross(first, second), axis=-1), 1e-300)
+        return area
+
+    def chart(self, pixels: Floats, sigma: Floats) -> tuple[CameraModel, Floats, Floats]:
+        """A camera whose detections are points of a plane: itself, or one in which unit rays are such points.
+
+        Returns
+        -------
+        camera : CameraModel
+        pixels : (m, 2) array
+            The detections in its image.
+        sigma : (m,) array
+            Their standard deviations there.
+        """
+        return self, pixels, sigma
+
+
+def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
+    """How unit rays (…, 3) move with their pixels, (…, 3, 2), by the derivatives (…, 2, 3) of these by the rays."""
+    gram = jacobian @ jacobian.swapaxes(-1, -2)
+    a, b, d = gram[..., 0, 0], gram[..., 0, 1], gram[..., 1, 1]
+    adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
+    inverse: Floats = jacobian.swapaxes(-1, -2) @ adjugate / (a * d - b * b)[..., None, None]
+    return inverse
+
+
+def check_camera(camera: object, name: str = "camera") -> None:
+    """Refuse anything but a camera, such as its matrix.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not isinstance(camera, CameraModel):
+        raise InputError(
+            f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
+        )
+    if getattr(camera, "camera", None) is not None:
+        raise InputError(f"{name}: Bearings(camera) given, a measurement; give the camera itself, or Bearings()")
