@@ -10,13 +10,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
 SOURCES := $(shell find src -name '*.py')
 
-.PHONY: help demo test smoke-oldest lint format clean
+.PHONY: help demo test smoke-oldest lint format docs clean
 
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
 	@echo "make lint    ruff, mypy and the import layers"
+	@echo "make docs    build the site into docs/_build/html, its examples run, warnings are errors"
 	@echo "make format  let ruff put the code in order"
 	@echo "make clean   remove .venv, caches and what the demonstration wrote"
 
@@ -41,8 +42,12 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: $(VENV)/docs.stamp $(VENV)/kernels.stamp
+	NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-cache $(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+	@echo "The site is in docs/_build/html/index.html"
+
 clean:
-	rm -rf $(VENV) $(OLDEST) $(OUTPUT) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) $(OUTPUT) docs/_build docs/gallery docs/concepts build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Some systems split venv's pip (ensurepip) off their python3; where pip itself is there it can fill the new .venv.
@@ -66,6 +71,11 @@ $(VENV)/runtime.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.
 $(VENV)/dev.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.py
 	@echo "Installing rootmatch with what its tests and checks need into $(VENV) (once; a few minutes)"
 	$(PIP) install -q -e '.[dev]'
+	@touch $(VENV)/runtime.stamp $@
+
+$(VENV)/docs.stamp: $(VENV)/made.stamp pyproject.toml src/rootmatch/_version.py
+	@echo "Installing rootmatch with what its site is built with into $(VENV) (once; a minute or two)"
+	$(PIP) install -q -e '.[docs]'
 	@touch $(VENV)/runtime.stamp $@
 
 $(OLDEST)/made.stamp: pyproject.toml .ci/oldest.py

@@ -112,7 +112,7 @@ def match(
     seed : int
         Random seed; the same seed gives the same match.
     preset : "paper", optional
-        The published method: random hyper-edges, |R₂ₙ,₂ₙ| of one pair, a ρ for each problem, power iteration
+        The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration
         with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
         better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler

@@ -29,7 +29,7 @@ class Residual:
     Parameters
     ----------
     kind : str
-        ``"qr"``: |R₂ₙ,₂ₙ| of the Sylvester matrix (paper); ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its
+        ``"qr"``: ∣R₂ₙ,₂ₙ∣ of the Sylvester matrix (paper); ``"qr-both"``: the lesser over x and 1/x; ``"svd"``: its
         least singular value; ``"normalised"``: one resultant in units of its standard deviation; ``"joint"``: √χ² of
         all constraints.
     pairs : tuple of int

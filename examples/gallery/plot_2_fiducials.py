@@ -1,0 +1,43 @@
+"""
+Surgical fiducials: points in space to points in space
+======================================================
+
+Eight markers are known in a CT scan. A tracker reports seven points: six of the markers, in no particular order, and a
+stray one. Distances tell which is which, and the rigid motion follows.
+"""
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+
+import rootmatch as rm
+from rootmatch.report.pictures import match_figure
+
+rng = np.random.default_rng(11)
+planned = rng.uniform(-80.0, 80.0, (8, 3))  # mm, in the frame of the scan
+
+angle = np.deg2rad(40.0)
+R = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+visible = rng.permutation(8)[:6]
+measured = planned[visible] @ R.T + (350.0, -120.0, 900.0) + 0.3 * rng.normal(size=(6, 3))
+measured = np.vstack([measured, measured.mean(axis=0) + (35.0, -50.0, 20.0)])  # a stray marker
+truth = np.full(8, -1)
+truth[visible] = np.arange(6)
+
+# %%
+# An exact plan and a tracker with 0.3 mm per coordinate: a pair as ``noise`` gives both.
+match = rm.match(planned, measured, rm.Rigid(3), noise=(0.0, 0.3))
+print(match.advice)
+print("assignment:", match.assignment, "  truth:", truth)
+
+# %%
+# The motion that takes the plan to the tracker, and how well it fits at each marker (the target is not one of them).
+pose = match.pose()[0]
+matched = match.assignment >= 0
+errors = np.linalg.norm(planned[matched] @ pose.R.T + pose.t - measured[match.assignment[matched]], axis=1)
+print(f"fiducial registration error {np.sqrt(np.mean(errors**2)):.2f} mm over {matched.sum()} markers")
+
+# %%
+figure = match_figure(planned, measured, match.assignment, truth=truth, unit="mm")
+plt.figure(figure)
+plt.show()
