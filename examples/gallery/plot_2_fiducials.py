@@ -20,7 +20,8 @@ angle = np.deg2rad(40.0)
 R = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
 visible = rng.permutation(8)[:6]
 measured = planned[visible] @ R.T + (350.0, -120.0, 900.0) + 0.3 * rng.normal(size=(6, 3))
-measured = np.vstack([measured, measured.mean(axis=0) + (35.0, -50.0, 20.0)])  # a stray marker
+stray = measured.mean(axis=0) + np.array([35.0, -50.0, 20.0])
+measured = np.vstack([measured, stray])
 truth = np.full(8, -1)
 truth[visible] = np.arange(6)
 
