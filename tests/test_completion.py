@@ -29,7 +29,7 @@ def up2p_tables(seed: int, n: int = 9, clutter: int = 3, tilt: float = 0.0, norm
 def block_of(tables, points: list[int], images: list[int], root: int) -> np.ndarray | None:
     """Rows x, y, z, s11, s12, s22, seen of all points but those of the set."""
     others = [d for d in range(tables.points.shape[1]) if d not in points]
-    flat = np.zeros((6, STRIDE))
+    flat = np.zeros((7, STRIDE))
     flat[:, : len(points) + len(others)] = np.concatenate([tables.points, tables.normals])[:, points + others]
     out = np.zeros(7 * STRIDE)
     if not predict_block(tables, flat.reshape(-1), len(points) + len(others), np.array(images), root, out):

@@ -269,6 +269,30 @@ def test_normals(case: Case) -> None:
         assert match.assignment[0] != case.truth[0]
 
 
+def test_view_angle(case: Case) -> None:
+    """A point is seen within the angle of its normal, by searches (with their slack) and by fits."""
+    with pytest.raises(rm.InputError, match="view_angle: no normals given"):
+        case.match(view_angle=40.0)
+    if not case.problem.takes_normals:
+        return
+    normals = -case.R.T @ case.t - case.source
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    aside = np.cross(normals[0], [0.3, 1.0, 0.2])
+    aside /= np.linalg.norm(aside)
+    normals[0] = np.cos(np.radians(60.0)) * normals[0] + np.sin(np.radians(60.0)) * aside
+    angles = np.full(case.n, 40.0)
+    match = case.match(normals=normals, view_angle=angles)
+    holds(match, case)
+    assert match.assignment[0] != case.truth[0]
+    angles[0] = 75.0
+    match = case.match(normals=normals, view_angle=angles)
+    assert match.assignment[0] == case.truth[0]
+    with pytest.raises(rm.InputError, match="view_angle: shape"):
+        case.match(normals=normals, view_angle=angles[1:])
+    with pytest.raises(rm.InputError, match=r"\(0, 180\]"):
+        case.match(normals=normals, view_angle=0.0)
+
+
 @pytest.mark.parametrize("kind", ["mask", "weights"])
 def test_candidates(case: Case, kind: str) -> None:
     allowed = np.random.default_rng(0).random((case.n, case.n_target)) < 0.6

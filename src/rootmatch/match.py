@@ -88,6 +88,8 @@ def match(
     rho: float | None = None,
     solver: str | Solver | None = None,
     normals: ArrayLike | None = None,
+    view_angle: ArrayLike | None = None,
+    detection: float | None = None,
     candidates: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
     backend: selection.Name = "auto",
@@ -130,6 +132,12 @@ def match(
     solver : str or Solver
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
+    view_angle : float or (n,) array, optional
+        Degrees from its normal within which a point is seen, in (0, 180]; by default 90, less likely beyond 60. Needs
+        normals.
+    detection : float, optional
+        Probability that a visible point is detected: each one that a pose predicts and nothing shows counts against
+        that pose. By default as the best assignment has it.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     motions : int or "auto"
@@ -174,9 +182,17 @@ def match(
         limit=limit,
         scheduler=scheduler,
         progress=progress,
+        detection=detection,
     )
     task = MatchingTask.of(
-        problem, source, target, noise=noise, normals=normals, candidates=candidates, options=options
+        problem,
+        source,
+        target,
+        noise=noise,
+        normals=normals,
+        view_angle=view_angle,
+        candidates=candidates,
+        options=options,
     )
     return solve(task, started)
 

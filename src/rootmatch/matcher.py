@@ -14,7 +14,7 @@ from rootmatch.match import solve
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import check_normals, check_points
+from rootmatch.problems.checks import check_normals, check_points, check_view_angle
 from rootmatch.result import Match
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
@@ -33,7 +33,7 @@ class Matcher:
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
     **options
-        Of `rootmatch.match`: normals, seed, residual, solver, hyperedges, motions, and so on.
+        Of `rootmatch.match`: normals, view_angle, seed, residual, solver, hyperedges, motions, and so on.
 
     Raises
     ------
@@ -48,6 +48,7 @@ class Matcher:
         *,
         noise: ArrayLike | Literal["auto"] = 1.0,
         normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
         **options: Any,
     ) -> None:
         for name in options:
@@ -61,6 +62,8 @@ class Matcher:
         if normals is not None:
             Capability.NORMALS.require(problem.takes_normals, problem.name)
         self.normals = None if normals is None else check_normals(normals, len(self.source)).copy()
+        check_view_angle(view_angle, normals, len(self.source))
+        self.view_angle = view_angle
         self.options = MatchOptions(**options)
         self._sweep = SmallSweep()
 
@@ -94,6 +97,7 @@ class Matcher:
             target,
             noise=self.noise if noise is None else noise,
             normals=self.normals,
+            view_angle=self.view_angle,
             candidates=candidates,
             options=self.options,
         )

@@ -37,6 +37,12 @@ def column(array, i):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def column4(array, i):  # type: ignore[no-untyped-def]
+    """Column i of an array (4, n): a normal and the cosine of its view angle."""
+    return array[0, i], array[1, i], array[2, i], array[3, i]
+
+
+@scalar
 def rotated_about_y(c, s, x, y, z):  # type: ignore[no-untyped-def]
     """A vector rotated about the y axis by the angle with cosine c and sine s."""
     return c * x + s * z, y, c * z - s * x

@@ -39,6 +39,8 @@ def match(
     centre: option.Centre = None,
     dimension: option.Dimension = None,
     normals: option.Normals = True,
+    view_angle: option.ViewAngle = None,
+    detection: option.Detection = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",
     preset: option.Preset = None,
@@ -85,6 +87,8 @@ def match(
     target = io.read_points(image, posed.target_dimension, posed.order)
     true = io.read_truth(truth, source, target) if truth else None
     options: dict[str, Any] = {
+        "view_angle": view_angle,
+        "detection": detection,
         "hyperedges": hyperedges,
         "samples": samples,
         "residual": residual,

@@ -110,6 +110,24 @@ Dimension = Annotated[
 Normals = Annotated[
     bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
 ]
+ViewAngle = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help="A point is seen within this angle of its normal.",
+        show_default="90",
+        rich_help_panel=INPUT,
+    ),
+]
+Detection = Annotated[
+    float | None,
+    typer.Option(
+        metavar="P",
+        help="Probability that a visible point is detected.",
+        show_default="estimated",
+        rich_help_panel=INPUT,
+    ),
+]
 Candidates = Annotated[
     Path | None,
     typer.Option(

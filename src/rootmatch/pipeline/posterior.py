@@ -35,6 +35,9 @@ class PosteriorOptions(Options):
     beyond, light falls with the cosine (Lambert). A round value, not tuned."""
     barely_visible: float = option(0.02, above=0.0, most=1.0)
     """How visible a point is, over that, as seen from the side or from behind: normals are not exact. Not tuned."""
+    view_edge: float = option(0.1, above=0.0)
+    """Width of the edge of a given view angle, in cosines, over which a point fades: poses and normals are not exact.
+    Five degrees at 70°. A round value."""
     detected: tuple[float, ...] = option((0.95, 0.6, 0.25, 0.1), above=0.0, most=1.0)
     """Probabilities that a visible point is detected, over which the odds against clutter alone are averaged. Round
     values, as in `VerificationOptions`."""
@@ -54,6 +57,8 @@ class PosteriorOptions(Options):
 DEFAULT_OPTIONS = PosteriorOptions()
 HALF = 0.5
 """A count is estimated as (k + ½) / (n + 1) (Krichevsky and Trofimov 1981), so that no probability is 0 or 1."""
+MOST_DETECTED = 0.999
+"""Of a detection rate: beyond, one hidden point would refute a pose."""
 IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
 
@@ -80,19 +85,29 @@ def visibility(task: MatchingTask, fit: Fit, k: int, options: PosteriorOptions) 
     if task.points.normals is None:
         return np.ones(task.shape[0])
     cosine = np.nan_to_num(fit.facing(k, task.points.normals), nan=0.0)
+    if task.points.view_cosine is not None:
+        within = (cosine - task.points.view_cosine) / options.view_edge + HALF
+        unknown = ~task.points.normals.any(axis=1)
+        return np.where(unknown, 1.0, np.clip(within, options.barely_visible, 1.0))
     return np.clip(cosine / options.fully_visible, options.barely_visible, 1.0)
 
 
 def log_odds_against_clutter(
-    assignment: Integers, visible: NDArray[np.float64], density: NDArray[np.float64], options: PosteriorOptions
+    assignment: Integers,
+    visible: NDArray[np.float64],
+    density: NDArray[np.float64],
+    options: PosteriorOptions,
+    detection: float | None = None,
 ) -> float:
     """Log-odds of an assignment's matched and unmatched points against the hypothesis that all is clutter.
 
     Clutter is as dense about each detection as detections are there (``density``, the matched ones among them): that
-    detections crowd is no evidence for a pose. How often a visible point is detected is averaged over.
+    detections crowd is no evidence for a pose. How often a visible point is detected is averaged over, unless it is
+    given (``detection``).
     """
     matched = assignment >= 0
-    detected = [float(np.where(matched, np.log(d * visible), np.log1p(-d * visible)).sum()) for d in options.detected]
+    rates = options.detected if detection is None else (min(detection, MOST_DETECTED),)
+    detected = [float(np.where(matched, np.log(d * visible), np.log1p(-d * visible)).sum()) for d in rates]
     clutter = float(np.log(CROWDING * density[assignment[matched]]).sum())
     return float(np.logaddexp.reduce(detected)) - math.log(len(detected)) - clutter
 
@@ -175,7 +190,7 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     visible: dict[bytes, NDArray[np.float64]] = {}
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
-    leader, detected = assignments[0], _detected(assignments[0], np.ones(task.shape[0]))
+    leader, detected = assignments[0], _detected(task, assignments[0], np.ones(task.shape[0]))
     for turn in range(options.rounds + 1):
         new = _fits(task, [key for key in pool if key not in fits], pool)
         fits |= new
@@ -194,7 +209,7 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
             if best is None or value[best] == -np.inf:
                 break
             before = leader, detected
-            leader, detected = pool[best], _detected(pool[best], visible[best])
+            leader, detected = pool[best], _detected(task, pool[best], visible[best])
             if detected == before[1] and np.array_equal(leader, before[0]):
                 break
         if turn == options.rounds or not value:
@@ -226,7 +241,8 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them
         beyond += log_odds_against_uniform(task, pool[order[0]])
     else:
-        beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options)
+        rate = task.options.detection
+        beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options, rate)
     return Ranked([pool[key] for key in order], logarithms, beyond, _misfit(fit, k, options))
 
 
@@ -240,8 +256,10 @@ def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> float:
     return (given + float(fit.chi2[k])) / (given + max(int(fit.freedom[k]), 0))
 
 
-def _detected(assignment: Integers, visible: NDArray[np.float64]) -> float:
-    """Probability that a visible point is detected, as an assignment has it."""
+def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.float64]) -> float:
+    """Probability that a visible point is detected: as given, or as an assignment has it."""
+    if task.options.detection is not None:
+        return min(task.options.detection, MOST_DETECTED)
     matched = int((assignment >= 0).sum())
     return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 

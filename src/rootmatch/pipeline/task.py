@@ -20,6 +20,7 @@ from rootmatch.pipeline.validation import (
     check_count,
     check_motions,
     check_positive,
+    check_probability,
     split_candidates,
 )
 from rootmatch.problems.base import Problem
@@ -63,6 +64,7 @@ class MatchOptions:
     limit: int | None = None
     scheduler: str | None = None
     progress: Progress | None = None
+    detection: float | None = None
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
@@ -73,6 +75,7 @@ class MatchOptions:
         check_count("limit", self.limit)
         check_count("max_hyperedges", self.max_hyperedges)
         check_positive("rho", self.rho)
+        check_probability("detection", self.detection)
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):
@@ -155,6 +158,7 @@ class MatchingTask:
         *,
         noise: ArrayLike | Literal["auto"] = 1.0,
         normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
         options: MatchOptions | None = None,
     ) -> Self:
@@ -173,7 +177,7 @@ class MatchingTask:
         if estimates:
             check_choice("noise", noise, ("auto",))
             noise = 1.0
-        points = problem.validated(source, target, noise, normals)
+        points = problem.validated(source, target, noise, normals, view_angle)
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
         allowed, prior = split_candidates(candidates, *points.shape)
@@ -240,6 +244,7 @@ class MatchingTask:
             motions=self.options.motions,
             candidates=None if self.allowed is None else self.allowed[self.order],
             progress=self.options.progress,
+            view_cosine=self.ordered_points.view_cosine,
         )
 
     def with_noise(self, sigma: float) -> Self:

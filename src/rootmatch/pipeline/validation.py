@@ -88,6 +88,13 @@ def check_positive(name: str, value: Any) -> None:
         raise InputError(f"{name}: {_shortened(value)} given; give a positive number")
 
 
+def check_probability(name: str, value: Any) -> None:
+    """Refuse anything but a number above 0 and at most 1; None passes."""
+    check_positive(name, value)
+    if value is not None and float(value) > 1.0:
+        raise InputError(f"{name}: {_shortened(value)} given; give a probability, at most 1")
+
+
 def check_callable(name: str, value: Any, purpose: str) -> None:
     """Refuse anything that cannot be called, classes included; None passes."""
     if value is not None and (isinstance(value, type) or not callable(value)):

@@ -12,7 +12,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import check_normals, check_points
+from rootmatch.problems.checks import check_normals, check_points, check_view_angle
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
@@ -69,7 +69,12 @@ class Problem(ABC):
     """The same for data without noise, whose residuals are those of rounding (`rootmatch reproduce`, rho-scan.csv)."""
 
     def validated(
-        self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
+        self,
+        source: ArrayLike,
+        target: ArrayLike,
+        noise: ArrayLike = 1.0,
+        normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
     ) -> PointSets:
         """The points, checked once for everything that follows.
 
@@ -85,6 +90,8 @@ class Problem(ABC):
             source; a tuple or list of two gives both, each a number or one for each point.
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
+        view_angle : float or (n,) array, optional
+            Degrees from its normal within which a point is visible. Default: 90.
 
         Raises
         ------
@@ -96,12 +103,13 @@ class Problem(ABC):
         first = check_points(source, self.source_dimension, "source", self.order)
         second = check_points(target, self.target_dimension, "target", self.order)
         facing = None if normals is None else check_normals(normals, len(first))
+        cosine = check_view_angle(view_angle, normals, len(first))
         sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)
         if self.noise_is_angular and sigma2.max() > MOST_RADIANS:
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
-        return PointSets(first, second, sigma, sigma2, facing)
+        return PointSets(first, second, sigma, sigma2, facing, cosine)
 
     @property
     def noise_is_angular(self) -> bool:

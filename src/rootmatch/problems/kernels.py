@@ -54,9 +54,9 @@ class HypothesisKernels:
 
     Parameters
     ----------
-    coordinates : ``(tables, sets, others)`` → (S, n − m, 6), (S, m, 3)
+    coordinates : ``(tables, sets, others)`` → (S, n − m, 7), (S, m, 4)
         Of sets (S, m) and the other points (S, n − m) of each, in the frame of the set: the others' coordinates, which
-        end with their normals, and the normals of the set's own points. Not jitted.
+        end with their normals and the cosines of their view angles, and those of the set's own points. Not jitted.
     solve : ``(tables, i, j, scratch)``
         Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
     known : ``(tables, grid, i, j)`` → tuple of numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
+SLACK = math.radians(10.0)
+"""Added to a view angle where a pose is known from a minimal set alone: the headset of benchmarks/constellations.py at
+2.5 m, where three points tell a direction to that. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +29,9 @@ class PointSets:
         Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used.
     normals : (n, 3) float64, optional
         Outward normals of the source points, zero where unknown.
+    view_cosine : (n,) float64, optional
+        Least cosine between the normal and the direction to the camera at which each point is visible; None where no
+        angle was given: 0, the rim.
     """
 
     source: Floats
@@ -32,6 +39,7 @@ class PointSets:
     source_noise: Floats
     target_noise: Floats
     normals: Floats | None = None
+    view_cosine: Floats | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -48,6 +56,7 @@ class PointSets:
             source_noise=self.source_noise[first],
             target_noise=self.target_noise[second],
             normals=None if self.normals is None else self.normals[first],
+            view_cosine=None if self.view_cosine is None else self.view_cosine[first],
         )
 
     def with_noise(self, source: Floats, target: Floats) -> PointSets:
@@ -56,6 +65,16 @@ class PointSets:
 
 
 def known_normals(points: PointSets, rotation: Floats | None = None) -> Floats:
-    """Normals (3, n) for the kernels, rotated if asked; zero where none are known."""
-    normals = np.zeros((len(points.source), 3)) if points.normals is None else points.normals
-    return np.ascontiguousarray((normals if rotation is None else normals @ rotation.T).T)
+    """Normals and least cosines (4, n) for the kernels, the normals rotated if asked; zero where none are known.
+
+    The cosines are those of the view angle and `SLACK`: a minimal set knows the directions of normals that well.
+    """
+    rows = np.zeros((4, len(points.source)))
+    if points.normals is not None:
+        length = np.linalg.norm(points.normals, axis=1)
+        unit = points.normals / np.where(length > 0.0, length, 1.0)[:, None]
+        rows[:3] = (unit if rotation is None else unit @ rotation.T).T
+        if points.view_cosine is not None:
+            widened = np.minimum(np.arccos(points.view_cosine) + SLACK, np.pi)
+            rows[3] = np.where(length > 0.0, np.cos(widened), 0.0)
+    return rows

@@ -29,7 +29,7 @@ SCRATCH_COLUMNS = 8
 """Least columns of it."""
 PANEL_ROWS = 16
 """Rows of the panel that every caller of a slab kernel provides."""
-BLOCK_ROWS, BLOCK_COLUMNS = 56, 64
+BLOCK_ROWS, BLOCK_COLUMNS = 60, 64
 """Size of the block that every caller of `fill_block` provides."""
 
 

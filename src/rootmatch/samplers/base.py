@@ -37,6 +37,8 @@ class SamplingTask:
     """(n, n') possible correspondences, others are never tried; None for all."""
     progress: Progress | None = None
     """Called now and then with (done, total), in units of the sampler's own."""
+    view_cosine: NDArray[np.float64] | None = None
+    """(n,) least cosine between normal and direction to the camera at which a point is visible, where given."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
 

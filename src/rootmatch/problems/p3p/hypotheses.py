@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, cross
+from rootmatch.algebra.vector import column, column4, cross
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.p3p.prediction import (
@@ -20,11 +20,11 @@ from rootmatch.problems.p3p.roots import ratio_pairs, solve_all
 
 
 def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
-    """Coordinates in each triple's frame of the other points, of their normals and of its own normals.
+    """Coordinates in each triple's frame of the other points, of their normals and of its own normals, with cosines.
 
     `rootmatch.problems.p3p.prediction.source_coordinates` for whole arrays: NumPy, as nothing is compiled for it.
     """
-    points, normals = t.points.T, t.normals.T
+    points, normals, cosines = t.points.T, t.normals[:3].T, t.normals[3, :, None]
     origin = points[sets[:, 0]]
     e, f = points[sets[:, 1]] - origin, points[sets[:, 2]] - origin
     across = np.cross(e, f)
@@ -41,7 +41,8 @@ def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
             axis=2,
         )
         position = (points[others] - origin[:, None]) @ frame
-        return np.concatenate([position, normals[others] @ frame], axis=2), normals[sets] @ frame
+        rest = np.concatenate([position, normals[others] @ frame, cosines[others]], axis=2)
+        return rest, np.concatenate([normals[sets] @ frame, cosines[sets]], axis=2)
 
 
 @part
@@ -94,6 +95,6 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
         return False
     for d in range(out.shape[1]):
         stored(prediction(source, frame, rays, variances, column(t.points, d)), out, d)
-        hidden = facing_away(source, frame, column(t.normals, d), out[0, d], out[1, d], out[2, d]) > 0.0
+        hidden = facing_away(source, frame, column4(t.normals, d), out[0, d], out[1, d], out[2, d]) > 0.0
         out[12, d] = 1.0 if out[9, d] + out[11, d] < VAGUE2 and not hidden else 0.0
     return True

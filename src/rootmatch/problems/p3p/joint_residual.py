@@ -14,7 +14,7 @@ from math import inf
 
 import numpy as np
 
-from rootmatch.algebra.vector import column
+from rootmatch.algebra.vector import column, column4
 from rootmatch.jit.decorators import kernel
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.prediction import (
@@ -49,7 +49,7 @@ def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-
         for r in range(rows):
             predicted = prediction(source, frame, rays, variances, (px[r], py[r], pz[r]))
             stored(predicted, scratch, r)
-            normal = column(t.normals, first + r)
+            normal = column4(t.normals, first + r)
             if facing_away(source, frame, normal, predicted[0], predicted[1], predicted[2]) > 0.0:
                 scratch[9, r] = inf  # a prediction without meaning
         for r in range(rows):
@@ -77,7 +77,7 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
             if not triple_visible(source, frame, normals, rays):
                 continue
             predicted = prediction(source, frame, rays, variances, column(t.points, d))
-            normal = column(t.normals, d)
+            normal = column4(t.normals, d)
             if facing_away(source, frame, normal, predicted[0], predicted[1], predicted[2]) > 0.0:
                 continue
             least = min(least, squared_deviation(predicted, t.rays[0, k], t.rays[1, k], t.rays[2, k], t.variance[k]))

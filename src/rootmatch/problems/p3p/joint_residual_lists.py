@@ -22,14 +22,21 @@ from rootmatch.problems.p3p.prediction import (
 from rootmatch.problems.p3p.roots import ratio_pairs
 
 # not plain integers, for each of which Numba would compile what takes them anew
-DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14, 26, 38, 50, 54])
-"""First rows of the block's parts, after the roots: |ab|², |bc|², |ca|²; versines; three for each of a, b, c, d; …"""
+DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14, 26, 42, 54, 58])
+"""First rows of the block's parts, after the roots: |ab|², |bc|², |ca|²; versines; three for each of a, b, c, d
+(four for normals); …"""
 
 
 @scalar
 def three(block, row, k):  # type: ignore[no-untyped-def]
     """Three rows of a column."""
     return block[row, k], block[row + 1, k], block[row + 2, k]
+
+
+@scalar
+def four(block, row, k):  # type: ignore[no-untyped-def]
+    """Four rows of a column."""
+    return block[row, k], block[row + 1, k], block[row + 2, k], block[row + 3, k]
 
 
 @kernel
@@ -46,8 +53,9 @@ def gather(t, source, target, first, last, block):  # type: ignore[no-untyped-de
             a, b = source[e, p], target[e, p]
             for axis in range(3):
                 block[POINTS + 3 * p + axis, k] = t.points[axis, a]
-                block[NORMALS + 3 * p + axis, k] = t.normals[axis, a]
                 block[RAYS + 3 * p + axis, k] = t.rays[axis, b]
+            for axis in range(4):
+                block[NORMALS + 4 * p + axis, k] = t.normals[axis, a]
             block[VARIANCES + p, k] = t.variance[b]
 
 
@@ -55,13 +63,13 @@ def gather(t, source, target, first, last, block):  # type: ignore[no-untyped-de
 def squared_at(x, y, block, k):  # type: ignore[no-untyped-def]
     """Square of a column's residual at one root; UNINFORMATIVE² without a solution or where a point faces away."""
     rays = three(block, RAYS, k), three(block, RAYS + 3, k), three(block, RAYS + 6, k)
-    normals = three(block, NORMALS, k), three(block, NORMALS + 3, k), three(block, NORMALS + 6, k)
+    normals = four(block, NORMALS, k), four(block, NORMALS + 4, k), four(block, NORMALS + 8, k)
     source = source_frame(three(block, POINTS, k), three(block, POINTS + 3, k), three(block, POINTS + 6, k))
     frame = camera_frame(block[DISTANCES, k], block[ANGLES, k], x, y, rays)
     predicted = prediction(source, frame, rays, three(block, VARIANCES, k), three(block, POINTS + 9, k))
     dx, dy, dz = three(block, RAYS + 9, k)
     chi2 = squared_deviation(predicted, dx, dy, dz, block[VARIANCES + 3, k])
-    away = facing_away(source, frame, three(block, NORMALS + 9, k), predicted[0], predicted[1], predicted[2])
+    away = facing_away(source, frame, four(block, NORMALS + 12, k), predicted[0], predicted[1], predicted[2])
     visible = triple_visible(source, frame, normals, rays) & (away <= 0.0)
     return chi2 if (x > 0.0) & (y > 0.0) & visible else UNINFORMATIVE * UNINFORMATIVE
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, cross, dot, tangent_basis
+from rootmatch.algebra.vector import column, column4, cross, dot, tangent_basis
 from rootmatch.jit.decorators import scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
 
@@ -150,7 +150,7 @@ def squared_deviation(predicted, x, y, z, v):  # type: ignore[no-untyped-def]
 
 @scalar
 def facing_away(source, frame, normal, x, y, z):  # type: ignore[no-untyped-def]
-    """Product of a source point's normal, rotated as the triple is, with its bearing: positive on the far side."""
+    """Positive where a source point's normal, rotated as the triple is, is beyond its view angle for a unit bearing."""
     alpha, beta, gamma = source_coordinates(source, normal[0], normal[1], normal[2])
     _, _, _, ex, ey, ez, fx, fy, fz, _, _, _, _, _, _, _, _, _ = frame
     gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
@@ -161,7 +161,7 @@ def facing_away(source, frame, normal, x, y, z):  # type: ignore[no-untyped-def]
         x,
         y,
         z,
-    )
+    ) + normal[3]
 
 
 @scalar
@@ -183,7 +183,7 @@ def triple_of(t, i, j):  # type: ignore[no-untyped-def]
         t.distance2[i[0], i[1]],
         t.versine[j[0], j[1]],
         source_frame(column(p, i[0]), column(p, i[1]), column(p, i[2])),
-        (column(m, i[0]), column(m, i[1]), column(m, i[2])),
+        (column4(m, i[0]), column4(m, i[1]), column4(m, i[2])),
         (column(u, j[0]), column(u, j[1]), column(u, j[2])),
         (v[j[0]], v[j[1]], v[j[2]]),
     )

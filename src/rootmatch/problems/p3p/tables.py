@@ -64,7 +64,8 @@ class P3PTables(NamedTuple):
     variance: NDArray[np.float64]
     """(n',) variance of a bearing, radians² on each axis across it."""
     normals: NDArray[np.float64]
-    """(3, n) outward normals of the source points: a point is visible only from its front. Zero for none."""
+    """(4, n) outward unit normals of the source points, zero for none, and the least cosine between a normal and the
+    direction to the camera at which the point is visible."""
 
     @staticmethod
     def kernels() -> ProblemKernels:

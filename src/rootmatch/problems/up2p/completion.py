@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from rootmatch.algebra.vector import column
-from rootmatch.jit.decorators import part
+from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.kernels import STRIDE
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.up2p.prediction import prediction, rotations, solved_pair, tilt_covariance
 from rootmatch.problems.up2p.quadratic import faces
+
+
+@scalar
+def normal_of(flat, k):  # type: ignore[no-untyped-def]
+    """Normal of a point, and the cosine of its view angle."""
+    return flat[3 * STRIDE + k], flat[4 * STRIDE + k], flat[5 * STRIDE + k], flat[6 * STRIDE + k]
 
 
 @part
@@ -21,15 +27,14 @@ def predict(t, flat, count, j, root, out):  # type: ignore[no-untyped-def]
     first, second, pair = solved_pair(c, s, d, a, b, t.variance[j[0]], t.variance[j[1]])
     if not (first > 0.0 and second > 0.0):
         return False
-    nx, ny, nz = 3 * STRIDE, 4 * STRIDE, 5 * STRIDE
     if not (
-        faces(c, s, flat[nx], flat[ny], flat[nz], a[0], a[1], a[2])
-        and faces(c, s, flat[nx + 1], flat[ny + 1], flat[nz + 1], b[0], b[1], b[2])
+        faces(c, s, normal_of(flat, 0), a[0], a[1], a[2])
+        and faces(c, s, normal_of(flat, 1), b[0], b[1], b[2])
     ):
         return False
     for k in range(count):
         x, y, z, s11, s12, s22 = prediction(pair, flat[k] - X, flat[STRIDE + k] - Y, flat[2 * STRIDE + k] - Z)
-        visible = faces(c, s, flat[nx + k], flat[ny + k], flat[nz + k], x, y, z)
+        visible = faces(c, s, normal_of(flat, k), x, y, z)
         out[k], out[STRIDE + k], out[2 * STRIDE + k] = x, y, z
         out[3 * STRIDE + k], out[4 * STRIDE + k], out[5 * STRIDE + k] = s11, s12, s22
         out[6 * STRIDE + k] = 1.0 if s11 + s22 < VAGUE2 and visible else 0.0

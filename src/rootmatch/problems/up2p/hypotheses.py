@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, rotated_about_y, tangent_basis
+from rootmatch.algebra.vector import column, column4, rotated_about_y, tangent_basis
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.up2p.prediction import depths, prediction, rotations, solved_pair, tilt_covariance
@@ -13,7 +13,7 @@ from rootmatch.problems.up2p.quadratic import faces
 
 def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
     """Differences of the other points to each pair's first, and the normals as they are."""
-    points, normals = t.points.T, t.normals.T
+    points, normals = t.points.T, t.normals.T  # with their cosines
     position = points[others] - points[sets[:, 0], None]
     return np.concatenate([position, normals[others]], axis=2), np.ascontiguousarray(normals[sets])
 
@@ -79,8 +79,8 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     if not (root < 2 and first > 0.0 and second > 0.0):
         return False
     if not (
-        faces(c, s, m[0, i[0]], m[1, i[0]], m[2, i[0]], a[0], a[1], a[2])
-        and faces(c, s, m[0, i[1]], m[1, i[1]], m[2, i[1]], b[0], b[1], b[2])
+        faces(c, s, column4(m, i[0]), a[0], a[1], a[2])
+        and faces(c, s, column4(m, i[1]), b[0], b[1], b[2])
     ):
         return False
     tilt = t.tilt_variance[0]
@@ -95,6 +95,6 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
         out[3, k], out[4, k], out[5, k] = e
         out[6, k], out[7, k], out[8, k] = f
         out[9, k], out[10, k], out[11, k] = s11, s12, s22
-        visible = faces(c, s, m[0, k], m[1, k], m[2, k], x, y, z)
+        visible = faces(c, s, column4(m, k), x, y, z)
         out[12, k] = 1.0 if s11 + s22 < VAGUE2 and visible else 0.0
     return True

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, cross, dot, rotated_about_y
+from rootmatch.algebra.vector import column, column4, cross, dot, rotated_about_y
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
@@ -20,7 +20,7 @@ from rootmatch.problems.up2p.quadratic import faces, roots, sinusoid
 
 
 @scalar
-def at_root(c, s, facing, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
+def at_root(c, s, facing, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, normal, ax, ay, az, bx, by, bz, va, vb, tilt):  # type: ignore[no-untyped-def]
     """Everything at one root of the first pair that does not depend on the third bearing."""
     # rotated differences p = RΔ01, q = RΔ02, r = RΔ12 and their derivatives in θ
     px, py, pz = rotated_about_y(c, s, X1 - X0, Y1 - Y0, Z1 - Z0)
@@ -52,7 +52,9 @@ def at_root(c, s, facing, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, Nx, Ny, Nz, ax, ay
     br = dot(bx, by, bz, rx, ry, rz)
     depth0, depth1 = depths(ax, ay, az, bx, by, bz, px, py, pz)
     ox, oy, oz = depth0 * ax + qx, depth0 * ay + qy, depth0 * az + qz
-    front = facing and (depth0 > 0.0) and (depth1 > 0.0) and faces(c, s, Nx, Ny, Nz, ox, oy, oz)
+    inverse = 1.0 / np.sqrt(dot(ox, oy, oz, ox, oy, oz))
+    in_view = faces(c, s, normal, ox * inverse, oy * inverse, oz * inverse)
+    front = facing and (depth0 > 0.0) and (depth1 > 0.0) and in_view
     return (
         f01, g01, kx, ky, kz, lx, ly, lz, mx, my, mz, nx, ny, nz,
         w11 + tilt * (tx * tx + tz * tz), ix, iy, iz, jx, jy, jz,
@@ -132,16 +134,14 @@ def both_roots(t, i0, i1, i2, j0, j1):  # type: ignore[no-untyped-def]
     X2, Y2, Z2 = column(p, i2)
     ax, ay, az = column(u, j0)
     bx, by, bz = column(u, j1)
-    ux, uy, uz = column(m, i0)
-    vx, vy, vz = column(m, i1)
-    wx, wy, wz = column(m, i2)
+    m0, m1, m2 = column4(m, i0), column4(m, i1), column4(m, i2)
     va, vb, tilt = t.variance[j0], t.variance[j1], t.tilt_variance[0]
     alpha, beta, gamma = sinusoid(X1 - X0, Y1 - Y0, Z1 - Z0, ax, ay, az, bx, by, bz)
     c1, s1, c2, s2 = roots(alpha, beta, gamma)
-    facing1 = faces(c1, s1, ux, uy, uz, ax, ay, az) and faces(c1, s1, vx, vy, vz, bx, by, bz)
-    facing2 = faces(c2, s2, ux, uy, uz, ax, ay, az) and faces(c2, s2, vx, vy, vz, bx, by, bz)
-    one = at_root(c1, s1, facing1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, wx, wy, wz, ax, ay, az, bx, by, bz, va, vb, tilt)
-    two = at_root(c2, s2, facing2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, wx, wy, wz, ax, ay, az, bx, by, bz, va, vb, tilt)
+    facing1 = faces(c1, s1, m0, ax, ay, az) and faces(c1, s1, m1, bx, by, bz)
+    facing2 = faces(c2, s2, m0, ax, ay, az) and faces(c2, s2, m1, bx, by, bz)
+    one = at_root(c1, s1, facing1, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, m2, ax, ay, az, bx, by, bz, va, vb, tilt)
+    two = at_root(c2, s2, facing2, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, m2, ax, ay, az, bx, by, bz, va, vb, tilt)
     return one, two, ax, az, bx, bz, va, vb, tilt
 
 

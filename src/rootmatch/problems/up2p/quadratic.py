@@ -44,7 +44,7 @@ def roots(alpha, beta, gamma):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def faces(c, s, nx, ny, nz, x, y, z):  # type: ignore[no-untyped-def]
-    """Whether a normal, rotated about the vertical, does not point away along the bearing."""
-    mx, my, mz = rotated_about_y(c, s, nx, ny, nz)
-    return dot(mx, my, mz, x, y, z) <= 0.0
+def faces(c, s, normal, x, y, z):  # type: ignore[no-untyped-def]
+    """Whether a normal, rotated about the vertical, is within its view angle for a unit bearing."""
+    mx, my, mz = rotated_about_y(c, s, normal[0], normal[1], normal[2])
+    return dot(mx, my, mz, x, y, z) + normal[3] <= 0.0

@@ -46,7 +46,8 @@ class UP2PTables(NamedTuple):
     tilt_variance: NDArray[np.float64]
     """(1,) variance of the vertical, radians² on each of its two axes."""
     normals: NDArray[np.float64]
-    """(3, n) outward normals of the source points: a point is visible only from its front. Zero for none."""
+    """(4, n) outward unit normals of the source points, zero for none, and the least cosine between a normal and the
+    direction to the camera at which the point is visible."""
 
     @staticmethod
     def kernels() -> ProblemKernels:

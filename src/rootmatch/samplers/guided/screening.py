@@ -7,6 +7,8 @@ in ten, is tested one by one.
 
 from __future__ import annotations
 
+import math
+
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.samplers.guided.dispatch import set_frame
 
@@ -39,9 +41,9 @@ def rotated(frame, a, b, c):  # type: ignore[no-untyped-def]
 
 @scalar
 def away(frame, normal, x, y, z):  # type: ignore[no-untyped-def]
-    """Above 0 where a normal points away from the camera, for a point in the direction (x, y, z)."""
-    u, v, w = rotated(frame, *normal)
-    return u * x + v * y + w * z
+    """Above 0 where a normal is beyond its view angle, for a point with the unit bearing (x, y, z)."""
+    u, v, w = rotated(frame, normal[0], normal[1], normal[2])
+    return u * x + v * y + w * z + normal[3]
 
 
 @scalar
@@ -50,7 +52,8 @@ def predicted_cell(grid, frame, normals, point):  # type: ignore[no-untyped-def]
     x, y, z = rotated(frame, point[0], point[1], point[2])
     x, y, z = x + frame[0], y + frame[1], z + frame[2]
     cell = cell_of(grid, x, y, z)
-    hidden = normals and away(frame, point[3:], x, y, z) > 0.0
+    length = math.sqrt(x * x + y * y + z * z) if normals else 1.0
+    hidden = normals and away(frame, point[3:], x / length, y / length, z / length) > 0.0
     return HIDDEN if hidden else cell
 
 
@@ -59,7 +62,7 @@ def numbers(coordinates, row):  # type: ignore[no-untyped-def]
     """A row of coordinates and normals as a tuple, for a loop that vectorises."""
     return (
         coordinates[row, 0], coordinates[row, 1], coordinates[row, 2],
-        coordinates[row, 3], coordinates[row, 4], coordinates[row, 5],
+        coordinates[row, 3], coordinates[row, 4], coordinates[row, 5], coordinates[row, 6],
     )  # fmt: skip
 
 
@@ -70,9 +73,9 @@ def cells_of_two(tables, grid, normals, before, one, two, own, bearings, scratch
         real, frame = set_frame(tables, grid, before, k, scratch, root)
         if normals:
             x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
-            real = real & (away(frame, own[:3], bearings[0], bearings[1], bearings[2]) <= 0.0)
-            real = real & (away(frame, own[3:6], bearings[3], bearings[4], bearings[5]) <= 0.0)
-            real = real & (away(frame, own[6:], x, y, z) <= 0.0)
+            real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
+            real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
+            real = real & (away(frame, own[8:], x, y, z) <= 0.0)
         cells[0, k] = predicted_cell(grid, frame, normals, one) if real else NO_SOLUTION
         cells[1, k] = predicted_cell(grid, frame, normals, two) if real else NO_SOLUTION
 
@@ -84,9 +87,9 @@ def mark_facing(tables, grid, before, own, bearings, scratch, root, passed):  # 
     for k in range(scratch.shape[1]):
         real, frame = set_frame(tables, grid, before, k, scratch, root)
         x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
-        real = real & (away(frame, own[:3], bearings[0], bearings[1], bearings[2]) <= 0.0)
-        real = real & (away(frame, own[3:6], bearings[3], bearings[4], bearings[5]) <= 0.0)
-        real = real & (away(frame, own[6:], x, y, z) <= 0.0)
+        real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
+        real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
+        real = real & (away(frame, own[8:], x, y, z) <= 0.0)
         passed[root, k] = real
         found += real
     return found
@@ -102,10 +105,10 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         Cells of the grid.
     before : tuple
         Of `set_known`.
-    coordinates : (n − m, 6) array
+    coordinates : (n − m, 7) array
         Of the other points, in the order in which they are looked up.
-    own : (m, 3) array
-        Normals of the set's points.
+    own : (m, 4) array
+        Normals of the set's points, and the cosines of their view angles.
     j : (m,) int64 array
         Images of its points but the last.
     lookups : int
@@ -119,12 +122,13 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         last = own.shape[0] - 1
         u = grid.rays
         fronts = (
-            own[0, 0], own[0, 1], own[0, 2], own[last - 1, 0], own[last - 1, 1], own[last - 1, 2],
-            own[last, 0], own[last, 1], own[last, 2],
+            own[0, 0], own[0, 1], own[0, 2], own[0, 3],
+            own[last - 1, 0], own[last - 1, 1], own[last - 1, 2], own[last - 1, 3],
+            own[last, 0], own[last, 1], own[last, 2], own[last, 3],
         )  # fmt: skip
         bearings = u[0, j[0]], u[1, j[0]], u[2, j[0]], u[0, j[last - 1]], u[1, j[last - 1]], u[2, j[last - 1]]
     else:
-        fronts = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        fronts = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bearings = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     found = 0
     if normals and lookups == 0:

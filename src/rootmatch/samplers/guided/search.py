@@ -57,9 +57,9 @@ class Search:
         usual = max(float(np.median(sigma)), float(sigma.max()) / options.grid.noise_ratio)
         self.grid = build_grid(tables.rays, options.gate * usual, options.grid)
         self.density = CROWDING * self.grid.density
-        self.normals = bool(np.any(tables.normals))
-        self.facing = np.ascontiguousarray(tables.normals.T)
-        self.visible = facing_points(self.facing, options.visibility) if self.normals else None
+        self.normals = bool(np.any(tables.normals[:3]))
+        self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
+        self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
         self.refined_at = -1
@@ -100,7 +100,8 @@ class Search:
     def _waves(self) -> Iterator[Integers]:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
         if self.normals:
-            return covering_waves(self.positions, self.facing, self.minimal, self.options.sets, self.options.visibility)
+            sets, visibility = self.options.sets, self.options.visibility
+            return covering_waves(self.positions, self.facing, self.minimal, sets, visibility, self.view_cosine)
         return minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)
 
     def _tried(self) -> TriedSets | None:

@@ -114,9 +114,9 @@ class PreparedSets(NamedTuple):
     others: NDArray[np.int64]
     """(S, n − m) the other points, in the order in which they are looked up."""
     coordinates: NDArray[np.float64]
-    """(S, n − m, 6) position and normal of the others in the frame of the set."""
+    """(S, n − m, 7) position and normal of the others in the frame of the set, and the cosine of its view angle."""
     own: NDArray[np.float64]
-    """(S, m, 3) normals of the set's points in its frame."""
+    """(S, m, 4) normals of the set's points in its frame, and the cosines of their view angles."""
     offset: NDArray[np.int64]
     """(S,) index into the arrangements where each set begins."""
 
@@ -145,7 +145,7 @@ def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, s
         if test.normals:
             a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
             away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
-            if away > 0.0:
+            if away + coordinates[r, 6] * math.sqrt(x * x + y * y + z * z) > 0.0:
                 continue
         looked += 1
         k, distance2 = look_up(grid, x, y, z)

@@ -62,11 +62,16 @@ def sphere(count: int) -> Floats:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def facing_points(normals: Floats, options: VisibilityOptions = DEFAULT_VISIBILITY) -> Bools:
-    """Which points face the camera from each direction, (views, n); those without a normal always do."""
+def facing_points(
+    normals: Floats, options: VisibilityOptions = DEFAULT_VISIBILITY, view_cosine: Floats | None = None
+) -> Bools:
+    """Which points face the camera from each direction, (views, n); those without a normal always do.
+
+    ``view_cosine`` (n,): cosines of the view angles, where they are given.
+    """
     length = np.linalg.norm(normals, axis=1)
     cosine = sphere(options.views) @ (normals / np.where(length > 0.0, length, 1.0)[:, None]).T
-    return np.asarray((cosine > options.facing) | (length == 0.0))
+    return np.asarray((cosine > (options.facing if view_cosine is None else view_cosine)) | (length == 0.0))
 
 
 def some_of(visible: Bools, most: int, rng: np.random.Generator) -> Bools:
@@ -89,6 +94,7 @@ def covering_waves(
     size: int,
     sets: MinimalSetOptions = DEFAULT_SETS,
     options: VisibilityOptions = DEFAULT_VISIBILITY,
+    view_cosine: Floats | None = None,
 ) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of points (n, 3): all, or as many as are listed.
 
@@ -102,6 +108,7 @@ def covering_waves(
         size=size,
         listed=sets,
         options=options,
+        view_cosine=None if view_cosine is None else tuple(view_cosine.tolist()),
     )
     wave, done = sets.first_wave, 0
     while done < len(ordered):
@@ -117,11 +124,12 @@ def _covering(
     size: int,
     listed: MinimalSetOptions,
     options: VisibilityOptions,
+    view_cosine: tuple[float, ...] | None,
 ) -> Integers:
     positions = np.frombuffer(positions_bytes).reshape(n, 3)
     normals = np.frombuffer(normals_bytes).reshape(n, 3)
     rng = np.random.default_rng([n, size])
-    views = facing_points(normals, options)
+    views = facing_points(normals, options, None if view_cosine is None else np.array(view_cosine))
     views &= rng.random(views.shape) < options.detected
     if math.comb(n, size) <= listed.listed:
         sets = np.array(list(combinations(range(n), size)), np.int64).reshape(-1, size)
