@@ -154,14 +154,17 @@ def facing_away(source, frame, normal, x, y, z):  # type: ignore[no-untyped-def]
     alpha, beta, gamma = source_coordinates(source, normal[0], normal[1], normal[2])
     _, _, _, ex, ey, ez, fx, fy, fz, _, _, _, _, _, _, _, _, _ = frame
     gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
-    return dot(
-        alpha * ex + beta * fx + gamma * gx,
-        alpha * ey + beta * fy + gamma * gy,
-        alpha * ez + beta * fz + gamma * gz,
-        x,
-        y,
-        z,
-    ) + normal[3]
+    return (
+        dot(
+            alpha * ex + beta * fx + gamma * gx,
+            alpha * ey + beta * fy + gamma * gy,
+            alpha * ez + beta * fz + gamma * gz,
+            x,
+            y,
+            z,
+        )
+        + normal[3]
+    )
 
 
 @scalar

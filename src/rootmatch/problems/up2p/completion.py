@@ -27,10 +27,7 @@ def predict(t, flat, count, j, root, out):  # type: ignore[no-untyped-def]
     first, second, pair = solved_pair(c, s, d, a, b, t.variance[j[0]], t.variance[j[1]])
     if not (first > 0.0 and second > 0.0):
         return False
-    if not (
-        faces(c, s, normal_of(flat, 0), a[0], a[1], a[2])
-        and faces(c, s, normal_of(flat, 1), b[0], b[1], b[2])
-    ):
+    if not (faces(c, s, normal_of(flat, 0), a[0], a[1], a[2]) and faces(c, s, normal_of(flat, 1), b[0], b[1], b[2])):
         return False
     for k in range(count):
         x, y, z, s11, s12, s22 = prediction(pair, flat[k] - X, flat[STRIDE + k] - Y, flat[2 * STRIDE + k] - Z)

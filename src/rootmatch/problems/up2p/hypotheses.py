@@ -78,10 +78,7 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     first, second, pair = solved_pair(c, s, d, a, b, t.variance[j[0]], t.variance[j[1]])
     if not (root < 2 and first > 0.0 and second > 0.0):
         return False
-    if not (
-        faces(c, s, column4(m, i[0]), a[0], a[1], a[2])
-        and faces(c, s, column4(m, i[1]), b[0], b[1], b[2])
-    ):
+    if not (faces(c, s, column4(m, i[0]), a[0], a[1], a[2]) and faces(c, s, column4(m, i[1]), b[0], b[1], b[2])):
         return False
     tilt = t.tilt_variance[0]
     for k in range(out.shape[1]):
