@@ -99,3 +99,80 @@ def test_integer_prior_weights_where_nothing_agrees() -> None:
     unrelated = np.random.default_rng(3).uniform(0, 480, (7, 2))
     found = rm.match(SCENE.source, unrelated, SCENE.problem, noise=0.01, candidates=np.ones((6, 7), int))
     assert found.status is not rm.Status.MATCHED
+
+
+PAIRS_ALLOWED = {
+    "fewer than the order": [(0, 0), (1, 1)],
+    "in one column": [(i, 0) for i in range(6)],
+    "in one row": [(0, j) for j in range(7)],
+}
+
+
+@pytest.mark.parametrize("pairs", PAIRS_ALLOWED.values(), ids=PAIRS_ALLOWED)
+@pytest.mark.parametrize("weight", [True, 3])
+def test_candidates_without_a_single_hyperedge(pairs: list[tuple[int, int]], weight: Any) -> None:
+    candidates = np.zeros((6, 7), type(weight))
+    for pair in pairs:
+        candidates[pair] = weight
+    found = rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=0.5, candidates=candidates)
+    assert found.status is rm.Status.UNTRUSTED
+    assert found.hyperedges == 0
+
+
+def test_a_prior_is_no_evidence() -> None:
+    """Prior weights may choose among assignments; that points agree is shown by hyper-edges alone."""
+    rng = np.random.default_rng(3)
+    for trial in range(20):
+        unrelated = rng.uniform(0, 480, (7, 2))
+        weights = rng.uniform(0.0, 100.0, (6, 7))
+        bare = rm.match(SCENE.source, unrelated, SCENE.problem, noise=0.5)
+        for given in (np.full((6, 7), 100.0), weights):
+            found = rm.match(SCENE.source, unrelated, SCENE.problem, noise=0.5, candidates=given)
+            assert found.status is not rm.Status.MATCHED or bare.status is rm.Status.MATCHED, trial
+
+
+@pytest.mark.parametrize("frame", [[], np.empty((0, 2)), SCENE.target[:1], SCENE.target[:3]])
+def test_a_frame_of_few_detections_is_an_empty_match(frame: Any) -> None:
+    match = rm.Matcher(SCENE.source, SCENE.problem).match(frame)
+    assert match.status is rm.Status.UNTRUSTED
+    assert match.assignment.tolist() == [-1] * 6
+    assert match.soft.shape == (6, len(frame))
+    assert match.probability is None
+    assert "detections given, at least 4 needed" in match.advice
+
+
+def test_a_frame_with_a_detection_twice_is_an_empty_match() -> None:
+    match = rm.Matcher(SCENE.source, SCENE.problem, noise="auto").match(SCENE.target[[0, 1, 2, 3, 4, 1]])
+    assert match.status is rm.Status.UNTRUSTED
+    assert (match.assignment == -1).all()
+    assert "detections 1 and 5 are the same" in match.advice
+
+
+@pytest.mark.parametrize("problem", [5, rm.P3P])
+def test_a_matcher_needs_a_problem(problem: Any) -> None:
+    with pytest.raises(InputError, match="give a problem such as"):
+        rm.Matcher(SCENE.source, problem)
+
+
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        (np.ma.masked_greater(SCENE.source, 1.0), "masked"),
+        (SCENE.source * 1j, "not an array of numbers"),
+        (SCENE.source.astype(str), "not an array of numbers"),
+        (SCENE.source * 1e150, r"lies beyond 1e\+100; choose another unit"),
+        ((SCENE.source * 1e-150).tolist(), "all points lie within 1e-100; choose another unit"),
+        ([[10**400, 0, 0]] * 6, "not an array of numbers"),
+        ("points.csv", "not an array of numbers"),
+        ({"x": 1}, "not an array of numbers"),
+    ],
+)
+def test_points_that_are_no_finite_numbers_of_a_sane_size(points: Any, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        rm.match(points, SCENE.target, SCENE.problem)
+
+
+def test_a_derived_problem_is_shown_without_its_code() -> None:
+    shown = repr(rm.PlanarMotion(CAMERA).derived)
+    assert shown.startswith("DerivedProblem('planar', source=Bearings(")
+    assert len(shown) < 1000

@@ -1,4 +1,5 @@
 import math
+import warnings
 
 import numba
 import numpy as np
@@ -263,8 +264,8 @@ def test_dense_must_be_symmetric_and_square():
 def test_coordinates_once_or_in_all_orders():
     tensor, _ = instance(3, 4, 4, 20, seed=9)
     tensor = tensor.merged()
-    full = AffinityTensor.from_coo(*tensor.to_coo(), tensor.shape)
-    once = AffinityTensor.from_coo(*tensor.to_coo(symmetric=False), tensor.shape)
+    full = AffinityTensor.from_coo(*tensor.to_coo(), tensor.shape, layout="row")
+    once = AffinityTensor.from_coo(*tensor.to_coo(symmetric=False), tensor.shape, layout="row")
     assert tensor.to_coo()[1].size == 6 * tensor.size
     for other in (full, once):
         np.testing.assert_array_equal(other.indices, tensor.indices)
@@ -304,6 +305,25 @@ def test_scipy_matrix_of_order_two_with_unary_diagonal(layout):
     assert (flat @ matrix @ flat + single) / 2 == pytest.approx(tensor.score(assignment), rel=1e-12)
     with pytest.raises(InputError, match="order 2"):
         instance(3, 4, 4, 5)[0].to_scipy()
+
+
+def test_another_layout_is_not_taken_for_this_one_silently():
+    wide, _ = instance(2, 3, 5, 30, seed=11)
+    dense = wide.merged().to_dense(layout="column")
+    for conflicts in ("error", "drop"):
+        with pytest.raises(InputError, match=r"fit layout=.column.* as in pygmtools"):
+            AffinityTensor.from_dense(dense, (3, 5), conflicts=conflicts)
+    square, _ = instance(2, 4, 4, 30, seed=12)
+    matrix = square.merged().to_scipy()
+    with pytest.warns(UserWarning, match="pygmtools and MATLAB"):
+        AffinityTensor.from_scipy(matrix, (4, 4))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        back = AffinityTensor.from_scipy(matrix, (4, 4), layout="row")
+        AffinityTensor.from_coo([[0, 5], [5, 0]], [1.0, 1.0], (4, 4))  # the same in both
+    np.testing.assert_array_equal(back.indices, square.merged().indices)
+    with pytest.raises(InputError, match="layout: 'F' given"):
+        AffinityTensor.from_scipy(matrix, (4, 4), layout="F")
 
 
 def test_memory_of_a_hyperedge():

@@ -57,7 +57,7 @@ def export_sparse():
 
     # order 3: coordinates (3, nnz) and values, each hyper-edge in one order only
     coordinates, values = tensor.to_coo(symmetric=False)
-    again = rm.AffinityTensor.from_coo(coordinates, values, tensor.shape)
+    again = rm.AffinityTensor.from_coo(coordinates, values, tensor.shape, layout="row")
     assert again.size == tensor.size
 
     # order 2: every hyper-edge votes for its three pairs

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from typing import Any, Literal
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
+from rootmatch.pipeline.validation import check_problem
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import check_normals, check_points, check_view_angle
-from rootmatch.result import Match
+from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
+from rootmatch.problems.points import PointSets
+from rootmatch.result import Match, Status
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
 
@@ -56,6 +61,7 @@ class Matcher:
                 raise InputError(f"Matcher: {name} belongs to a frame; give it to match()")
             if name not in OPTIONS:
                 raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
+        check_problem(problem)
         self.source = check_points(source, problem.source_dimension, "source", problem.order).copy()
         self.problem = problem
         self.noise = noise
@@ -85,12 +91,22 @@ class Matcher:
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
 
+        Returns
+        -------
+        Match
+            Empty, untrusted, and with the reason as its advice where there are too few detections for one hyper-edge or
+            one comes twice: a loop over frames goes on.
+
         Raises
         ------
         InputError
             As `rootmatch.match`.
         """
         started = time.perf_counter()
+        detections = as_points(target, self.problem.target_dimension, "target")
+        fault = self._fault(detections)
+        if fault is not None:
+            return self._empty(detections, fault, started)
         task = MatchingTask.of(
             self.problem,
             self.source,
@@ -104,6 +120,40 @@ class Matcher:
         if self._sweeps(task):
             task = replace(task, options=replace(self.options, hyperedges=self._sweep))
         return solve(task, started)
+
+    def _fault(self, detections: NDArray[np.float64]) -> str | None:
+        """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
+        if detections.size == 0:
+            return f"no detections given, at least {self.problem.order} needed for one hyper-edge"
+        if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
+            return None  # no frame: `rootmatch.match` says what it is
+        if len(detections) < self.problem.order:
+            return f"{len(detections)} detections given, at least {self.problem.order} needed for one hyper-edge"
+        same = repeated(detections)
+        return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
+
+    def _empty(self, detections: NDArray[np.float64], fault: str, started: float) -> Match:
+        """The match of such a frame."""
+        detections = detections.reshape(-1, self.problem.target_dimension)
+        n, n_target = len(self.source), len(detections)
+        noise = math.nan if isinstance(self.noise, str) else self.noise
+        points = PointSets(self.source, detections, np.full(n, math.nan), np.full(n_target, math.nan), self.normals)
+        affinity = self.options.affinity(self.problem)
+        return Match(
+            task=MatchingTask(self.problem, points, affinity, self.options, noise=noise),
+            assignment=np.full(n, -1, np.int64),
+            score=0.0,
+            margin=0.0,
+            alternatives=[],
+            soft=np.zeros((n, n_target)),
+            tensor=AffinityTensor.unchecked(np.empty((0, self.problem.order), np.int32), np.empty(0), (n, n_target)),
+            motions=np.full(n, -1, np.int64),
+            status=Status.UNTRUSTED,
+            converged=True,
+            hyperedges=0,
+            seconds=time.perf_counter() - started,
+            fault=fault,
+        )
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""

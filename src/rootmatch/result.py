@@ -56,6 +56,8 @@ class Match:
         Wall-clock time.
     fitted_probability : float or None
         The probability, where the status needed it.
+    fault : str or None
+        Why the detections of a frame could not be matched at all; see `rootmatch.Matcher.match`.
     """
 
     task: MatchingTask
@@ -71,6 +73,7 @@ class Match:
     hyperedges: int
     seconds: float
     fitted_probability: float | None = None
+    fault: str | None = None
 
     @cached_property
     def probability(self) -> float | None:
@@ -102,7 +105,7 @@ class Match:
     @property
     def advice(self) -> str:
         """The status as a sentence, with what can be done about it for this problem."""
-        return self.status.advice(self.problem)
+        return self.status.advice(self.problem) if self.fault is None else f"no trustworthy match: {self.fault}"
 
     def pose(self) -> list[Pose | None]:
         """Pose of each motion from its matches; see `Pose` for frames and units.

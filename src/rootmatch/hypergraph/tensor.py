@@ -12,10 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import contraction
+from rootmatch.hypergraph.layouts import Layout, row_major
 from rootmatch.hypergraph.rows import one_to_one, sorted_rows, unique_rows
-
-Layout = Literal["row", "column"]
-"""How a pair (i, i') becomes one index elsewhere: row i·n' + i' (as here), column i'·n + i (as in MATLAB)."""
 
 _FAULTS = {
     contraction.OUT_OF_RANGE: "a correspondence is outside 0 … n·n'−1; flat indices are a = i·n' + i'",
@@ -226,7 +224,7 @@ class AffinityTensor:
         values: ArrayLike,
         shape: tuple[int, int],
         *,
-        layout: Layout = "row",
+        layout: Layout | None = None,
         conflicts: Literal["error", "drop"] = "error",
     ) -> AffinityTensor:
         """Tensor from coordinates (d, nnz) and values (nnz,) of nonzero entries, as in `scipy.sparse.coo_array`.
@@ -234,6 +232,11 @@ class AffinityTensor:
         An entry may be given once, or in several orders of its indices with equal values (a full symmetric tensor).
         At order 2 the diagonal becomes the unary weights. Entries whose correspondences share a point can never count
         in a one-to-one assignment: an error, or dropped with ``conflicts="drop"``.
+
+        ``layout``: how a pair (i, i') became one index: ``"row"``, i·n' + i' as in this class, or ``"column"``,
+        i'·n + i as in pygmtools and MATLAB. Say which: in the other layout the same numbers are another problem. Left
+        out it is ``"row"``, with a warning where the entries fit both layouts and differ, and an error where they fit
+        only ``"column"``.
         """
         n, n_target = (int(m) for m in shape)
         flat = np.atleast_2d(np.asarray(coordinates, dtype=np.int64)).T
@@ -243,8 +246,7 @@ class AffinityTensor:
         if flat.size and (flat.min() < 0 or flat.max() >= n * n_target):
             raise InputError(f"coordinates: got {flat.min()} … {flat.max()}; expected 0 … {n * n_target - 1}")
         flat, value = flat[value != 0], value[value != 0]
-        if layout == "column":
-            flat = flat % n * n_target + flat // n
+        flat = row_major(flat, (n, n_target), layout)
         unary = None
         if flat.shape[1] == 2:
             diagonal = flat[:, 0] == flat[:, 1]
@@ -286,7 +288,7 @@ class AffinityTensor:
         dense: ArrayLike,
         shape: tuple[int, int],
         *,
-        layout: Layout = "row",
+        layout: Layout | None = None,
         conflicts: Literal["error", "drop"] = "error",
     ) -> AffinityTensor:
         """Tensor from a full symmetric array (n n',)·d; see `from_coo` for the options."""

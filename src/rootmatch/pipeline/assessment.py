@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -124,9 +125,9 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
     if not task.options.is_paper:
         assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor)
-    scores = [score, *(value for _, value in alternatives)]
+    scores = agreement(sampled.tensor, [assignment, *(other for other, _ in alternatives)])
     lead = margin(score, alternatives, assignment)
-    probability, trusted, factor, support = None, False, 0.0, score
+    probability, trusted, factor, support = None, False, 0.0, scores[0]
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if not proposed and clear(assignment, lead, sampled.tensor):
         # hyper-edges may agree pair by pair without a pose that suits all of them
@@ -146,7 +147,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             trusted = found.beyond_chance > beyond and listed > TRUST.listed_probability
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
-            support = float(values[likely].max(initial=score))
+            support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if not factor <= DEFAULT_OPTIONS.most_inflation:
         alarms = math.inf
@@ -224,6 +225,8 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     outside of the assignment where it is not known.
     """
     tensor, evaluated, share, chance = sampled[:4]
+    if evaluated == 0 and chance is None:
+        return math.inf  # no hyper-edge was possible: nothing speaks for anything
     problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS
     true_weight = TRUE_WEIGHT[problem.constraints] if in_noise else 1.0
     # what assignments of nearly this score share out is structure (a symmetric object), not accident
@@ -233,6 +236,12 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     return log10_false_alarms(
         problem, tensor.shape, score=score / max(share, 1e-300), true_weight=true_weight, chance=random / true_weight
     )
+
+
+def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) -> list[float]:
+    """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
+    alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
+    return [float(value) for value in scores_of(alone, np.array(assignments))]
 
 
 def supported(

@@ -21,6 +21,7 @@ from rootmatch.pipeline.validation import (
     check_motions,
     check_positive,
     check_probability,
+    check_problem,
     split_candidates,
 )
 from rootmatch.problems.base import Problem
@@ -169,9 +170,7 @@ class MatchingTask:
         InputError
             If the input cannot be used; the text says what to do.
         """
-        if not isinstance(problem, Problem):
-            kind = "the class" if isinstance(problem, type) else "given"
-            raise InputError(f"problem: {problem!r} {kind}; give a problem such as rootmatch.P3P(camera)")
+        check_problem(problem)
         options = options or MatchOptions()
         estimates = isinstance(noise, str)
         if estimates:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import as_floats
 
 
 def split_candidates(
@@ -17,22 +19,15 @@ def split_candidates(
     """Mask and prior weights of the candidates argument."""
     if candidates is None:
         return None, None
-    given = np.asarray(candidates)
-    if given.shape != (n, n_target):
-        raise InputError(f"candidates: shape {given.shape} given, (n, n') = ({n}, {n_target}) expected")
-    if given.dtype == np.bool_:
-        mask, unary = given, None
-    else:
-        try:
-            unary = np.ascontiguousarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError("candidates: neither booleans nor numbers; give a mask or prior weights") from None
-        if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
-            raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
-        mask = unary > 0.0
+    unary = np.ascontiguousarray(as_floats(candidates, "candidates", f"a mask or prior weights ({n}, {n_target})"))
+    if unary.shape != (n, n_target):
+        raise InputError(f"candidates: shape {unary.shape} given, (n, n') = ({n}, {n_target}) expected")
+    if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
+        raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
+    mask = unary > 0.0
     if not mask.any():
         raise InputError("candidates: none is allowed; allow at least the order of the problem")
-    return mask, unary
+    return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
 
 
 def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
@@ -57,6 +52,13 @@ def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
             f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges, above the limit of "
             f'{limit:.3g}; use hyperedges="random" with samples=…, name candidates, or raise limit='
         )
+
+
+def check_problem(problem: Any) -> None:
+    """Refuse anything but a problem, its class included."""
+    if not isinstance(problem, Problem):
+        kind = "the class" if isinstance(problem, type) else "given"
+        raise InputError(f"problem: {_shortened(problem)} {kind}; give a problem such as rootmatch.P3P(camera)")
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:

@@ -7,6 +7,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 
+MOST, LEAST = 1e100, 1e-100
+"""Greatest coordinate and least extent of points, in their unit: their squares and products are still numbers."""
+
+
+def as_floats(value: ArrayLike, name: str, expected: str) -> NDArray[np.float64]:
+    """An array of float64, or one clear error for what holds no real numbers or hides some of them."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "biufO":
+            raise TypeError
+        array = given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: it is not an array of numbers; give {expected}") from None
+    if isinstance(value, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(value)):
+        raise InputError(f"{name}: some of its numbers are masked; leave such points out")
+    return array
+
 
 def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:
     """Points as a contiguous float array, or one clear error that says what is wrong with them.
@@ -21,35 +38,46 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
     least : int
         How many points the problem needs.
     """
-    try:
-        array = np.ascontiguousarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: it is not an array of numbers; give shape (m, {dimension})") from None
-    if array.ndim == 3 and array.shape[1:] == (1, dimension):
-        array = array[:, 0]  # as OpenCV hands points over
+    array = as_points(points, dimension, name)
     if array.ndim != 2 or array.shape[1] != dimension:
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
+    far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
+    if len(far):
+        raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
         raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
-    order = np.lexsort(array.T[::-1])
-    same = np.flatnonzero((array[order[1:]] == array[order[:-1]]).all(axis=1))
-    if len(same):
-        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
-        raise InputError(f"{name}: points {first} and {second} are the same; remove repeated points")
+    same = repeated(array)
+    if same is not None:
+        raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
+    if len(array) > 1 and np.ptp(array, axis=0).max() < LEAST:
+        raise InputError(f"{name}: all points lie within {LEAST:g}; choose another unit")
     return array
+
+
+def as_points(points: ArrayLike, dimension: int, name: str) -> NDArray[np.float64]:
+    """Points as a contiguous float array, those that OpenCV nests as (m, 1, dimension) too; of any shape yet."""
+    array = np.ascontiguousarray(as_floats(points, name, f"shape (m, {dimension})"))
+    return array[:, 0] if array.ndim == 3 and array.shape[1:] == (1, dimension) else array
+
+
+def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Two points of the same coordinates, None where all differ."""
+    order = np.lexsort(points.T[::-1])
+    same = np.flatnonzero((points[order[1:]] == points[order[:-1]]).all(axis=1))
+    if not len(same):
+        return None
+    first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+    return first, second
 
 
 def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
     """Normals (count, 3), zeros where none are given."""
     if normals is None:
         return np.zeros((count, 3))
-    try:
-        array = np.asarray(normals, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"normals: not an array of numbers; give shape ({count}, 3)") from None
+    array = as_floats(normals, "normals", f"shape ({count}, 3)")
     if array.shape != (count, 3):
         raise InputError(f"normals: shape {array.shape} given, ({count}, 3) expected, one for each source point")
     if not np.all(np.isfinite(array)):
@@ -91,10 +119,7 @@ def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np
 
     Zero is taken as 1e-6 px: exact data then still yields finite normalised residuals.
     """
-    try:
-        sigma = np.asarray(noise, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: {noise!r} given; give a number of pixels, or one for each target point") from None
+    sigma = as_floats(noise, name, "a number of pixels, or one for each target point")
     if sigma.shape not in ((), (count,)):
         raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):

@@ -83,6 +83,9 @@ class DerivedProblem(Problem):
             return UnitRays().chart(points.target, points.target_noise)[1:]
         return super().image(points)
 
+    def __repr__(self) -> str:
+        return f"DerivedProblem({self.title!r}, source={self.source!r}, target={self.target!r})"
+
     @property
     def code(self) -> str:
         """Source of the generated formulas."""

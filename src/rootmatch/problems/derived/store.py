@@ -54,6 +54,9 @@ class Generated:
     plan: dict[str, Any] = field(compare=False)
     functions: dict[str, Callable[..., Any]] = field(compare=False)
 
+    def __repr__(self) -> str:
+        return f"Generated({len(self.functions)} functions)"
+
 
 def vetted(text: str, where: str = "generated") -> Generated:
     """Compile a generated module after its syntax tree has been held against what may occur.
