@@ -2,7 +2,8 @@
 
 The bearings are projected onto a plane across their mean direction, which is cut into cells; each names the detection
 nearest to its centre, if one is near enough. Looking up a prediction then costs the same for ten detections or a
-thousand, and the distance to the one named is exact.
+thousand, and the distance to the one named is exact. A wider field, beside or behind the camera too, is mapped to a
+plane by Lambert's equal-area projection of the whole sphere; compiled code for it is made when it is first needed.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangent_basis_of
+from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import scalar
 from rootmatch.options import Options, option
 
@@ -34,8 +36,9 @@ class GridOptions(Options):
     """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway. Not tuned."""
     most_cells: int = option(512, least=1)
     """Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory; not tuned."""
-    least_cosine: float = option(0.05, above=0.0, most=1.0)
-    """Cosine to the mean bearing below which a detection is off the plane: 87°. Not tuned."""
+    least_cosine: float = option(0.5, above=0.0, most=1.0)
+    """Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times
+    as wide as at its centre. Below, the grid is one of the whole sphere. A round value, not tuned."""
     noise_ratio: float = option(2.0, least=1.0)
     """The gate of all detections has the median σ, or the largest over this if that is more. Not tuned."""
     neighbours: int = option(3, least=1)
@@ -48,12 +51,12 @@ DEFAULT_GRID = GridOptions()
 
 
 class DetectionGrid(NamedTuple):
-    """Detections on a plane across their mean bearing."""
+    """Detections on a plane across their mean bearing, or on a map of the whole sphere."""
 
     cells: NDArray[np.int16]
     """(h, w) nearest detection of each cell, −1 where none is within the gate."""
     positions: NDArray[np.float64]
-    """(2, n') coordinates of the detections; NaN for one that the plane does not meet."""
+    """(2, n') coordinates of the detections."""
     rays: NDArray[np.float64]
     """(3, n') bearings in the basis of the plane."""
     basis: NDArray[np.float64]
@@ -66,11 +69,18 @@ class DetectionGrid(NamedTuple):
     """Square of the gate, the distance within which a detection is found."""
     density: NDArray[np.float64]
     """(n',) detections per unit of area about each, as a false prediction near the detections meets them."""
+    whole: tuple[()] | tuple[float]
+    """Empty for a plane; its length is part of the type, so that neither map is compiled into code for the other."""
 
 
 def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed."""
+    """Rows: two axes across the mean of the unit bearings (3, n'), and that mean; right-handed.
+
+    Where bearings lie all around, another direction takes the place of the mean, one with no bearing opposite to it.
+    """
     mean = rays.sum(axis=1)
+    if mean @ mean <= 0.0 or float((mean @ rays).min()) < 0.0:
+        mean = widest_axis(np.ascontiguousarray(rays.T))
     mean = mean / np.sqrt(mean @ mean)
     x, y, z = mean.tolist()
     return np.array([*tangent_basis_of(x, y, z), mean])
@@ -83,35 +93,58 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
     """
     basis = mean_basis(rays)
     rotated = basis @ rays
-    ahead = rotated[2] > options.least_cosine
-    positions = np.where(ahead, rotated[:2] / np.where(ahead, rotated[2], 1.0), np.nan)
-    inside = positions[:, ahead]
-    low, high = inside.min(axis=1, initial=np.inf), inside.max(axis=1, initial=-np.inf)
+    whole = not float(rotated[2].min()) > options.least_cosine
+    positions = _equal_area(rotated) if whole else rotated[:2] / rotated[2]
+    low, high = positions.min(axis=1), positions.max(axis=1)
     extent = max(float((high - low).max()), LEAST_EXTENT)
     gate = max(gate, options.least_gate * extent)
     size = max(gate / options.cells_per_gate, (extent + 2.0 * gate) / options.most_cells)
-    corner = low - gate - size
-    width, height = ((high - corner + gate) / size).astype(np.int64) + 2
+    # an angle is this much longer on the map than in space, and a length on the map in space, at the most
+    stretch = np.sqrt(2.0 / np.maximum(1.0 + rotated[2], STRAIGHT)) if whole else np.ones(rays.shape[1])
+    # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
+    reaches = gate + HALF_DIAGONAL * size * stretch
+    margin = float((reaches * stretch).max()) if whole else gate
+    corner = low - margin - size
+    width, height = ((high - corner + margin) / size).astype(np.int64) + 2
     cells = np.full((height, width), NOBODY, np.int16)
     nearest = np.full((height, width), np.inf)
-    # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
-    reach = gate + HALF_DIAGONAL * size
-    about = int(reach / size) + 1
-    for k in np.flatnonzero(ahead).tolist():
+    for k, (reach, longer) in enumerate(zip(reaches.tolist(), stretch.tolist(), strict=True)):
+        about = int(reach * longer / size) + 1
         u, v = ((positions[:, k] - corner) / size).tolist()
         rows = slice(max(0, int(v) - about), int(v) + about + 1)
         columns = slice(max(0, int(u) - about), int(u) + about + 1)
         window = nearest[rows, columns]
         du = (np.arange(columns.start, columns.start + window.shape[1]) + 0.5 - u) * size
         dv = (np.arange(rows.start, rows.start + window.shape[0]) + 0.5 - v) * size
-        distance2 = du * du + (dv * dv)[:, None]
+        if whole:
+            distance2 = _squared_chord(positions[0, k] + du, (positions[1, k] + dv)[:, None], rotated[:, k])
+        else:
+            distance2 = du * du + (dv * dv)[:, None]
         nearer = (distance2 <= reach * reach) & (distance2 < window)
         window[nearer] = distance2[nearer]
         cells[rows, columns][nearer] = k
     return DetectionGrid(
         cells, positions, rotated, basis, corner,
         scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate, options.neighbours),
+        whole=(1.0,) if whole else (),
     )  # fmt: skip
+
+
+STRAIGHT = 1e-3
+"""1 + cosine to the axis down to which the map's stretch is followed: 177°. Not tuned."""
+
+
+def _equal_area(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lambert's azimuthal equal-area projection (2, m) of unit vectors (3, m) about the z axis."""
+    return np.asarray(rays[:2] * np.sqrt(2.0 / np.maximum(1.0 + rays[2], 1e-300)))
+
+
+def _squared_chord(u: NDArray[np.float64], v: NDArray[np.float64], ray: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squared distance on the unit sphere from a unit vector (3,) to what the map has at (u, v), NaN for nothing."""
+    quarter = 0.25 * (u * u + v * v)
+    with np.errstate(invalid="ignore"):
+        across = np.sqrt(1.0 - quarter)
+    return np.asarray(2.0 - 2.0 * (across * (u * ray[0] + v * ray[1]) + (1.0 - 2.0 * quarter) * ray[2]))
 
 
 TREE_FROM = 600
@@ -127,17 +160,14 @@ def local_density(
     distribution averaged over itself, which is also right for a filled rectangle but for a factor of 1.05. So a few
     detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
     """
-    ahead = np.isfinite(positions[0])
-    inside = positions[:, ahead]
-    count = inside.shape[1]
-    centred = inside - inside.mean(axis=1, keepdims=True)
+    count = positions.shape[1]
+    centred = positions - positions.mean(axis=1, keepdims=True)
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
-    density = np.full(positions.shape[1], overall)
     k = max(neighbours, math.ceil(math.sqrt(count)))
-    if k < count:
-        density[ahead] = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
-    return density
+    if k >= count:
+        return np.full(count, overall)
+    return np.asarray(np.maximum(overall, k / (np.pi * (_reach2(positions, k) + blur * blur))))
 
 
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
@@ -152,22 +182,36 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
 
 
 @scalar
+def position_of(grid, x, y, z):  # type: ignore[no-untyped-def]
+    """Where a point (x, y, z) in the grid's basis lies on its map, and whether it does: on a plane, what is ahead."""
+    if len(grid.whole) > 0:
+        size = np.sqrt(x * x + y * y + z * z)
+        scale = np.sqrt(2.0 / (size * (size + z)))
+        return x * scale, y * scale, size + z > 0.0
+    inverse = 1.0 / z
+    return x * inverse, y * inverse, z > 0.0
+
+
+@scalar
 def look_up(grid, x, y, z):  # type: ignore[no-untyped-def]
     """Detection within the gate of a point (x, y, z) in the grid's basis, or −1, and their squared distance."""
-    inverse = 1.0 / z
-    u = x * inverse
-    v = y * inverse
+    u, v, there = position_of(grid, x, y, z)
     column = (u - grid.corner[0]) * grid.scale
     row = (v - grid.corner[1]) * grid.scale
     found, distance2 = NOBODY, np.inf
     height, width = grid.cells.shape
-    # written so that NaN and a point behind the camera are outside
-    if z > 0.0 and column >= 0.0 and column < width and row >= 0.0 and row < height:
+    # written so that NaN is outside
+    if there and column >= 0.0 and column < width and row >= 0.0 and row < height:
         k = int(grid.cells[int(row), int(column)])
         if k >= 0:
-            du = u - grid.positions[0, k]
-            dv = v - grid.positions[1, k]
-            distance2 = du * du + dv * dv
+            if len(grid.whole) > 0:
+                inverse = 1.0 / np.sqrt(x * x + y * y + z * z)
+                du, dv, dw = x * inverse - grid.rays[0, k], y * inverse - grid.rays[1, k], z * inverse - grid.rays[2, k]
+                distance2 = du * du + dv * dv + dw * dw
+            else:
+                du = u - grid.positions[0, k]
+                dv = v - grid.positions[1, k]
+                distance2 = du * du + dv * dv
             if distance2 <= grid.gate2:
                 found = k
     return found, distance2

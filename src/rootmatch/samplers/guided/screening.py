@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from rootmatch.jit.decorators import part, scalar
+from rootmatch.samplers.guided.detection_grid import position_of
 from rootmatch.samplers.guided.dispatch import set_frame
 
 ROOTS = 4
@@ -23,12 +24,12 @@ NO_SOLUTION = -2
 @scalar
 def cell_of(grid, x, y, z):  # type: ignore[no-untyped-def]
     """Number of the cell that a point (x, y, z) in the grid's basis projects to; outside, 0, which is empty."""
-    inverse = 1.0 / z
-    column = (x * inverse - grid.corner[0]) * grid.scale
-    row = (y * inverse - grid.corner[1]) * grid.scale
+    u, v, there = position_of(grid, x, y, z)
+    column = (u - grid.corner[0]) * grid.scale
+    row = (v - grid.corner[1]) * grid.scale
     height, width = grid.cells.shape
-    # written so that NaN and a point behind the camera are outside
-    inside = (z > 0.0) & (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
+    # written so that NaN is outside
+    inside = there & (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
     return int(row if inside else 0.0) * width + int(column if inside else 0.0)
 
 
