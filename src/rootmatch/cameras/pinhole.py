@@ -99,7 +99,7 @@ class Camera(CameraModel):
         return cls(matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
     @classmethod
-    def from_opencv(cls, K: ArrayLike, dist: ArrayLike = ()) -> Camera:
+    def from_opencv(cls, K: ArrayLike, dist: ArrayLike | None = None) -> Camera:
         """Make a camera of what ``cv2.calibrateCamera`` returns.
 
         Detections are then raw pixels, as the camera took them.
@@ -109,8 +109,8 @@ class Camera(CameraModel):
         K : (3, 3) array
             As in `from_matrix`.
         dist : (4,), (5,), (8,), (12,) or (14,) array
-            Distortion coefficients in OpenCV's order: k1 k2 p1 p2[ k3[ k4 k5 k6[ s1 s2 s3 s4[ τx τy]]]]. Empty or all
-            zero: a pinhole.
+            Distortion coefficients in OpenCV's order: k1 k2 p1 p2[ k3[ k4 k5 k6[ s1 s2 s3 s4[ τx τy]]]]. None, empty
+            or all zero: a pinhole.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Camera(CameraModel):
             If the matrix is none of a camera, or the coefficients are not so many finite numbers.
         """
         camera = cls.from_matrix(K)
-        if np.size(dist) == 0:
+        if dist is None or (isinstance(dist, list | tuple | np.ndarray) and len(dist) == 0):
             return camera
         lens = Brown(dist)  # type: ignore[arg-type]
         return cls(*camera.numbers, lens) if any(lens.values) else camera
