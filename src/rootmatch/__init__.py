@@ -19,6 +19,7 @@ from rootmatch.samplers.guided.sampler import Guided
 if TYPE_CHECKING:
     from rootmatch.derivation.derive import derive
     from rootmatch.hypergraph.invariants import invariant_affinities, nearest_hyperedges
+    from rootmatch.io.calibrations.reading import read_cameras
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
     from rootmatch.problems.p3p import P3P as P3P
     from rootmatch.problems.planar_motion import PlanarMotion as PlanarMotion
@@ -36,6 +37,7 @@ _LATER = {
     "invariant_affinities": "hypergraph.invariants",
     "nearest_hyperedges": "hypergraph.invariants",
     "derive": "derivation.derive",
+    "read_cameras": "io.calibrations.reading",
 }
 """Modules that are imported when first asked for: most users need none of them."""
 
@@ -74,5 +76,6 @@ __all__ = [
     "invariant_affinities",
     "match",
     "nearest_hyperedges",
+    "read_cameras",
     "residuals",
 ]

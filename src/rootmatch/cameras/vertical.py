@@ -23,8 +23,8 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     """
     try:
         direction = np.asarray(vector, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: {vector!r} given, three numbers x,y,z expected") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: {str(vector)[:60]} given, three numbers x,y,z expected") from None
     if direction.shape != (3,):
         raise InputError(f"{name}: shape {direction.shape} given, three numbers x,y,z expected")
     if not np.all(np.isfinite(direction)):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rootmatch.io.atomic_output import check_output, check_output_folder, folder_written_whole, written_whole
+from rootmatch.io.calibrations.own import DIRECTIONS
 from rootmatch.io.camera_files import (
-    DIRECTIONS,
     Calibration,
     parse_camera,
     parse_direction,

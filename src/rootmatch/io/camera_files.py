@@ -1,12 +1,10 @@
-"""Cameras and measured directions, from command-line text and JSON camera files."""
+"""Cameras and measured directions, from command-line text and camera files; what we write is JSON."""
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.io.atomic_output import written_whole
-from rootmatch.io.csv_tables import read_text
-
-NUMBERS = ("fx", "fy", "cx", "cy")
-DISTORTION = ("distortion", "distortion_coefficients", "dist", "distcoeffs", "k1", "k2", "k3", "p1", "p2")
-DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
-EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
+from rootmatch.io.calibrations.opencv import is_opencv
+from rootmatch.io.calibrations.own import DIRECTIONS, camera_entry, camera_of
+from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
+from rootmatch.io.calibrations.values import shortened
 
 
 @dataclass(frozen=True)
@@ -33,41 +30,53 @@ class Calibration:
     Directions are unit vectors (3,); None where the file gives none.
     """
 
-    camera: Camera
-    camera2: Camera | None = None
+    camera: CameraModel
+    camera2: CameraModel | None = None
     vertical_camera: NDArray[np.float64] | None = None
     vertical_world: NDArray[np.float64] | None = None
     axis: NDArray[np.float64] | None = None
     axis2: NDArray[np.float64] | None = None
 
 
-def read_camera(path: Path) -> Calibration:
-    """Read a JSON object with ``fx, fy, cx, cy`` or ``K``, and optionally ``camera2`` and the measured directions.
+def read_camera(path: Path, name: str | None = None) -> Calibration:
+    """Read one camera of a file, and what our own format (JSON) adds: ``camera2`` and the measured directions.
 
-    Other keys are ignored, with two exceptions: a nonzero lens distortion, which would spoil every residual, and a key
-    so close to a known one that it is probably a typo.
+    Parameters
+    ----------
+    path : path
+        See `rootmatch.io.calibrations.reading.read_cameras`. Our JSON object has ``fx, fy, cx, cy`` or ``K``, and a
+        lens as ``dist`` (OpenCV's coefficients) or ``fisheye`` (four of them); or ``"bearings": true``. Other keys
+        are ignored, but for one so close to a known one that it is probably a typo.
+    name : str, optional
+        Which of several cameras.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or holds several cameras and none is named.
     """
-    try:
-        content = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); give {EXAMPLE}") from None
-    camera = _camera(path, content, ("camera2", *DIRECTIONS))
-    camera2 = _camera(path, content["camera2"], ()) if content.get("camera2") is not None else None
-    directions: dict[str, NDArray[np.float64]] = {}
-    for name in DIRECTIONS:
-        if content.get(name) is not None:
-            value = content[name]
-            if not isinstance(value, list) or not all(isinstance(number, int | float) for number in value):
-                raise InputError(f"{path}: {name} is {value!r}; give three numbers such as [0, 1, 0]")
-            directions[name] = unit_direction(value, f"{path}: {name}")
-    return Calibration(camera, camera2, **directions)
+    content = load_json(path, read_small_text(path)) if path.suffix.lower() == ".json" else None
+    ours = content is not None and not (isinstance(content, dict) and is_opencv(content))
+    if ours and isinstance(content, dict) and "cameras" not in content and name is None:
+        camera = camera_of(path, content, ("camera2", *DIRECTIONS))
+        camera2 = camera_of(path, content["camera2"], ()) if content.get("camera2") is not None else None
+        return Calibration(camera, camera2, **_directions(path, content))
+    found = read_cameras(path)
+    if name is None and len(found) > 1:
+        raise InputError(
+            f"{path}: cameras {_listed(found)}; choose one by its name, such as {path}#{next(iter(found))}"
+        )
+    if name is not None and name not in found:
+        raise InputError(f"{path}: no camera is named {name!r}; it has {_listed(found)}")
+    camera = found[name] if name is not None else next(iter(found.values()))
+    return Calibration(camera, None, **_directions(path, content if ours and isinstance(content, dict) else {}))
 
 
 def write_camera(path: Path, calibration: Calibration) -> None:
     """Write a calibration that `read_camera` reads back unchanged."""
-    content: dict[str, Any] = {name: getattr(calibration.camera, name) for name in NUMBERS}
+    content = camera_entry(calibration.camera)
     if calibration.camera2 is not None:
-        content["camera2"] = {name: getattr(calibration.camera2, name) for name in NUMBERS}
+        content["camera2"] = camera_entry(calibration.camera2)
     for name in DIRECTIONS:
         if getattr(calibration, name) is not None:
             content[name] = np.asarray(getattr(calibration, name), dtype=float).tolist()
@@ -92,36 +101,34 @@ def parse_direction(text: str, name: str) -> NDArray[np.float64]:
 
 
 def parse_camera(text: str, name: str) -> Calibration:
-    """Parse ``"FX,FY,CX,CY"`` in pixels, or read the camera file (JSON) of that name."""
-    if text.lower().endswith(".json") or os.path.exists(text):  # unlike Path.exists, no error for over-long texts
+    """Parse ``"FX,FY,CX,CY"`` in pixels, or read the camera file of that name, a camera of several as ``FILE#NAME``."""
+    if os.path.exists(text):  # unlike Path.exists, no error for over-long texts
+        return read_camera(Path(text))
+    file, mark, chosen = text.rpartition("#")
+    if mark and (os.path.exists(file) or file.lower().endswith(SUFFIXES)):
+        return read_camera(Path(file), chosen)
+    if text.lower().endswith(SUFFIXES):
         return read_camera(Path(text))
     try:
         fx, fy, cx, cy = parse_numbers(text, 4, name, "1000,1000,320,240")
         return Calibration(Camera(fx, fy, cx, cy))
     except InputError as error:
-        hint = "" if "," in text else ", or the path of a camera file (JSON)"
+        hint = "" if "," in text else ", or the path of a camera file"
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ').removeprefix('camera: ')}{hint}") from None
 
 
-def _camera(path: Path, content: Any, more: Sequence[str]) -> Camera:
-    """The camera of a JSON object; ``more`` lists its other known keys."""
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
-    known = (*NUMBERS, "K", *more)
-    for key in content:
-        if key.lower() in DISTORTION and np.any(np.asarray(content[key]) != 0):
-            raise InputError(f"{path}: it has a lens distortion ({key}); undistort the image points, then leave it out")
-        near = difflib.get_close_matches(key, [name for name in known if len(name) > 2], n=1, cutoff=0.7)
-        if near and key not in known:
-            raise InputError(f"{path}: {key!r} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
-    try:
-        if "K" in content:
-            return Camera.from_matrix(np.array(content["K"], dtype=float))
-        missing = [name for name in NUMBERS if name not in content]
-        if missing:
-            raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
-        return Camera(*(content[name] for name in NUMBERS))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (TypeError, ValueError):
-        raise InputError(f"{path}: K is not a matrix of numbers; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]") from None
+def _listed(found: dict[str, CameraModel]) -> str:
+    names = list(found)
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+
+def _directions(path: Path, content: dict[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """The measured directions of a JSON object."""
+    directions: dict[str, NDArray[np.float64]] = {}
+    for name in DIRECTIONS:
+        if content.get(name) is not None:
+            value = content[name]
+            if not isinstance(value, list) or not all(isinstance(number, int | float) for number in value):
+                raise InputError(f"{path}: {name} is {shortened(value)}; give three numbers such as [0, 1, 0]")
+            directions[name] = unit_direction(value, f"{path}: {name}")
+    return directions

@@ -1,0 +1,64 @@
+"""Kalibr's camchain YAML: cameras cam0, cam1, … with intrinsics and a distortion model each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.colmap import Colmap
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.lens import Lens
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.errors import InputError
+from rootmatch.io.calibrations.values import numbers, shortened
+
+COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
+"""Coefficients of each distortion model."""
+
+
+def is_kalibr(content: dict[str, Any]) -> bool:
+    """Whether all entries that are cameras name their model as Kalibr does."""
+    return any(isinstance(entry, dict) and "camera_model" in entry for entry in content.values())
+
+
+def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
+    """The cameras of one file by their names.
+
+    Raises
+    ------
+    InputError
+        If a model is unknown, or its numbers are not valid.
+    """
+    found = {}
+    for name, entry in content.items():
+        if not isinstance(entry, dict) or "camera_model" not in entry:
+            continue
+        where = f"{path}: {shortened(name)}"
+        if entry["camera_model"] != "pinhole":
+            raise InputError(f"{where}: camera_model is {shortened(entry['camera_model'])}; only pinhole is known")
+        model = entry.get("distortion_model", "none")
+        if model not in COUNTS:
+            raise InputError(f"{where}: distortion_model is {shortened(model)}; give one of {', '.join(COUNTS)}")
+        intrinsics = numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
+        values = numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))
+        if len(intrinsics) != 4:
+            raise InputError(f"{where}: {len(intrinsics)} intrinsics given; give fx, fy, cx and cy")
+        if len(values) != COUNTS[model]:
+            raise InputError(f"{where}: {len(values)} distortion_coeffs given, and {model} has {COUNTS[model]}")
+        try:
+            fx, fy, cx, cy = intrinsics
+            found[str(name)] = Camera(fx, fy, cx, cy, _lens(str(model), tuple(values)))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+    return found
+
+
+def _lens(model: str, values: tuple[float, ...]) -> Lens | None:
+    if model == "radtan" and any(values):
+        return Brown(values)
+    if model == "equidistant":
+        return KannalaBrandt(values)
+    if model == "fov":
+        return Colmap("FOV", values)
+    return None

@@ -1,0 +1,116 @@
+"""Our own camera files (JSON): a camera or several by name, with the lens."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.colmap import Colmap
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.unit_rays import UnitRays
+from rootmatch.errors import InputError
+from rootmatch.io.calibrations.values import matrix, numbers, shortened
+from rootmatch.problems.derived.measurements import Bearings
+
+NUMBERS = ("fx", "fy", "cx", "cy")
+DISTORTION = ("dist", "distortion", "distortion_coefficients", "distcoeffs")
+ONE_BY_ONE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
+EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
+
+
+def cameras_of(path: Path, content: dict[str, Any]) -> dict[str, CameraModel]:
+    """Cameras of our JSON: those of ``cameras`` by name, or ``camera`` and ``camera2``.
+
+    Raises
+    ------
+    InputError
+        If one of them is not valid.
+    """
+    if "cameras" in content:
+        named = content["cameras"]
+        if not isinstance(named, dict) or not named:
+            raise InputError(f"{path}: cameras is {shortened(named)}; give an object of cameras by name")
+        return {str(name): camera_of(path, entry, ()) for name, entry in named.items()}
+    found = {"camera": camera_of(path, content, ("camera2", *DIRECTIONS))}
+    if content.get("camera2") is not None:
+        found["camera2"] = camera_of(path, content["camera2"], ())
+    return found
+
+
+def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
+    """The camera of a JSON object; ``more`` lists its other known keys."""
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
+    if content.get("bearings") is True:
+        return Bearings()
+    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", *DISTORTION, *more)
+    for key in content:
+        if key.lower() in ONE_BY_ONE and content[key] != 0:
+            raise InputError(f'{path}: {key} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
+        near = difflib.get_close_matches(key[:40], [name for name in known if len(name) > 2], n=1, cutoff=0.7)
+        if near and key.lower() not in known and key not in known:
+            raise InputError(
+                f"{path}: {shortened(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out"
+            )
+    try:
+        if "K" in content:
+            pinhole = Camera.from_matrix(_square(path, content["K"]))
+        else:
+            missing = [name for name in NUMBERS if name not in content]
+            if missing:
+                raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
+            pinhole = Camera(*(content[name] for name in NUMBERS))
+        return _with_lens(path, pinhole, content)
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def _square(path: Path, value: Any) -> list[list[float]]:
+    """A matrix (3, 3) of nested lists."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise InputError("K is not a matrix of numbers; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]") from None
+    if array.shape != (3, 3):
+        raise InputError(f"camera matrix: shape {array.shape} given, (3, 3) expected")
+    return matrix(path, "K", value)
+
+
+def _with_lens(path: Path, pinhole: Camera, content: dict[str, Any]) -> Camera:
+    """The camera with the lens that a JSON object describes."""
+    given = [key for key in content if key.lower() in DISTORTION and content[key] is not None]
+    values = numbers(path, given[0], content[given[0]]) if given else []
+    if content.get("colmap") is not None:
+        return Camera(*pinhole.numbers, Colmap(str(content["colmap"])[:40], tuple(values)))
+    if content.get("fisheye") is not None:
+        if values:
+            raise InputError(f"fisheye and {given[0]} given; a camera has one lens, leave one of them out")
+        return Camera(*pinhole.numbers, KannalaBrandt(tuple(numbers(path, "fisheye", content["fisheye"]))))
+    if len(values) == 0:
+        return pinhole
+    lens = Brown(tuple(values))
+    return Camera(*pinhole.numbers, lens) if any(lens.values) else pinhole
+
+
+def camera_entry(camera: CameraModel) -> dict[str, Any]:
+    """A camera as a JSON object."""
+    if isinstance(camera, UnitRays):
+        return {"bearings": True}
+    if not isinstance(camera, Camera):
+        raise InputError(f"camera: {type(camera).__name__} given, which camera files do not hold; give a Camera")
+    entry: dict[str, Any] = dict(zip(NUMBERS, camera.numbers, strict=True))
+    if isinstance(camera.lens, KannalaBrandt):
+        entry["fisheye"] = list(camera.lens.values)
+    elif isinstance(camera.lens, Colmap):
+        entry |= {"colmap": camera.lens.model, "dist": list(camera.lens.values)}
+    elif isinstance(camera.lens, Brown):
+        entry["dist"] = list(camera.lens.values)
+    return entry

@@ -1,0 +1,117 @@
+"""`read_cameras`: the cameras of a calibration file, whatever tool wrote it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from rootmatch.cameras.base import CameraModel
+from rootmatch.errors import InputError
+from rootmatch.io.calibrations.colmap import read_colmap_binary, read_colmap_text
+from rootmatch.io.calibrations.kalibr import is_kalibr, read_kalibr
+from rootmatch.io.calibrations.opencv import is_opencv, read_opencv, xml_content
+from rootmatch.io.calibrations.own import EXAMPLE, cameras_of
+from rootmatch.io.calibrations.ros import is_ros, read_ros
+from rootmatch.io.calibrations.values import LARGEST, load_yaml, parsed
+from rootmatch.io.csv_tables import read_text
+
+SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin")
+"""Of the files that are read."""
+
+
+def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
+    """Read the cameras of a calibration file.
+
+    Parameters
+    ----------
+    path : str or path
+        What OpenCV's FileStorage wrote (YAML, XML or JSON), COLMAP's ``cameras.txt`` or ``cameras.bin``, Kalibr's
+        camchain (YAML), ROS' ``camera_info`` (YAML) or a camera file of `rootmatch` (JSON).
+
+    Returns
+    -------
+    dict of str to Camera
+        By name: COLMAP's ids, Kalibr's ``cam0``, …, ROS' ``camera_name``, the names in our JSON; else ``camera``, or
+        ``camera1`` and ``camera2``. Pixels are in the convention of the file: the centre of the upper left one is
+        (0, 0), but (0.5, 0.5) for COLMAP.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is none of these, or holds a camera that is not valid.
+    RootmatchError
+        If a model of COLMAP needs pycolmap (the extra ``colmap``) and it is not installed.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix == ".bin":
+        return dict(read_colmap_binary(file, _bytes(file)))
+    text = read_small_text(file)
+    if suffix == ".txt":
+        return dict(read_colmap_text(file, text))
+    if suffix == ".xml" or text.lstrip().startswith("<"):
+        return dict(read_opencv(file, xml_content(file, text)))
+    content = load_json(file, text) if suffix == ".json" else load_yaml(file, text)
+    if not isinstance(content, dict):
+        kind = "a JSON object" if suffix == ".json" else "a mapping of names to values"
+        raise InputError(f"{file}: not {kind}; give a calibration file, or {EXAMPLE}")
+    if is_kalibr(content):
+        return dict(read_kalibr(file, content))
+    if is_ros(content):
+        return dict(read_ros(file, content))
+    if is_opencv(content) or suffix != ".json":
+        return dict(read_opencv(file, content))
+    return cameras_of(file, content)
+
+
+def load_json(path: Path, text: str) -> Any:
+    """The value of a JSON text.
+
+    Raises
+    ------
+    InputError
+        If it is none, nested too deeply, or has integers of thousands of digits.
+    """
+
+    def load() -> Any:
+        try:
+            return json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); give {EXAMPLE}") from None
+
+    return parsed(path, "JSON", load)
+
+
+def read_small_text(path: Path) -> str:
+    """The text of a file that is not too large for a calibration.
+
+    Raises
+    ------
+    InputError
+        If it is, or cannot be read.
+    """
+    _check_size(path)
+    return read_text(path)
+
+
+def _bytes(path: Path) -> bytes:
+    _check_size(path)
+    if path.is_dir():
+        raise InputError(f"{path}: it is a folder; give the name of a file")
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+
+
+def _check_size(path: Path) -> None:
+    try:
+        size = path.stat().st_size
+    except (OSError, ValueError):
+        return  # reading says what is wrong
+    if size > LARGEST:
+        raise InputError(f"{path}: {size} bytes, far more than a calibration has; give the file of the camera")

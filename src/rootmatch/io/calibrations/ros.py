@@ -1,0 +1,45 @@
+"""ROS ``camera_info``: the YAML of camera_calibration, and messages as ``rostopic echo`` or ``ros2 topic echo`` do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.errors import InputError
+from rootmatch.io.calibrations.values import matrix, numbers, shortened
+
+COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
+"""Coefficients of each distortion model."""
+
+
+def is_ros(content: dict[str, Any]) -> bool:
+    """Whether it has the entry that names a distortion model, and one of the matrices."""
+    return "distortion_model" in content and any(name in content for name in ("camera_matrix", "K", "k"))
+
+
+def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
+    """The camera of one file, by its ``camera_name``, else ``camera``.
+
+    Raises
+    ------
+    InputError
+        If the model is unknown, or its numbers are not valid.
+    """
+    model = content["distortion_model"]
+    if model not in ("", "none", *COUNTS):
+        raise InputError(f"{path}: distortion_model is {shortened(model)}; give one of {', '.join(COUNTS)}")
+    name = next(name for name in ("camera_matrix", "K", "k") if name in content)
+    dist = next((name for name in ("distortion_coefficients", "D", "d") if name in content), None)
+    K = matrix(path, name, content[name])
+    values = [] if dist is None else numbers(path, dist, content[dist])
+    if model in COUNTS and values and len(values) != COUNTS[model]:
+        raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give so many")
+    try:
+        if model in ("equidistant", "fisheye"):
+            camera = Camera.from_opencv_fisheye(K, values)
+        else:
+            camera = Camera.from_opencv(K, values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return {str(content.get("camera_name") or "camera")[:80]: camera}

@@ -1,0 +1,124 @@
+"""What the readers share: numbers out of parsed files, and YAML without surprises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rootmatch.errors import InputError
+
+LONGEST = 64
+"""Most numbers of one entry: a camera's matrices and coefficients are shorter."""
+LARGEST = 10_000_000
+"""Bytes of a file beyond which it is no calibration."""
+
+T = TypeVar("T")
+
+
+def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:
+    """What a parser makes of a file; nesting and numbers beyond its bounds become the one error of a bad file.
+
+    Raises
+    ------
+    InputError
+        If the parser refuses the file.
+    """
+    try:
+        return parse()
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply for a calibration; give the file that the tool wrote") from None
+    except InputError:
+        raise
+    except (ValueError, OverflowError, TypeError) as error:
+        line = " ".join(str(error).split())[:160]
+        raise InputError(f"{path}: not {kind} ({line}); give the file that the tool wrote") from None
+
+
+def numbers(path: Path, name: str, value: Any) -> list[float]:
+    """The numbers of an entry: a flat or a nested list, or a matrix as OpenCV writes it.
+
+    Raises
+    ------
+    InputError
+        If it holds anything else, rows of different lengths, or far too much.
+    """
+    if isinstance(value, dict) and "data" in value:
+        value = value["data"]
+    if not isinstance(value, list):
+        raise InputError(f"{path}: {name} is {shortened(value)}; give a list of numbers")
+    rows = value if value and all(isinstance(row, list) for row in value) else [value]
+    if len({len(row) for row in rows}) != 1 or len(rows) * len(rows[0]) > LONGEST:
+        raise InputError(f"{path}: {name} has rows of different lengths, or too many numbers; give a plain list")
+    return [number(path, name, entry) for row in rows for entry in row]
+
+
+def number(path: Path, name: str, value: Any) -> float:
+    """One number of an entry; YAML takes 1e5 for text.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(f"{path}: {name} holds {shortened(value)}; give numbers")
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        raise InputError(f"{path}: {name} holds {shortened(value)}; give numbers") from None
+
+
+def shortened(value: Any) -> str:
+    """A value as an error may quote it: one short line."""
+    if isinstance(value, list | dict):
+        return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def matrix(path: Path, name: str, value: Any) -> list[list[float]]:
+    """Nine numbers as a matrix (3, 3).
+
+    Raises
+    ------
+    InputError
+        If there are not nine.
+    """
+    flat = numbers(path, name, value)
+    if len(flat) != 9:
+        raise InputError(f"{path}: {name} has {len(flat)} numbers, 9 of a 3 × 3 matrix expected")
+    return [flat[0:3], flat[3:6], flat[6:9]]
+
+
+def load_yaml(path: Path, text: str) -> Any:
+    """The one document of a YAML file, OpenCV's matrices as mappings.
+
+    Raises
+    ------
+    InputError
+        If it is no YAML, or holds tags that nobody writes in a calibration.
+    """
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """PyYAML's safe loader, and OpenCV's tag."""
+
+    def mapping(loader: Any, node: Any) -> Any:
+        return loader.construct_mapping(node, deep=True)
+
+    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", mapping)
+    lines = text.splitlines(keepends=True)
+    if lines and lines[0].startswith("%"):  # OpenCV 4 writes %YAML:1.0, which is none
+        lines[0] = "\n"
+
+    def load() -> Any:
+        try:
+            return yaml.load("".join(lines), Loader=Loader)
+        except yaml.YAMLError as error:
+            raise ValueError(str(error)) from None
+
+    return parsed(path, "YAML", load)
