@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import rootmatch as rm
 from rootmatch.cameras.unit_rays import UnitRays
-from rootmatch.cli.app import app
+from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.io import Calibration, PointSet, parse_camera, read_camera, write_camera, write_points
 
@@ -257,6 +257,7 @@ def test_bad_camera_files_on_the_command_line(tmp_path: Path, camera: Callable[[
     write_points(tmp_path / "model.csv", PointSet(np.random.default_rng(0).normal(size=(5, 3))))
     write_points(tmp_path / "image.csv", PointSet(np.random.default_rng(1).normal(size=(5, 2))))
     arguments = ["match", str(tmp_path / "model.csv"), str(tmp_path / "image.csv"), "--problem", "p3p"]
-    result = CliRunner().invoke(app, [*arguments, "--camera", str(camera(tmp_path))], standalone_mode=False)
-    assert isinstance(result.exception, InputError)
-    assert words in str(result.exception)
+    result = CliRunner().invoke(app, [*arguments, "--camera", str(camera(tmp_path))], catch_exceptions=False)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -21,7 +21,7 @@ from rootmatch.algebra.rotation import random_rotation, rotation_about_y
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
-    from rootmatch.cameras.pinhole import Camera
+    from rootmatch.cameras.base import CameraModel
     from rootmatch.problems.base import Problem
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ WIDTH, HEIGHT, FOCAL = 640.0, 480.0, 1000.0  # pixels
 CUBE_SIDE = 4.0
 CAMERA_RADIUS = 12.0
 DOWN = (0.0, 1.0, 0.0)
+TRIES = 100
+"""Draws of outliers, of which those count that the camera shows."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Scene:
         σ of the Gaussian noise of each image coordinate, in pixels.
     poses : tuple of (R, t)
         One per motion, ``x_cam = R X + t`` with X of ``points``; R (3, 3), t (3,).
-    cameras : tuple of Camera
+    cameras : tuple of CameraModel
         The camera, or both for 3P1.
     points : (n, 3) array
         The exact 3D points that ``poses`` act on: ``source`` itself, or for 3P1 the points in the frame of the
@@ -70,7 +72,7 @@ class Scene:
     motions: Integers
     noise: float
     poses: tuple[Pose, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[CameraModel, ...]
     points: Floats
     seed: int
 
@@ -96,7 +98,13 @@ class _Streams:
 
 
 def p3p_scene(
-    n: int = 10, outliers: int = 0, noise: float = 0.0, seed: int = 0, motions: int = 1, hidden: int = 0
+    n: int = 10,
+    outliers: int = 0,
+    noise: float = 0.0,
+    seed: int = 0,
+    motions: int = 1,
+    hidden: int = 0,
+    camera: CameraModel | None = None,
 ) -> Scene:
     """3D points and their image from anywhere on the sphere (paper, "P3P Simulation").
 
@@ -118,6 +126,10 @@ def p3p_scene(
         Number of rigid motions; the points are split into that many equal groups.
     hidden : int
         Additional source points, drawn likewise, without an image (``truth`` −1).
+    camera : CameraModel, optional
+        Another one than the paper's: with a lens, or ``Bearings()``, whose noise is in radians. Its outliers are
+        uniform in the image from (0, 0) to (2 cx, 2 cy), as far as it shows something; bearings are uniform about the
+        camera.
 
     Returns
     -------
@@ -126,12 +138,12 @@ def p3p_scene(
     Raises
     ------
     InputError
-        For counts, noise or seed out of range.
+        For counts, noise or seed out of range, or a camera that does not see the points.
     """
     from rootmatch.problems.p3p.problem import P3P
 
     _check(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
-    streams, camera = _Streams(seed), _camera()
+    streams, camera = _Streams(seed), camera or _camera()
     rng = streams["camera"]
     pose = _look_at_origin(CAMERA_RADIUS * _unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
@@ -151,7 +163,13 @@ def p3p_scene(
 
 
 def up2p_scene(
-    n: int = 10, outliers: int = 0, noise: float = 0.0, seed: int = 0, motions: int = 1, hidden: int = 0
+    n: int = 10,
+    outliers: int = 0,
+    noise: float = 0.0,
+    seed: int = 0,
+    motions: int = 1,
+    hidden: int = 0,
+    camera: CameraModel | None = None,
 ) -> Scene:
     """3D points and their image from a levelled camera on the equator (paper, "Up2p Simulation").
 
@@ -161,7 +179,7 @@ def up2p_scene(
     from rootmatch.problems.up2p.problem import UP2P
 
     _check(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
-    streams, camera = _Streams(seed), _camera()
+    streams, camera = _Streams(seed), camera or _camera()
     pose = _look_at_origin(CAMERA_RADIUS * _horizontal(streams["camera"]))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))]
@@ -184,7 +202,13 @@ def up2p_scene(
 
 
 def three_plus_one_scene(
-    n: int = 10, outliers: int = 0, noise: float = 0.0, seed: int = 0, baseline: float = 1.0, hidden: int = 0
+    n: int = 10,
+    outliers: int = 0,
+    noise: float = 0.0,
+    seed: int = 0,
+    baseline: float = 1.0,
+    hidden: int = 0,
+    camera: CameraModel | None = None,
 ) -> Scene:
     """Two images from levelled cameras in the equatorial plane (paper, "3P1 Simulation").
 
@@ -202,7 +226,7 @@ def three_plus_one_scene(
     limit = CAMERA_RADIUS - CUBE_SIDE / np.sqrt(2.0)
     if not 0.0 < baseline < limit:
         raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: give such a number")
-    streams, camera = _Streams(seed), _camera()
+    streams, camera = _Streams(seed), camera or _camera()
     rng = streams["camera"]
     centre = CAMERA_RADIUS * _horizontal(rng)
     centre2 = centre + baseline * _horizontal(rng)
@@ -210,7 +234,7 @@ def three_plus_one_scene(
     world, motions = _points(streams, n, hidden, np.zeros(n, dtype=np.int64))
     points = world @ R1.T + t1
     relative = R2 @ R1.T, t2 - R2 @ R1.T @ t1
-    source = camera.project(points) + noise * streams["source noise"].standard_normal((n + hidden, 2))
+    source = _detected(camera, points, noise * streams["source noise"].standard_normal((n + hidden, 2)))
     target, truth = _image(
         camera=camera, points=points, motions=motions, poses=[relative], streams=streams, outliers=outliers, noise=noise
     )
@@ -231,7 +255,7 @@ def three_plus_one_scene(
 
 def _absolute(
     problem: Problem,
-    camera: Camera,
+    camera: CameraModel,
     pose: Pose,
     moves: list[Pose],
     streams: _Streams,
@@ -277,7 +301,7 @@ def _points(streams: _Streams, n: int, hidden: int, labels: Integers) -> tuple[F
 
 
 def _image(
-    camera: Camera,
+    camera: CameraModel,
     points: Floats,
     motions: Integers,
     poses: tuple[Pose, ...] | list[Pose],
@@ -288,16 +312,42 @@ def _image(
     """Shuffled noisy image points (n', 2) of the visible points and the outliers, and the truth (n + hidden,)."""
     visible = np.flatnonzero(motions >= 0)
     moved = np.stack([poses[motions[i]][0] @ points[i] + poses[motions[i]][1] for i in visible])
-    image = camera.project(moved) + noise * streams["noise"].standard_normal((len(visible), 2))
-    clutter = streams["outliers"].uniform((0.0, 0.0), (WIDTH, HEIGHT), (outliers, 2))
-    clutter = clutter + noise * streams["outlier noise"].standard_normal((outliers, 2))
+    image = _detected(camera, moved, noise * streams["noise"].standard_normal((len(visible), 2)))
+    clutter = _clutter(camera, streams["outliers"], outliers)
+    shift = noise * streams["outlier noise"].standard_normal((outliers, 2))
+    clutter = clutter + shift if camera.dimension == 2 else clutter
     order = streams["order"].permutation(len(visible) + outliers)
     truth = np.full(len(points), -1, dtype=np.int64)
     truth[visible] = np.argsort(order)[: len(visible)]
     return np.concatenate([image, clutter])[order], truth
 
 
-def _camera() -> Camera:
+def _detected(camera: CameraModel, points: Floats, shift: Floats) -> Floats:
+    """Detections of points (m, 3) of the camera frame, moved by some noise (m, 2)."""
+    if not np.all(camera.sees(points)):
+        raise InputError("camera: it does not see all points of the scene; give one with a field of view of 30°")
+    image = camera.project(points)
+    if camera.dimension == 2:
+        return image + shift
+    rays, axes = camera.axes(image)
+    return camera.bearings(rays + (axes @ shift[..., None])[..., 0])
+
+
+def _clutter(camera: CameraModel, rng: np.random.Generator, count: int) -> Floats:
+    """Detections (count, 2 or 3) anywhere in the image."""
+    if camera.dimension == 3:
+        return np.array([_unit(rng) for _ in range(count)]).reshape(count, 3)
+    width, height = 2.0 * np.array([getattr(camera, "cx", WIDTH / 2.0), getattr(camera, "cy", HEIGHT / 2.0)])
+    kept = np.empty((0, 2))
+    for _ in range(TRIES):
+        drawn = rng.uniform((0.0, 0.0), (width, height), (count, 2))
+        kept = np.concatenate([kept, drawn[camera.shows(drawn)]])[:count]
+        if len(kept) == count:
+            return kept
+    raise InputError("camera: hardly a pixel of its image shows anything; check its distortion")
+
+
+def _camera() -> CameraModel:
     from rootmatch.cameras.pinhole import Camera
 
     return Camera(FOCAL, FOCAL, WIDTH / 2.0, HEIGHT / 2.0)

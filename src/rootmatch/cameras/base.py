@@ -43,6 +43,10 @@ class CameraModel(ABC):
     def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether points (…, 3) of the camera frame are where the model holds: before the lens, within its field."""
 
+    def shows(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether some direction projects to each of some detections (…, 2), so that `bearings` takes them."""
+        return np.ones(np.shape(pixels)[:-1], np.bool_)
+
     @abstractmethod
     def jacobian(self, points: ArrayLike) -> Floats:
         """Derivatives (…, 2, 3) of the detections of points (…, 3) in the camera frame by these points."""

@@ -202,6 +202,12 @@ class Camera(CameraModel):
         xyz = np.asarray(points, dtype=float)
         return np.asarray(xyz[..., 2] > 0.0) if self.lens is None else self.lens.sees(xyz)
 
+    def shows(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether some direction projects to pixels (…, 2): on the near side of the lens' fold."""
+        if self.lens is None:
+            return super().shows(pixels)
+        return np.asarray(np.isfinite(self._lens_rays(self.lens, pixels)).all(axis=-1))
+
     def jacobian(self, points: ArrayLike) -> Floats:
         """Derivatives (…, 2, 3) of the pixels of points (…, 3) by these points."""
         xyz = np.asarray(points, dtype=float)
@@ -233,7 +239,7 @@ class Camera(CameraModel):
             rays[..., 1] = (points[..., 1] - self.cy) / self.fy
             rays[..., 2] = 1.0
             return rays
-        rays = self.lens.rays((points - (self.cx, self.cy)) / (self.fx, self.fy))
+        rays = self._lens_rays(self.lens, points)
         beyond = np.isnan(rays).any(axis=-1)
         if beyond.any():
             x, y = points[beyond][0]
@@ -243,3 +249,7 @@ class Camera(CameraModel):
                 "remove such points, or calibrate up to the rim"
             )
         return rays
+
+    def _lens_rays(self, lens: Lens, pixels: ArrayLike) -> Floats:
+        """Rays (…, 3) of pixels (…, 2), NaN where the lens shows nothing."""
+        return lens.rays((np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy))

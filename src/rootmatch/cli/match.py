@@ -62,7 +62,7 @@ def match(
 ) -> None:
     """Match points to image detections by geometry alone.
 
-    Image x points right and y down, lens distortion removed; the camera looks along z.
+    Image x points right and y down; points are raw pixels where the camera file has the lens. The camera looks along z.
 
     Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the best one is printed all the same); 2: bad
     input; 130: interrupted.

@@ -28,8 +28,8 @@ Problem = Annotated[ProblemName, typer.Option(help="Which minimal problem.", ric
 Camera = Annotated[
     str | None,
     typer.Option(
-        metavar="FX,FY,CX,CY",
-        help="p3p, up2p, 3p1, planar: camera in pixels, or a camera file (JSON).",
+        metavar="FX,FY,CX,CY|FILE",
+        help="p3p, up2p, 3p1, planar: camera in pixels, or a calibration file (OpenCV, COLMAP, Kalibr, ROS, our JSON).",
         rich_help_panel=INPUT,
     ),
 ]
@@ -65,7 +65,7 @@ VerticalNoise = Annotated[
 Camera2 = Annotated[
     str | None,
     typer.Option(
-        metavar="FX,FY,CX,CY",
+        metavar="FX,FY,CX,CY|FILE",
         help="3p1, planar: the second camera.",
         show_default="as the first",
         rich_help_panel=INPUT,

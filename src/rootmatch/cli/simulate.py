@@ -42,6 +42,14 @@ def simulate(
         float | None,
         typer.Option(metavar="B", help="3p1: distance between the cameras; the cube is 4 wide.", show_default="1"),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FX,FY,CX,CY|FILE",
+            help="Another camera than the paper's, with a lens or not.",
+            show_default="1000,1000,320,240",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of a folder that is not empty.")] = False,
 ) -> None:
@@ -49,10 +57,12 @@ def simulate(
 
     Prints the command that matches them. Exit code 0: written; 2: bad input, nothing is written.
     """
-    from rootmatch.io import check_output_folder
+    from rootmatch.io import check_output_folder, parse_camera
 
     check_output_folder(output, force)
     options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
+    if camera is not None:
+        options["camera"] = parse_camera(camera, "--camera").camera
     own = {"motions": motions, "baseline": baseline}
     allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
     for name, value in own.items():

@@ -175,7 +175,7 @@ class MatchingTask:
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
-            noise = 1.0
+            noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
         points = problem.validated(source, target, noise, normals, view_angle)
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))

@@ -160,14 +160,17 @@ def local_density(
     distribution averaged over itself, which is also right for a filled rectangle but for a factor of 1.05. So a few
     detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
     """
-    count = positions.shape[1]
-    centred = positions - positions.mean(axis=1, keepdims=True)
+    ahead = np.isfinite(positions[0])
+    inside = positions[:, ahead]
+    count = inside.shape[1]
+    centred = inside - inside.mean(axis=1, keepdims=True)
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
     k = max(neighbours, math.ceil(math.sqrt(count)))
-    if k >= count:
-        return np.full(count, overall)
-    return np.asarray(np.maximum(overall, k / (np.pi * (_reach2(positions, k) + blur * blur))))
+    density = np.full(positions.shape[1], overall)
+    if k < count:
+        density[ahead] = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
+    return density
 
 
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
