@@ -2,34 +2,73 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+from json import dumps
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.benchmark import Results
 
 
+class What(StrEnum):
+    """What is measured."""
+
+    SPEED = "speed"
+    REAL = "real"
+
+
 def benchmark(
+    what: Annotated[
+        What, typer.Argument(help="This machine's speed and memory, or methods on real targets with ground truth.")
+    ] = What.SPEED,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
     tiny: Annotated[
         bool, typer.Option("--tiny", help="Smallest sizes: checks that everything runs, not how fast.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    data: Annotated[Path | None, typer.Option(help="real: folder of the data sets (.npz).")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="real: folder for results and leaderboard; a run there is resumed.")
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="real: rootmatch, rootmatch-paper, or the command of a program that reads a line of JSON and answers "
+            "with one; may be repeated. Default: the first two."
+        ),
+    ] = None,
+    protocol: Annotated[list[str] | None, typer.Option(help="real: only these scenes; may be repeated.")] = None,
+    timeout: Annotated[float, typer.Option(help="real: seconds a reply may take.")] = 60.0,
 ) -> None:
-    """Measure kernels, contraction, whole matches and memory on this machine.
+    """Measure kernels, contraction, whole matches and memory on this machine, or methods on real targets.
 
     Kernels are compared with batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
     compiles, which takes minutes and is not timed; later runs take about a minute on two cores.
     """
-    from rootmatch.benchmark import Plan, run
     from rootmatch.cli.progress import progress_bar
+
+    if what is What.REAL:
+        from rootmatch.benchmark.real.leaderboard import page
+        from rootmatch.benchmark.real.methods import METHODS
+        from rootmatch.benchmark.real.run import run_real
+
+        if data is None or output is None:
+            raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
+        with progress_bar("scenes", not quiet) as show:
+            table = run_real(data, output, method or list(METHODS), only=protocol, timeout=timeout, progress=show)
+        typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)
+        return
+    from rootmatch.benchmark import Plan, run
 
     with progress_bar("benchmark", not quiet) as progress:
         results = run(Plan.tiny() if tiny else Plan(), progress)
     if json:
         from dataclasses import asdict
-        from json import dumps
 
         typer.echo(dumps(asdict(results), allow_nan=False))
     else:
