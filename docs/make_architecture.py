@@ -95,9 +95,19 @@ def layers() -> list[list[str]]:
     return [names for row in rows if (names := [name for name in row if name not in HIDDEN])]
 
 
+def run(tree: ast.AST) -> Iterable[ast.AST]:
+    """The nodes of a module, but for what only type checkers read: a report names the type of what it reports."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        skipped = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        waiting += node.orelse if skipped else ast.iter_child_nodes(node)
+
+
 def imported(tree: ast.AST) -> Iterable[str]:
     """Packages below `rootmatch` that a module imports, wherever the statement stands."""
-    for node in ast.walk(tree):
+    for node in run(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
