@@ -28,12 +28,16 @@ SOLVERS: dict[str, Solver] = {
     "power-l1-balanced": PowerIteration("l1", normalise="smaller"),
     "power-dense": PowerIteration("l2"),
     "rrwhm": ReweightedWalk(),
+    "rrwhm-published": ReweightedWalk(slack=False),
+    "rrwhm-soft": ReweightedWalk(walk=0.8),
     "hgm": KLProjection(),
     "bcagm": BlockCoordinateAscent(),
 }
 """The common choices by name, with default options.
 
 ``power-l1`` is the paper's, which normalises the rows; ``power-l1-balanced`` balances both sets where they are equal.
+``rrwhm`` gives the larger set a slack line, ``rrwhm-published`` balances to equal sums as its authors' code does, and
+``rrwhm-soft`` walks longer and jumps less (docs/hypergraph.md compares them).
 """
 
 

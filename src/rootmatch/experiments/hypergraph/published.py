@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rootmatch.experiments.hypergraph.protocol import DEFORMATION, OUTLIERS
 
-METHODS = {"power-l1": "TM", "rrwhm": "RRWHM", "bcagm": "BCAGM"}
+METHODS = {"power-l1": "TM", "rrwhm-published": "RRWHM", "bcagm": "BCAGM"}
 """Solvers here and the names of the published methods that they are like."""
 
 ACCURACY: dict[tuple[str, float], dict[str, float]] = {

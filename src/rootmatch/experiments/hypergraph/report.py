@@ -27,8 +27,8 @@ COLOURS = dict(
             "power-l1",
             "power-l1-balanced",
             "hgm",
+            "rrwhm-published",
             "rrwhm",
-            "rrwhm-slack",
             "rrwhm-soft",
             "bcagm",
             "ascent",
@@ -38,6 +38,8 @@ COLOURS = dict(
     )
 )
 """Of each solver (the palette of Okabe and Ito)."""
+DASHES = dict(zip(COLOURS, ("-", "-", "--", "-", "-", "--", ":", "-", "--"), strict=True))
+"""Of each solver, so that curves that lie on one another are still told apart."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,14 @@ def draw(results: Results) -> Figure:
         levels = [level(setting) for setting in settings]
         for solver in results.solvers:
             found = [results.estimate(setting, solver) for setting in settings]
-            axis.plot(levels, [e.mean for e in found], color=COLOURS[solver], label=solver, linewidth=1.8)
+            axis.plot(
+                levels,
+                [e.mean for e in found],
+                color=COLOURS[solver],
+                linestyle=DASHES[solver],
+                label=solver,
+                linewidth=1.8,
+            )
             low, high = [e.low for e in found], [e.high for e in found]
             axis.fill_between(levels, low, high, color=COLOURS[solver], alpha=0.12, linewidth=0)
             name = METHODS.get(solver)

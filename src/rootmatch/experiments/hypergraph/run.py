@@ -26,7 +26,7 @@ from rootmatch.solvers import (
     Solver,
 )
 
-STORE_NAME = "hypergraph.sqlite"
+STORE_NAME = "hypergraph-solvers.sqlite"
 MOST_INSTANCES = 1_000_000
 TIMED_NOISE, TIMED_INSTANCES, TIMED_REPEATS = 0.2, 5, 5
 
@@ -35,17 +35,13 @@ SOLVERS: dict[str, Solver] = {
     "power-l1": PowerIteration("l1", iterations=100, keep=0),
     "power-l1-balanced": PowerIteration("l1", normalise="smaller", iterations=100, keep=0),
     "hgm": KLProjection(keep=0),
-    "rrwhm": ReweightedWalk(slack=False, keep=0),
-    "rrwhm-slack": ReweightedWalk(keep=0),
+    "rrwhm-published": ReweightedWalk(slack=False, keep=0),
+    "rrwhm": ReweightedWalk(keep=0),
     "rrwhm-soft": ReweightedWalk(walk=0.8, keep=0),
     "bcagm": BlockCoordinateAscent(keep=0),
     "ascent": MultiStartAscent(keep=0),
 }
-"""All solvers, on the same tensors.
-
-``rrwhm`` balances to equal sums, as published; ``rrwhm-slack`` is the library's default, with a slack line for the
-larger set; ``rrwhm-soft`` has it too, and walks longer and jumps less.
-"""
+"""All solvers by their names in `rootmatch.solvers.SOLVERS`, on the same tensors, without alternatives."""
 
 
 def plan_of(settings: dict[str, tuple[Setting, ...]]) -> Plan:
@@ -127,8 +123,8 @@ def reproduce(
     Parameters
     ----------
     output : Path
-        Folder of ``hypergraph.sqlite``, ``hypergraph.md``, ``hypergraph.csv`` and ``hypergraph.png`` and ``.svg``. The
-        same call on the same folder goes on where an earlier one stopped.
+        Folder of ``hypergraph-solvers.sqlite``, ``hypergraph.md``, ``hypergraph.csv`` and ``hypergraph.png`` and
+        ``.svg``. The same call on the same folder goes on where an earlier one stopped.
     instances, seed, jobs, scheduler, progress
         As of `rootmatch.experiments.reproduce.reproduce`.
     settings : dict
