@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
+from rootmatch.bodies import match_bodies
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.pipeline.assessment import assess
@@ -91,6 +92,7 @@ def match(
     view_angle: ArrayLike | None = None,
     detection: float | None = None,
     candidates: ArrayLike | None = None,
+    bodies: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
     backend: selection.Name = "auto",
     max_hyperedges: int = 5_000_000,
@@ -140,6 +142,9 @@ def match(
         that pose. By default as the best assignment has it.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
+    bodies : (n,) array of whole numbers or strings, optional
+        Which rigid body each source point belongs to: each body moves for itself, hyper-edges are within a body, and no
+        detection is used twice. `Match.bodies` has the match of each; the whole is as trustworthy as the least of them.
     motions : int or "auto"
         Number of rigid motions to find.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
@@ -192,6 +197,7 @@ def match(
         normals=normals,
         view_angle=view_angle,
         candidates=candidates,
+        bodies=bodies,
         options=options,
     )
     return solve(task, started)
@@ -205,6 +211,8 @@ def solve(task: MatchingTask, started: float) -> Match:
 
 def _solve(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
+    if task.bodies is not None:
+        return match_bodies(task, _solve)
     options = task.options
     sampled = sample(task)
     if options.packs_motions:

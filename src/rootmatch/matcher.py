@@ -14,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
+from rootmatch.pipeline.body_labels import check_bodies
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
 from rootmatch.problems.base import Problem
@@ -38,7 +39,7 @@ class Matcher:
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
     **options
-        Of `rootmatch.match`: normals, view_angle, seed, residual, solver, hyperedges, motions, and so on.
+        Of `rootmatch.match`: normals, view_angle, bodies, seed, residual, solver, hyperedges, motions, and so on.
 
     Raises
     ------
@@ -54,6 +55,7 @@ class Matcher:
         noise: ArrayLike | Literal["auto"] = 1.0,
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
+        bodies: ArrayLike | None = None,
         **options: Any,
     ) -> None:
         for name in options:
@@ -70,6 +72,9 @@ class Matcher:
         self.normals = None if normals is None else check_normals(normals, len(self.source)).copy()
         check_view_angle(view_angle, normals, len(self.source))
         self.view_angle = view_angle
+        if bodies is not None:
+            check_bodies(bodies, len(self.source), problem.order)
+        self.bodies = bodies
         self.options = MatchOptions(**options)
         self._sweep = SmallSweep()
 
@@ -115,9 +120,10 @@ class Matcher:
             normals=self.normals,
             view_angle=self.view_angle,
             candidates=candidates,
+            bodies=self.bodies,
             options=self.options,
         )
-        if self._sweeps(task):
+        if self.bodies is None and self._sweeps(task):
             task = replace(task, options=replace(self.options, hyperedges=self._sweep))
         return solve(task, started)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, probability_of
+from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.base import Problem
@@ -58,6 +59,10 @@ class Match:
         The probability, where the status needed it.
     fault : str or None
         Why the detections of a frame could not be matched at all; see `rootmatch.Matcher.match`.
+    bodies : dict or None
+        With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole, score
+        is their sum, margin and status are those of the least trusted body, probability is the product, and ``motions``
+        numbers the bodies in the order in which their labels appear.
     """
 
     task: MatchingTask
@@ -74,12 +79,16 @@ class Match:
     seconds: float
     fitted_probability: float | None = None
     fault: str | None = None
+    bodies: dict[Label, Match] | None = None
 
     @cached_property
     def probability(self) -> float | None:
         """Posterior probability that the assignment is right; see `Match`."""
         if self.fitted_probability is not None:
             return self.fitted_probability
+        if self.bodies is not None:
+            known = [body.probability for body in self.bodies.values()]
+            return None if None in known else float(np.prod(np.array(known, np.float64)))
         return probability_of(self.task, self.assignment, self.alternatives)
 
     @property

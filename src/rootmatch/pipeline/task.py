@@ -14,6 +14,7 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.pipeline.body_labels import BodyLabels, check_bodies
 from rootmatch.pipeline.validation import (
     check_callable,
     check_choice,
@@ -139,6 +140,8 @@ class MatchingTask:
         Correspondences that are possible.
     prior : (n, n') float64, optional
         Prior weights of correspondences.
+    bodies : BodyLabels, optional
+        Which rigid body each source point belongs to, where there are several.
     """
 
     problem: Problem
@@ -149,6 +152,7 @@ class MatchingTask:
     estimates_noise: bool = False
     allowed: NDArray[np.bool_] | None = None
     prior: NDArray[np.float64] | None = None
+    bodies: BodyLabels | None = None
 
     @classmethod
     def of(
@@ -161,6 +165,7 @@ class MatchingTask:
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
+        bodies: ArrayLike | None = None,
         options: MatchOptions | None = None,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them.
@@ -180,6 +185,13 @@ class MatchingTask:
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
         allowed, prior = split_candidates(candidates, *points.shape)
+        labels = None if bodies is None else check_bodies(bodies, points.shape[0], problem.order)
+        if labels is not None and (options.motions != 1 or estimates):
+            raise InputError(
+                "motions: bodies= says which points move together; leave motions out"
+                if options.motions != 1
+                else 'noise: "auto" is not estimated from several bodies; give a number of pixels'
+            )
         return cls(
             problem=problem,
             points=points,
@@ -189,6 +201,7 @@ class MatchingTask:
             estimates_noise=estimates,
             allowed=allowed,
             prior=prior,
+            bodies=labels,
         )
 
     @property
@@ -252,6 +265,11 @@ class MatchingTask:
         points = self.points.with_noise(*parsed)
         return replace(self, points=points, noise=sigma, estimates_noise=False)
 
+    def body(self, points: NDArray[np.int64]) -> Self:
+        """The task of the source points of one body and all detections, with the prior."""
+        prior = None if self.prior is None else np.ascontiguousarray(self.prior[points])
+        return replace(self.subset(points, np.arange(self.shape[1])), prior=prior)
+
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
         """The task of some of the points, evaluated in this process, without the prior."""
         allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[np.ix_(source, target)])
@@ -261,6 +279,7 @@ class MatchingTask:
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,
             prior=None,
+            bodies=None,
         )
 
 

@@ -1,0 +1,247 @@
+"""Several known rigid bodies in one image: each is matched by itself, and no detection is used twice.
+
+Sure bodies go first. Each search that succeeds takes its detections away from those that follow, so that the bodies
+which show little are searched for among few detections. A body that looks like another one, or like its mirror image,
+takes nothing before that other one was tried on the same detections.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.options import Options, option
+from rootmatch.pipeline.assessment import Status, fits
+from rootmatch.pipeline.body_labels import Label, twin_points
+from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, ranked
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.result import Match
+from rootmatch.samplers.guided.sampler import Guided, pays
+
+Integers = NDArray[np.int64]
+Solve = Callable[[MatchingTask], Match]
+
+
+@dataclass(frozen=True)
+class BodyOptions(Options):
+    """How several bodies are searched for; what it finds and costs: benchmarks/bodies.py."""
+
+    first_budget: int = option(3_000_000, least=1)
+    """Evaluations of the first search for each body: those that show much are found within."""
+    budget_growth: float = option(3.0, above=1.0)
+    """Factor from one round of searches to the next. A round value."""
+    rounds: int = option(3, least=1)
+    """Most rounds whose searches may grow. A round value."""
+    sure: float = option(0.98, above=0.0, most=1.0)
+    """Probability from which a body takes its detections before the others are known."""
+    alike: float = option(0.02, least=0.0)
+    """Distance of their points, over their size, up to which two bodies are taken for one shape or for mirror images.
+    A round value."""
+    doubt: float = option(0.1, above=0.0, most=1.0)
+    """Probability of another body at the same detections from which the first is in doubt: 1 less
+    `TrustOptions.probability`."""
+
+
+OPTIONS = BodyOptions()
+AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
+"""No neighbours of assignments are looked at."""
+
+
+@dataclass(eq=False)
+class _Body:
+    """One body in the course of the search."""
+
+    label: Label
+    points: Integers
+    match: Match | None = None
+    """Of its points, all detections and −1 where unmatched."""
+    settled: bool = False
+    searched: int = -1
+    """Number of free detections among which a further search would find nothing else."""
+
+    @property
+    def detections(self) -> Integers:
+        """Those that its assignment uses."""
+        assert self.match is not None
+        return self.match.assignment[self.match.assignment >= 0]
+
+    @property
+    def probability(self) -> float:
+        """Of its assignment, as far as the status needed it; 1 where a clear one needed none."""
+        assert self.match is not None
+        known = self.match.fitted_probability
+        return 1.0 if known is None else known
+
+
+def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Match:
+    """The match of a task whose source points are of several bodies.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        With labels.
+    solve : callable
+        From the task of one body to its match.
+    options : BodyOptions
+    """
+    assert task.bodies is not None
+    bodies = [_Body(label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
+    free = np.ones(task.shape[1], np.bool_)
+    evaluated = 0
+    for turn in count():
+        budget = int(options.first_budget * options.budget_growth ** min(turn, options.rounds - 1))
+        claimed = False
+        for body in bodies:
+            if body.settled or body.searched == int(free.sum()):
+                continue
+            found = _searched(task, body, np.flatnonzero(free), budget, solve)
+            evaluated += found.hyperedges
+            body.match = found
+            if turn + 1 >= options.rounds or found.hyperedges < budget:
+                body.searched = int(free.sum())
+            if found.status is Status.MATCHED:
+                _check_rivals(
+                    task, body, [other for other in bodies if not other.settled and other is not body], options
+                )
+            if body.match.status is Status.MATCHED and body.probability >= options.sure:
+                body.settled, claimed = True, True
+                free[body.detections] = False
+        if all(body.settled for body in bodies) or (turn + 1 >= options.rounds and not claimed):
+            break
+    _make_exclusive(
+        task, bodies, free, solve, int(options.first_budget * options.budget_growth ** (options.rounds - 1))
+    )
+    return _joined(task, bodies, evaluated)
+
+
+def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> Match:
+    """The match of one body among some detections, its indices those of all detections."""
+    part = task.body(body.points)
+    if len(columns) < task.problem.order:
+        return _nothing(part, f"{len(columns)} detections are left, at least {task.problem.order} needed")
+    sub = part.subset(np.arange(len(body.points)), columns)
+    if sub.options.sampler == "auto" and sub.options.scheduler is None and pays(sub.sampling_task):
+        sub = replace(sub, options=replace(sub.options, hyperedges=Guided(budget=budget)))
+    return _widened(solve(sub), part, columns)
+
+
+def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options: BodyOptions) -> None:
+    """Call a body's match ambiguous where one that looks alike explains its detections nearly as well.
+
+    A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
+    """
+    assert body.match is not None
+    own = task.body(body.points)
+    if not fits(own, body.match.assignment):
+        return
+    here = None
+    for other in others:
+        theirs = task.body(other.points)
+        twin = twin_points(own.points.source, theirs.points.source, options.alike)
+        if twin is None:
+            continue
+        here = here or ranked(own, [body.match.assignment], AS_GIVEN)
+        assignment = np.full(len(other.points), -1, np.int64)
+        assignment[twin] = body.match.assignment
+        lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
+        if lead < math.log(1.0 / options.doubt - 1.0):
+            probability = body.probability / (1.0 + math.exp(-lead))
+            body.match = replace(body.match, status=Status.AMBIGUOUS, fitted_probability=probability)
+
+
+def _make_exclusive(
+    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
+) -> None:
+    """Give the free detections to the bodies that are not sure, the most probable first."""
+    order = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
+    waiting = [body for body in bodies if not body.settled]
+    while waiting:
+        waiting.sort(key=lambda body: (order.index(body.match.status), -body.probability))  # type: ignore[union-attr]
+        body = waiting.pop(0)
+        if not free[body.detections].all():
+            body.match = _searched(task, body, np.flatnonzero(free), budget, solve)
+        free[body.detections] = False
+
+
+def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Match:
+    """One match of all bodies: the sum of their scores, the least of what each may be trusted."""
+    n, n_target = task.shape
+    assignment, motions = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    soft = np.zeros((n, n_target))
+    indices, weights = [], []
+    matches: dict[Label, Match] = {}
+    for k, body in enumerate(bodies):
+        found = body.match
+        assert found is not None
+        matches[body.label] = found
+        assignment[body.points] = found.assignment
+        motions[body.points] = np.where(found.assignment >= 0, k, -1)
+        soft[body.points] = found.soft
+        i, j = np.divmod(found.tensor.indices.astype(np.int64), n_target)
+        indices.append((body.points[i] * n_target + j).astype(np.int32))
+        weights.append(np.asarray(found.tensor.weights))
+    every = list(matches.values())
+    statuses = [found.status for found in every]
+    worst = next(one for one in (Status.UNTRUSTED, Status.AMBIGUOUS, Status.MATCHED) if one in statuses)
+    return Match(
+        task=task,
+        assignment=assignment,
+        score=float(sum(found.score for found in every)),
+        margin=min(found.margin for found in every),
+        alternatives=[],
+        soft=soft,
+        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.prior),
+        motions=motions,
+        status=worst,
+        converged=all(found.converged for found in every),
+        hyperedges=evaluated,
+        seconds=0.0,
+        bodies=matches,
+    )
+
+
+def _widened(found: Match, task: MatchingTask, columns: Integers) -> Match:
+    """A match among some detections as one among all of them."""
+    n, n_target = task.shape
+    i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
+    indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
+    soft = np.zeros((n, n_target))
+    soft[:, columns] = found.soft
+
+    def of_all(assignment: Integers) -> Integers:
+        return np.where(assignment >= 0, columns[assignment], -1)
+
+    return replace(
+        found,
+        task=replace(task, noise=found.task.noise),
+        assignment=of_all(found.assignment),
+        alternatives=[(of_all(other), score) for other, score in found.alternatives],
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.prior),
+    )
+
+
+def _nothing(task: MatchingTask, fault: str) -> Match:
+    """The match of a body for which too few detections are left."""
+    n, n_target = task.shape
+    return Match(
+        task=task,
+        assignment=np.full(n, -1, np.int64),
+        score=0.0,
+        margin=0.0,
+        alternatives=[],
+        soft=np.zeros((n, n_target)),
+        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
+        motions=np.full(n, -1, np.int64),
+        status=Status.UNTRUSTED,
+        converged=True,
+        hyperedges=0,
+        seconds=0.0,
+        fault=fault,
+    )

@@ -1,0 +1,84 @@
+"""Labels of source points: which rigid body each belongs to, and which bodies look alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+
+Label = int | str
+
+
+@dataclass(frozen=True, eq=False)
+class BodyLabels:
+    """Validated labels.
+
+    Attributes
+    ----------
+    names : tuple of int or str
+        The labels, in the order in which they appear.
+    index : (n,) int64
+        Which of them each source point has.
+    """
+
+    names: tuple[Label, ...]
+    index: NDArray[np.int64]
+
+    def points_of(self, k: int) -> NDArray[np.int64]:
+        """Source points of one body, ascending."""
+        return np.flatnonzero(self.index == k)
+
+
+def check_bodies(labels: Any, count: int, least: int) -> BodyLabels:
+    """Labels of ``count`` source points, at least ``least`` of which belong to each body.
+
+    Raises
+    ------
+    InputError
+        If they are neither whole numbers nor strings, not one for each point, or too few points share one.
+    """
+    expected = f"give a whole number or a name for each of {count} source points"
+    try:
+        array = np.asarray(labels)
+    except (TypeError, ValueError):
+        raise InputError(f"bodies: not an array; {expected}") from None
+    if array.dtype.kind == "O":
+        kinds = {type(label) for label in array.ravel().tolist()}
+        if kinds and kinds <= {str}:
+            array = array.astype(np.str_)
+    if array.dtype.kind not in "iuU":
+        raise InputError(f"bodies: labels of type {array.dtype} given; {expected}")
+    if array.shape != (count,):
+        raise InputError(f"bodies: shape {array.shape} given; {expected}")
+    unique, first, inverse = np.unique(array, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    names: tuple[Label, ...] = tuple(unique[order].tolist())
+    index = np.argsort(order)[inverse].astype(np.int64)
+    for k, name in enumerate(names):
+        points = int((index == k).sum())
+        if points < least:
+            raise InputError(f"bodies: body {name!r} has too few points, {points}; give it at least {least}")
+    return BodyLabels(names, index)
+
+
+def twin_points(first: NDArray[np.float64], second: NDArray[np.float64], tolerance: float) -> NDArray[np.int64] | None:
+    """Index (n,) of the point of the second body (n, 3) for each of the first, if they are congruent or mirror images.
+
+    Points correspond by their sorted distances to all others, and equal distances confirm it. None for bodies of
+    different shape: beyond ``tolerance`` times the size of the first.
+    """
+    if len(first) != len(second):
+        return None
+    one, two = (np.linalg.norm(body[:, None] - body, axis=2) for body in (first, second))
+    profiles = np.sort(one, axis=1), np.sort(two, axis=1)
+    most = tolerance * float(one.max())
+    if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
+        return None
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
+    _, order = linear_sum_assignment(np.abs(profiles[0][:, None] - profiles[1]).sum(axis=2))
+    return np.asarray(order, np.int64) if np.abs(one - two[np.ix_(order, order)]).max() <= most else None

@@ -1,0 +1,130 @@
+"""Several rigid bodies of known labels in one image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rootmatch as rm
+from rootmatch.pipeline.body_labels import twin_points
+
+CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def pose(seed: int, x: float, distance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q)), np.array([x, 0.1, distance])
+
+
+def image(
+    bodies: list[NDArray[np.float64]], distance: float, clutter: int, seed: int, noise: float = 0.3
+) -> tuple[NDArray[np.float64], list[NDArray[np.int64]], list[tuple[Any, Any]]]:
+    """Detections, where those of each body are among them, and the poses."""
+    rng = np.random.default_rng(seed)
+    poses = [pose(seed + k, 0.6 * k - 0.3, distance) for k in range(len(bodies))]
+    pixels = [CAMERA.project(body @ R.T + t) for body, (R, t) in zip(bodies, poses, strict=True)]
+    target = np.vstack([*pixels, rng.uniform((0.0, 0.0), (640.0, 480.0), (clutter, 2))])
+    target += rng.normal(0.0, noise, target.shape)
+    order = rng.permutation(len(target))
+    where = np.argsort(order)
+    ends = np.cumsum([len(body) for body in bodies])
+    return target[order], [where[end - len(b) : end] for b, end in zip(bodies, ends, strict=True)], poses
+
+
+def body(seed: int, points: int = 7) -> NDArray[np.float64]:
+    return np.random.default_rng(seed).uniform(-0.3, 0.3, (points, 3))
+
+
+def test_each_body_is_matched_by_itself_and_no_detection_is_used_twice() -> None:
+    first, second = body(1), body(2)
+    target, truth, poses = image([first, second], 3.0, clutter=2, seed=5)
+    labels = np.array(["hmd"] * 7 + ["left"] * 7)
+    order = np.random.default_rng(3).permutation(14)  # bodies need not lie one after another
+    source = np.concatenate([first, second])[order]
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.3, bodies=labels[order])
+    assert match.status is rm.Status.MATCHED
+    assert match.bodies is not None
+    assert np.array_equal(match.assignment, np.concatenate(truth)[order])
+    assert list(match.bodies) == list(dict.fromkeys(labels[order].tolist()))
+    for label, expected, (R, t) in zip(("hmd", "left"), truth, poses, strict=True):
+        own = match.bodies[label]
+        mine = labels[order] == label
+        assert own.status is rm.Status.MATCHED
+        assert np.array_equal(own.assignment, expected[order[mine] % 7])
+        fit = own.problem.fitted(own.task.points, own.assignment[None])
+        assert float(fit.chi2[0]) < 40.0
+        del R, t
+    assert match.probability == pytest.approx(np.prod([own.probability for own in match.bodies.values()]))
+    assert np.array_equal(match.motions, [list(match.bodies).index(label) for label in labels[order]])
+    # the hyper-edges are within bodies
+    i, j = np.divmod(match.tensor.indices.astype(int), len(target))
+    assert (labels[order][i] == labels[order][i][:, :1]).all()
+    assert j.max() < len(target)
+
+
+def test_a_body_that_is_not_there_leaves_the_others_trusted() -> None:
+    first, second = body(1), body(2)
+    target, (expected,), _ = image([first], 3.0, clutter=4, seed=6)
+    matcher = rm.Matcher(np.concatenate([first, second]), rm.P3P(CAMERA), noise=0.3, bodies=[0] * 7 + [1] * 7)
+    match = matcher.match(target)
+    assert match.bodies is not None
+    assert match.bodies[0].status is rm.Status.MATCHED
+    assert np.array_equal(match.bodies[0].assignment, expected)
+    assert match.bodies[1].status is not rm.Status.MATCHED
+    assert match.status is match.bodies[1].status
+    used = match.assignment[match.assignment >= 0]
+    assert len(set(used.tolist())) == len(used)
+
+
+def test_a_mirror_image_is_ambiguous_from_far_unless_normals_tell() -> None:
+    shape = body(4)
+    twin = shape * MIRROR
+    target, (expected,), ((R, t),) = image([shape], 30.0, clutter=0, seed=7, noise=0.1)
+    source, labels = np.concatenate([shape, twin]), [0] * 7 + [1] * 7
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.1, bodies=labels)
+    assert match.bodies is not None
+    assert rm.Status.MATCHED not in [own.status for own in match.bodies.values()]
+    towards = np.broadcast_to(-R.T @ t, shape.shape)
+    normals = np.concatenate([towards, towards * MIRROR])
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.1, bodies=labels, normals=normals, view_angle=70.0)
+    assert match.bodies is not None
+    assert match.bodies[0].status is rm.Status.MATCHED
+    assert np.array_equal(match.bodies[0].assignment, expected)
+    assert (match.bodies[1].assignment < 0).all()
+    assert "detections are left" in match.bodies[1].advice
+
+
+def test_twins_are_found_whatever_the_order_of_their_points() -> None:
+    shape = body(4)
+    order = np.random.default_rng(0).permutation(7)
+    R, t = pose(1, 2.0, 3.0)
+    found = twin_points(shape, ((shape * MIRROR) @ R.T + t)[order], 0.01)
+    assert found is not None
+    assert np.array_equal(order[found], np.arange(7))
+    assert twin_points(shape, body(5), 0.02) is None
+    assert twin_points(shape, shape[1:], 0.02) is None
+
+
+@pytest.mark.parametrize(
+    ("labels", "text"),
+    [
+        ([0, 1], r"shape \(2,\) given"),
+        ([0.5] * 8, "labels of type float64"),
+        ([True] * 8, "labels of type bool"),
+        ([None] * 8, "labels of type object"),
+        (["a"] * 5 + ["b"] * 3, "body 'b' has too few points, 3; give it at least 4"),
+    ],
+)
+def test_labels_that_cannot_be_used(labels: Any, text: str) -> None:
+    with pytest.raises(rm.InputError, match=text):
+        rm.match(body(1, 8), np.zeros((5, 2)) + np.arange(5)[:, None], rm.P3P(CAMERA), bodies=labels)
+
+
+@pytest.mark.parametrize("options", [{"motions": 2}, {"noise": "auto"}])
+def test_options_that_do_not_go_with_bodies(options: dict[str, Any]) -> None:
+    with pytest.raises(rm.InputError, match=next(iter(options))):
+        rm.match(body(1, 8), np.zeros((5, 2)) + np.arange(5)[:, None], rm.P3P(CAMERA), bodies=[0] * 8, **options)
