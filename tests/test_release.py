@@ -1,6 +1,9 @@
 """What a release is made of agrees with itself: versions, dependencies, the Pythons that are tested."""
 
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -41,3 +44,23 @@ def test_every_python_of_the_classifiers_is_in_the_matrix() -> None:
 def test_the_changelog_begins_with_what_is_unreleased_or_this_version() -> None:
     first = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE).group(1)
     assert first in ("Unreleased", PROJECT.get("version", "Unreleased"))
+
+
+def test_a_program_that_uses_the_library_is_typed(tmp_path: Path) -> None:
+    """What mypy makes of the public names from outside: no hint is missing, and a wrong use is told."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import numpy as np\n"
+        "import rootmatch as rm\n"
+        "found: rm.Match = rm.match(np.zeros((5, 3)), np.zeros((5, 2)), rm.P3P(rm.Camera(1.0, 1.0, 0.0, 0.0)))\n"
+        "probability: float | None = found.probability\n"
+        "matcher = rm.Matcher(np.zeros((5, 3)), rm.P3P(rm.Camera(1.0, 1.0, 0.0, 0.0)), noise=0.5)\n"
+        "status: rm.Status = matcher.match(np.zeros((5, 2))).status\n"
+        "rm.match('points', 1, 2, nose=1.0)\n"
+    )
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", str(program)]
+    environment = {**os.environ, "MYPYPATH": str(ROOT / "src"), "MYPY_CACHE_DIR": str(ROOT / ".mypy_cache")}
+    told = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False).stdout
+    about = [line for line in told.splitlines() if line.startswith(str(program))]
+    assert [line for line in about if ":7:" not in line] == [], told
+    assert any("nose" in line for line in about), told
