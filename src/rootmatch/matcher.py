@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -85,7 +84,6 @@ class Matcher:
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
-        max_seconds: float | None = None,
     ) -> Match:
         """The match of one frame.
 
@@ -97,8 +95,6 @@ class Matcher:
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
-        max_seconds : float, optional
-            Of this frame; see `rootmatch.match`.
 
         Returns
         -------
@@ -116,7 +112,6 @@ class Matcher:
         fault = self._fault(detections)
         if fault is not None:
             return self._empty(detections, fault, started)
-        options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
         task = MatchingTask.of(
             self.problem,
             self.source,
@@ -126,11 +121,10 @@ class Matcher:
             view_angle=self.view_angle,
             candidates=candidates,
             bodies=self.bodies,
-            options=options,
-            deadline=Deadline(options.max_seconds, started=started),
+            options=self.options,
         )
         if self.bodies is None and self._sweeps(task):
-            task = replace(task, options=replace(options, hyperedges=self._sweep))
+            task = replace(task, options=replace(self.options, hyperedges=self._sweep))
         return solve(task, started)
 
     def _fault(self, detections: NDArray[np.float64]) -> str | None:

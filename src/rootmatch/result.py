@@ -55,8 +55,6 @@ class Match:
         Number of hyper-edges evaluated.
     seconds : float
         Wall-clock time.
-    limited : bool
-        Whether ``max_seconds`` ended it before it was done.
     fitted_probability : float or None
         The probability, where the status needed it.
     fault : str or None
@@ -79,7 +77,6 @@ class Match:
     converged: bool
     hyperedges: int
     seconds: float
-    limited: bool = False
     fitted_probability: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
@@ -117,10 +114,7 @@ class Match:
     @property
     def advice(self) -> str:
         """The status as a sentence, with what can be done about it for this problem."""
-        if self.fault is not None:
-            return f"no trustworthy match: {self.fault}"
-        advice = self.status.advice(self.problem)
-        return f"{advice}; max_seconds ended it before it was done" if self.limited else advice
+        return self.status.advice(self.problem) if self.fault is None else f"no trustworthy match: {self.fault}"
 
     def pose(self) -> list[Pose | None]:
         """Pose of each motion from its matches; see `Pose` for frames and units.

@@ -15,7 +15,6 @@ from numba import cuda
 from rootmatch.backends.cuda import LONGEST, Sweep, drawn, launch, on_device
 from rootmatch.backends.cuda import evaluated as evaluated
 from rootmatch.backends.strongest import Enumeration, Found, Progress
-from rootmatch.deadline import NEVER, Deadline
 from rootmatch.jit.cuda import SIMULATED
 from rootmatch.jit.float32 import rounded
 from rootmatch.problems.residual_dispatch import edge_residual
@@ -74,15 +73,7 @@ class Screen:
 
 
 def strongest(
-    work: Enumeration,
-    first: int,
-    last: int,
-    gate: float,
-    limit: int,
-    progress: Progress | None = None,
-    deadline: Deadline = NEVER,
+    work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(
-        Screen(work), work, first=first, last=last, gate=gate, limit=limit, progress=progress, deadline=deadline
-    )
+    return drawn(sweep=Screen(work), work=work, first=first, last=last, gate=gate, limit=limit, progress=progress)

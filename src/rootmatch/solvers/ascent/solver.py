@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.ascent.multi_start import MultiStart
 from rootmatch.solvers.ascent.options import AscentOptions
@@ -41,15 +40,15 @@ class MultiStartAscent(AscentOptions):
     Its options are those of `AscentOptions`.
     """
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
-        return self.solve(build_index(tensor), deadline)
+        return self.solve(build_index(tensor))
 
-    def solve(self, index: SubsetIndex, deadline: Deadline = NEVER) -> Solution:
+    def solve(self, index: SubsetIndex) -> Solution:
         """Solve with an index that was built before."""
-        search = MultiStart(self, index, deadline)
+        search = MultiStart(self, index)
         search.from_walk()
         search.from_cores()
         search.from_rivals()
