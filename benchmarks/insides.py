@@ -1,8 +1,9 @@
-"""What each use of Numba's insides is worth, in turns with and without.
+"""What each use of Numba's insides and the second process of a first match are worth, in turns with and without.
 
     python benchmarks/insides.py borrowed --turns 5    # sweeps, whose drivers count no references
     python benchmarks/insides.py internal --turns 3    # a first match; jitted functions have no entries for Python
     python benchmarks/insides.py calls --turns 3       # ... kernels are called without a function in between
+    python benchmarks/insides.py second --turns 3      # ... of the command, helped by a second process
 
 Each turn is a process of its own. "Without" is what `rootmatch.jit` does where Numba lacks the inside. Times of sweeps
 are nanoseconds for each hyper-edge on one thread; those of first matches are seconds of processor time (user and
@@ -29,6 +30,9 @@ GONE = {
     "calls": ("numba.core.typing.templates", "AbstractTemplate"),
 }
 """What is imported from where by the part of `rootmatch.jit` of that name, and by no other."""
+MATCH = "import sys; from rootmatch.cli.app import main; sys.argv[0] = 'rootmatch'; main()"
+ALONE = "from rootmatch.cli import match; import contextlib; "
+ALONE += "match.compiled_beside = lambda *given: contextlib.nullcontext(); "
 
 
 def hide(module: str, name: str) -> None:
@@ -96,9 +100,27 @@ def measured(what: str, without: bool, folder: Path) -> dict[str, float]:
     program = [sys.executable, __file__, what, "--child", *(["--without"] if without else [])]
     if what == "borrowed":
         environment["NUMBA_NUM_THREADS"] = "1"
+    if what == "second":
+        scene = folder / "scene"
+        made = [
+            sys.executable,
+            "-m",
+            "rootmatch",
+            "simulate",
+            "p3p",
+            "--points",
+            "10",
+            "--outliers",
+            "5",
+            "--noise",
+            "1",
+        ]
+        subprocess.run([*made, "--output", str(scene)], check=True, capture_output=True)
+        program = [sys.executable, "-c", (ALONE if without else "") + MATCH, "match"]
+        program += [f"{scene}/model.csv", f"{scene}/image.csv", "--problem", "p3p", "--camera", f"{scene}/camera.json"]
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
+    if done.returncode not in (0, 1) or (what != "second" and done.returncode):
         sys.exit(done.stderr)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if what == "borrowed":
@@ -110,7 +132,7 @@ def measured(what: str, without: bool, folder: Path) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=list(GONE))
+    parser.add_argument("what", choices=[*GONE, "second"])
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--without", action="store_true", help=argparse.SUPPRESS)

@@ -4,7 +4,8 @@
     python docs/make_architecture.py --check    # exit code 1 if the committed file is out of date
 
 Rows are the layers of `pyproject.toml`; arrows are read from the import statements of `src`. An import that others
-imply (A → C given A → B → C) is left out, and so are `errors`, `options` and `_version`, open to every package.
+imply (A → C given A → B → C) is left out, and so are `deadline`, `errors`, `options` and `_version`, open to every
+package.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rootmatch"
 PICTURE = ROOT / "docs" / "architecture.svg"
-HIDDEN = {"__main__", "__init__", "_version", "errors", "options"}
+HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "matcher", "match", "result", "pipeline"),
+    "matching": ("matcher", "match", "result", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -38,7 +39,6 @@ CAPTIONS = {
     "report": "text, JSON, pictures",
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
-    "warmup": "kernels ahead of need",
     "matcher": "frame after frame",
     "match": "match(), the pipeline",
     "result": "Match",

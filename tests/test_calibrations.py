@@ -261,3 +261,23 @@ def test_bad_camera_files_on_the_command_line(tmp_path: Path, camera: Callable[[
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("camera", ["fisheye", "bearings"])
+def test_a_scene_of_another_camera_goes_through_its_files(tmp_path: Path, camera: str) -> None:
+    calibration = WITH_FISHEYE if camera == "fisheye" else rm.Bearings()
+    write_camera(tmp_path / "lens.json", Calibration(calibration))
+    sigma = 0.2 if camera == "fisheye" else 2e-4
+    scene = ["simulate", "p3p", "--points", "9", "--outliers", "2", "--noise", str(sigma), "--seed", "3"]
+    folder = tmp_path / "scene"
+    made = CliRunner().invoke(app, [*scene, "--camera", str(tmp_path / "lens.json"), "--output", str(folder)])
+    assert made.exit_code == 0, made.stderr
+    command = made.stdout.splitlines()[-1].split()[1:]
+    assert read_camera(folder / "camera.json").camera == calibration
+    matched = CliRunner().invoke(app, [*command, "--json"], catch_exceptions=False)
+    assert matched.exit_code == 0, matched.stderr
+    assert json.loads(matched.stdout)["status"] == "matched"
+    header = (folder / "image.csv").read_text().splitlines()[0]
+    assert header == ("x,y" if camera == "fisheye" else "x,y,z")
+    picture = CliRunner().invoke(app, [*command, "--plot", str(tmp_path / "match.png")], catch_exceptions=False)
+    assert picture.exit_code == 0, picture.stderr

@@ -72,8 +72,8 @@ class TestMatch:
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
-            "assignment", "score", "margin", "probability", "motions", "alternatives", "status", "converged", "seconds",
-            "hyperedges", "noise",
+            "assignment", "score", "margin", "probability", "motions", "alternatives", "status", "converged", "limited",
+            "seconds", "hyperedges", "noise",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth

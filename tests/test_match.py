@@ -170,7 +170,7 @@ def test_a_symmetric_object_is_called_ambiguous() -> None:
 def test_pose_is_recovered() -> None:
     scene = p3p_scene(noise=0.2, seed=11)
     match = rm.match(scene.source, scene.target, scene.problem, noise=0.2)
-    (pose,) = match.pose()
+    (pose,) = match.poses
     assert pose is not None
     rotation, translation = pose
     true_rotation, true_translation = scene.poses[0]

@@ -231,14 +231,14 @@ def test_matcher_takes_frames_of_any_size(name: str, case: Case) -> None:
     same(matcher.match(case.target, noise=np.full(case.n_target, case.noise)), plain_match(name))
 
 
-def test_pose(name: str, case: Case) -> None:
+def test_poses(name: str, case: Case) -> None:
     match = plain_match(name)
     if not case.problem.least_for_pose:
         refused("pose", case, match.pose)
+        refused("pose", case, lambda: match.poses)
+        refused("pose", case, lambda: match.alternative_poses)
         return
-    if hasattr(case.problem, "camera"):
-        pytest.importorskip("poselib")
-    (pose,) = match.pose()
+    (pose,) = match.poses
     assert pose is not None
     R, t = pose
     assert np.linalg.det(R) == pytest.approx(1.0)
@@ -249,9 +249,30 @@ def test_pose(name: str, case: Case) -> None:
     else:
         np.testing.assert_allclose(t, case.t, atol=0.2)
     assert pose.scale == pytest.approx(1.7, abs=0.01) if case.problem.name == "similarity" else pose.scale == 1.0
-    few = pickle.loads(pickle.dumps(match))
-    few.assignment[case.problem.least_for_pose - 1 :] = -1
-    assert few.pose() == [None]
+    assert (pose.focal is not None) == (case.problem.name == "up2pf")
+    size = (6 if len(R) == 3 else 3) + (case.problem.name in ("similarity", "up2pf"))
+    assert pose.covariance is not None
+    assert pose.covariance.shape == (size, size)
+    assert pose.points is not None
+    assert pose.points.tolist() == np.flatnonzero(case.truth >= 0).tolist()
+    assert pose.residuals is not None
+    assert pose.residuals.shape == (case.n,)
+    assert pose.predicted is not None
+    assert pose.predicted.shape == (case.n, case.target.shape[1])
+    distances = np.linalg.norm(case.target[case.truth] - pose.predicted, axis=1)
+    np.testing.assert_allclose(pose.residuals, distances, rtol=1e-6, atol=1e-9)
+    assert pose.rms == pytest.approx(np.sqrt((distances**2).mean()))
+    assert pose.rms_sigma is not None
+    assert 0.1 < pose.rms_sigma < 3.0
+    assert pose.inliers is not None
+    assert set(pose.inliers) <= set(pose.points)
+    np.testing.assert_array_equal(match.pose()[0].R, R)  # type: ignore[union-attr]
+    assert len(match.alternative_poses) == len(match.alternatives)
+    few = match.assignment.copy()
+    few[case.problem.least_for_pose - 1 :] = -1
+    assert match.poses_of(few) == [None]
+    with pytest.raises(rm.InputError, match="assignment: "):
+        match.poses_of(few[:-1])
 
 
 def test_normals(case: Case) -> None:

@@ -114,3 +114,19 @@ def test_two_boards_in_one_image(load_shared: Load) -> None:
         right.append(np.mean(match.assignment == np.argsort(order)))
         assert len(set(match.motions[:8]) | set(match.motions[8:])) == 2
     assert np.mean(right) >= 0.95
+
+
+@pytest.mark.parametrize("view", [0, 8, 52])
+def test_raw_pixels_give_the_assignment_of_undistorted_ones(load_shared: Load, view: int) -> None:
+    data = load_shared("aicon_targets")
+    seen = np.flatnonzero(np.isfinite(data["points2d"][view]).all(axis=1))
+    points = np.random.default_rng(view).choice(seen, 24, replace=len(seen) < 24)
+    source, raw, pinhole, truth = shuffled_view(data, view, np.unique(points), seed=view)
+    lens = rm.Camera.from_opencv(data["K"][view], data["dist"])
+    straight = pinhole.camera.project(lens.bearings(raw))
+    assert np.abs(straight - raw).max() > 20.0
+    matches = [
+        rm.match(source, image, problem, noise=0.5) for image, problem in ((raw, rm.P3P(lens)), (straight, pinhole))
+    ]
+    np.testing.assert_array_equal(matches[0].assignment, truth)
+    np.testing.assert_array_equal(matches[1].assignment, truth)

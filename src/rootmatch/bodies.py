@@ -49,6 +49,8 @@ class BodyOptions(Options):
 
 
 OPTIONS = BodyOptions()
+BODY = 0.5
+"""Share of the time left at a deadline for the search for one body."""
 AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
 """No neighbours of assignments are looked at."""
 
@@ -114,6 +116,8 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
                 free[body.detections] = False
         if all(body.settled for body in bodies) or (turn + 1 >= options.rounds and not claimed):
             break
+        if task.deadline.passed():
+            break
     _make_exclusive(
         task, bodies, free, solve, int(options.first_budget * options.budget_growth ** (options.rounds - 1))
     )
@@ -123,6 +127,9 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
 def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> Match:
     """The match of one body among some detections, its indices those of all detections."""
     part = task.body(body.points)
+    if task.deadline.passed():
+        return _nothing(part, "max_seconds were over before it was searched for")
+    part = replace(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         return _nothing(part, f"{len(columns)} detections are left, at least {task.problem.order} needed")
     sub = part.subset(np.arange(len(body.points)), columns)

@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.bodies import match_bodies
+from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.pipeline.assessment import assess
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
-from rootmatch.pipeline.sampling import sample
+from rootmatch.pipeline.sampling import affordable, sample
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
 from rootmatch.problems.base import Problem
@@ -27,8 +28,12 @@ from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
+from rootmatch.solvers.base import solved
 
 __all__ = ["match", "residuals", "solve"]
+
+SOLVED = 0.6
+"""Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
 
 
 def residuals(
@@ -99,6 +104,7 @@ def match(
     limit: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
+    max_seconds: float | None = None,
 ) -> Match:
     """Match two point sets by geometry alone.
 
@@ -162,6 +168,10 @@ def match(
         go, all of them or random ones. The tensor is bit-identical. The workers need this version of the package.
     progress : callable, optional
         Called with (done, total) between blocks.
+    max_seconds : float, optional
+        Time after which what was found until then is returned, with the status that it deserves and `Match.limited`.
+        It bounds every stage, to within a tenth and 5 ms once everything is compiled. What is found in time depends
+        on the machine.
 
     Returns
     -------
@@ -188,6 +198,7 @@ def match(
         scheduler=scheduler,
         progress=progress,
         detection=detection,
+        max_seconds=max_seconds,
     )
     task = MatchingTask.of(
         problem,
@@ -199,6 +210,7 @@ def match(
         candidates=candidates,
         bodies=bodies,
         options=options,
+        deadline=Deadline(max_seconds, started=started),
     )
     return solve(task, started)
 
@@ -206,7 +218,7 @@ def match(
 def solve(task: MatchingTask, started: float) -> Match:
     """The match of a task, its noise estimated first where that is asked for; ``started``: by `time.perf_counter`."""
     found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
-    return replace(found, seconds=time.perf_counter() - started)
+    return replace(found, seconds=time.perf_counter() - started, limited=task.deadline.limited)
 
 
 def _solve(task: MatchingTask) -> Match:
@@ -218,7 +230,9 @@ def _solve(task: MatchingTask) -> Match:
     if options.packs_motions:
         solution, sampled = pack_motions(task, sampled)
     else:
-        solution = options.chosen_solver(sampled.tensor, seed=options.seed)
+        deadline = task.deadline.part(SOLVED)
+        tensor = affordable(sampled.tensor, deadline)
+        solution = solved(options.chosen_solver, tensor, options.seed, deadline)
     assessed = assess(task, solution, sampled)
     return Match(
         task=task,

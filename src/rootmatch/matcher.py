@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -84,6 +85,7 @@ class Matcher:
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
+        max_seconds: float | None = None,
     ) -> Match:
         """The match of one frame.
 
@@ -95,6 +97,8 @@ class Matcher:
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
+        max_seconds : float, optional
+            Of this frame; see `rootmatch.match`.
 
         Returns
         -------
@@ -112,6 +116,7 @@ class Matcher:
         fault = self._fault(detections)
         if fault is not None:
             return self._empty(detections, fault, started)
+        options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
         task = MatchingTask.of(
             self.problem,
             self.source,
@@ -121,10 +126,11 @@ class Matcher:
             view_angle=self.view_angle,
             candidates=candidates,
             bodies=self.bodies,
-            options=self.options,
+            options=options,
+            deadline=Deadline(options.max_seconds, started=started),
         )
         if self.bodies is None and self._sweeps(task):
-            task = replace(task, options=replace(self.options, hyperedges=self._sweep))
+            task = replace(task, options=replace(options, hyperedges=self._sweep))
         return solve(task, started)
 
     def _fault(self, detections: NDArray[np.float64]) -> str | None:

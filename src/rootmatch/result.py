@@ -7,13 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.pipeline.validation import check_assignment
 from rootmatch.problems.base import Problem
 
 __all__ = ["Match", "Status"]
@@ -55,6 +56,8 @@ class Match:
         Number of hyper-edges evaluated.
     seconds : float
         Wall-clock time.
+    limited : bool
+        Whether ``max_seconds`` ended it before it was done.
     fitted_probability : float or None
         The probability, where the status needed it.
     fault : str or None
@@ -77,6 +80,7 @@ class Match:
     converged: bool
     hyperedges: int
     seconds: float
+    limited: bool = False
     fitted_probability: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
@@ -114,19 +118,41 @@ class Match:
     @property
     def advice(self) -> str:
         """The status as a sentence, with what can be done about it for this problem."""
-        return self.status.advice(self.problem) if self.fault is None else f"no trustworthy match: {self.fault}"
+        if self.fault is not None:
+            return f"no trustworthy match: {self.fault}"
+        advice = self.status.advice(self.problem)
+        return f"{advice}; max_seconds ended it before it was done" if self.limited else advice
 
-    def pose(self) -> list[Pose | None]:
-        """Pose of each motion from its matches; see `Pose` for frames and units.
+    @cached_property
+    def poses(self) -> list[Pose | None]:
+        """The most likely pose of each motion, with its covariance; see `Pose` for frames and units.
 
-        Of cameras by PoseLib (the extra ``pose``), between two point sets by least squares in closed form. None for a
-        motion with fewer matches than a pose needs (`Problem.least_for_pose`).
+        Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
+        motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
+        camera. The covariance is that of the noise, given that the assignment is right.
 
         Raises
         ------
         InputError
-            If the problem fits no poses: `UP2PF` and derived ones.
-        RootmatchError
-            If PoseLib is needed and not installed.
+            If the problem fits no poses: derived ones, whose equations do not say what a pose is.
         """
-        return poses_of(self.problem, self.source, self.target, self.assignment, self.motions)
+        return self.poses_of(self.assignment)
+
+    @cached_property
+    def alternative_poses(self) -> list[list[Pose | None]]:
+        """The same of each of `alternatives`. With several motions, points keep the motion that they have here."""
+        return poses_of(self.task, [other for other, _ in self.alternatives], self.motions)
+
+    def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
+        """The same of any assignment (n,) between these points, −1 where unmatched.
+
+        Raises
+        ------
+        InputError
+            If it is none, and as `poses`.
+        """
+        return poses_of(self.task, [check_assignment(assignment, self.task.shape)], self.motions)[0]
+
+    def pose(self) -> list[Pose | None]:
+        """The same as `poses`, under the name that it had first."""
+        return self.poses_of(self.assignment)

@@ -25,6 +25,16 @@ def rotation_from_vector(vectors: Floats) -> Floats:
     )
 
 
+def rotation_vector(rotation: Floats) -> Floats:
+    """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); of a half-turn the zero vector."""
+    skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
+    axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
+    small = sine < 1e-9
+    ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    return np.asarray(axis * ratio[:, None])
+
+
 def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:
     """Rotation matrices (…, 3, 3) about the y axis by angles with these cosines and sines (…)."""
     out = np.zeros((*cosine.shape, 3, 3))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -38,6 +39,8 @@ PIECE = 1024
 """Given hyper-edges that a thread evaluates in a row, a whole number of blocks."""
 DECODED = 1 << 16
 """Hyper-edges that are decoded at once."""
+FIRST_BLOCK = 50_000
+"""Hyper-edges of the first block where there is a deadline: a millisecond or two."""
 PARTS = 4
 """Ranges of chunks for each thread: where much is found, or forbidden, takes another time."""
 WORTH_A_THREAD = 16384
@@ -225,7 +228,13 @@ def evaluated(tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple
 
 
 def strongest(
-    work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
+    work: Enumeration,
+    first: int,
+    last: int,
+    gate: float,
+    limit: int,
+    progress: Progress | None = None,
+    deadline: Deadline = NEVER,
 ) -> Found:
     """See `Backend.strongest`."""
     n, n_target = work.shape
@@ -234,8 +243,9 @@ def strongest(
     step = max(CHUNKS, BLOCK // work.per_slab)
     capacity = 1 << 14
     total, rank = 0, first
-    while rank < last:
-        end = min(rank + step, last)
+    pace = Pace(deadline, max(1, FIRST_BLOCK // work.per_slab))
+    while rank < last and (slabs := pace.block(step)):
+        end = min(rank + slabs, last)
         while True:
             try:
                 codes, values, counts, looked = sweep(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rootmatch.backends.cpu import decode as decode
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.errors import InputError
 from rootmatch.jit.cuda import SIMULATED as SIMULATED
 from rootmatch.jit.cuda import make_known as make_known
@@ -40,6 +41,8 @@ BLOCKS = 8
 """Blocks a multiprocessor: with the kernels' registers two to four run at a time."""
 LAUNCH = 1 << 28
 """Hyper-edges a launch: a twentieth of a second, between two looks at the progress and at Ctrl-C."""
+FIRST_LAUNCH = 1 << 20
+"""Hyper-edges of the first launch where there is a deadline: well below a millisecond."""
 LISTED = 1 << 22
 """Given hyper-edges a launch, 32 bytes each."""
 LONGEST = 8
@@ -259,27 +262,38 @@ class Sweep:
 
 
 def strongest(
-    work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
-) -> Found:
-    """See `Backend.strongest`."""
-    return drawn(sweep=Sweep(work), work=work, first=first, last=last, gate=gate, limit=limit, progress=progress)
-
-
-def drawn(
-    sweep: Callable[[int, int, float], Found],
     work: Enumeration,
     first: int,
     last: int,
     gate: float,
     limit: int,
+    progress: Progress | None = None,
+    deadline: Deadline = NEVER,
+) -> Found:
+    """See `Backend.strongest`."""
+    return drawn(
+        Sweep(work), work, first=first, last=last, gate=gate, limit=limit, progress=progress, deadline=deadline
+    )
+
+
+def drawn(
+    sweep: Callable[[int, int, float], Found],
+    work: Enumeration,
+    *,
+    first: int,
+    last: int,
+    gate: float,
+    limit: int,
     progress: Progress | None,
+    deadline: Deadline,
 ) -> Found:
     """`strongest` by a sweep of ranks with a gate."""
     kept = Strongest(limit, gate)
     step = max(1, LAUNCH // work.per_slab)
     total, rank = 0, first
-    while rank < last:
-        end = min(rank + step, last)
+    pace = Pace(deadline, max(1, FIRST_LAUNCH // work.per_slab))
+    while rank < last and (slabs := pace.block(step)):
+        end = min(rank + slabs, last)
         found = sweep(rank, end, kept.gate)
         kept.add(found.codes, found.residuals)
         total += found.evaluated

@@ -15,6 +15,7 @@ from numba import cuda
 from rootmatch.backends.cuda import LONGEST, Sweep, drawn, launch, on_device
 from rootmatch.backends.cuda import evaluated as evaluated
 from rootmatch.backends.strongest import Enumeration, Found, Progress
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.jit.cuda import SIMULATED
 from rootmatch.jit.float32 import rounded
 from rootmatch.problems.residual_dispatch import edge_residual
@@ -73,7 +74,15 @@ class Screen:
 
 
 def strongest(
-    work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
+    work: Enumeration,
+    first: int,
+    last: int,
+    gate: float,
+    limit: int,
+    progress: Progress | None = None,
+    deadline: Deadline = NEVER,
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(sweep=Screen(work), work=work, first=first, last=last, gate=gate, limit=limit, progress=progress)
+    return drawn(
+        Screen(work), work, first=first, last=last, gate=gate, limit=limit, progress=progress, deadline=deadline
+    )

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError, RootmatchError
 
 CONNECT_SECONDS = 10.0
@@ -106,9 +107,16 @@ class Cluster:
         return client.scatter(pickle.dumps((self.prepare, pickle.dumps(content))), broadcast=True, hash=False)
 
     def strongest(
-        self, work: Enumeration, first: int, last: int, gate: float, limit: int, progress: Progress | None = None
+        self,
+        work: Enumeration,
+        first: int,
+        last: int,
+        gate: float,
+        limit: int,
+        progress: Progress | None = None,
+        deadline: Deadline = NEVER,
     ) -> Found:
-        """See `Backend.strongest`."""
+        """See `Backend.strongest`; pieces that are on their way at the deadline are waited for."""
         kept = Strongest(limit, gate)
         evaluated = done = 0
         # compiled here first: workers on this machine then find the very same code on disk
@@ -121,6 +129,8 @@ class Cluster:
             # the gate sinks as the strongest come in, and later pieces send back less
             def pieces() -> Iterator[tuple[int, tuple[Any, ...]]]:
                 for start in range(first, last, size):
+                    if deadline.passed():
+                        return
                     end = min(start + size, last)
                     yield end - start, (_strongest, sent, start, end, kept.gate, limit)
 

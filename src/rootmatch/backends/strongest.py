@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph import enumeration
 
 Progress = Callable[[int, int], None]
@@ -164,10 +165,11 @@ class Backend(Protocol):
         gate: float,
         limit: int,
         progress: Progress | None = None,
+        deadline: Deadline = NEVER,
     ) -> Found:
         """The ``limit`` strongest hyper-edges below the gate among the slabs of ranks ``first … last − 1``.
 
-        ``progress`` is called with (slabs done, slabs in all).
+        ``progress`` is called with (slabs done, slabs in all). At the deadline the slabs that are left are left out.
         """
 
     def evaluated(self, tables: Any, kind: Any, blocks: Iterable[Block]) -> Iterator[tuple[Block, NDArray[np.float64]]]:

@@ -16,7 +16,6 @@ from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
-from rootmatch.cli.warmup import warmup
 from rootmatch.errors import RootmatchError
 
 STOPPED = "interrupted; no partial output is left"
@@ -26,7 +25,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "simulate": simulate,
     "reproduce": reproduce,
     "benchmark": benchmark,
-    "warmup": warmup,
 }
 """The commands by name. Their modules import heavy packages inside the function, so that help stays instant."""
 

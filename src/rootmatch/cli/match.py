@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from rootmatch.cli import match_options as option
+from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.problem_options import build_problem, flag
@@ -50,6 +51,7 @@ def match(
     solver: option.Solver = None,
     limit: option.Limit = None,
     max_hyperedges: option.MaxHyperedges = None,
+    max_seconds: option.MaxSeconds = None,
     backend: option.Backend = None,
     scheduler: option.Scheduler = None,
     seed: option.Seed = 0,
@@ -95,6 +97,7 @@ def match(
         "solver": solver,
         "limit": limit,
         "max_hyperedges": max_hyperedges,
+        "max_seconds": max_seconds,
         "backend": backend,
         "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
@@ -105,9 +108,13 @@ def match(
     with (
         option_names_in_errors({"source": str(model), "target": str(image), **subjects}),
         progress_bar("hyper-edges", progress) as show,
+        ExitStack() as beside,
     ):
         from rootmatch.match import match as find
 
+        if solver is None and preset is None:
+            waiting = beside.enter_context(compiled_beside(posed, _motions(motions) != 1))
+            options |= {"solver": waiting} if waiting else {}
         found = find(
             source.points,
             target.points,

@@ -201,6 +201,12 @@ MaxHyperedges = Annotated[
         rich_help_panel=METHOD,
     ),
 ]
+MaxSeconds = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S", help="Return what was found after so many seconds.", show_default="none", rich_help_panel=METHOD
+    ),
+]
 Backend = Annotated[
     str | None,
     typer.Option(

@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
@@ -72,6 +73,8 @@ class TrustOptions:
 
 
 TRUST = TrustOptions()
+SUPPORTED = 0.5
+"""Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
 
 
 class Status(Enum):
@@ -124,7 +127,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         return _of_motions(solution, task.shape)
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
     if not task.options.is_paper:
-        assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor)
+        assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor, task.deadline)
     scores = agreement(sampled.tensor, [assignment, *(other for other, _ in alternatives)])
     lead = margin(score, alternatives, assignment)
     probability, trusted, factor, support = None, False, 0.0, scores[0]
@@ -232,7 +235,7 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     # what assignments of nearly this score share out is structure (a symmetric object), not accident
     explained = sum(value for value in known if value >= (1.0 - TRUST.margin) * score)
     others = max(float(tensor.weights.sum()) - explained, true_weight)
-    random = others / evaluated if chance is None else chance
+    random = others / max(evaluated, 1) if chance is None else chance
     return log10_false_alarms(
         problem, tensor.shape, score=score / max(share, 1e-300), true_weight=true_weight, chance=random / true_weight
     )
@@ -245,19 +248,33 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
 
 
 def supported(
-    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor
+    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
 ) -> tuple[NDArray[np.int64], float, Alternatives]:
-    """Assignments without the points that nothing supports, distinct, best first."""
+    """Assignments without the points that nothing supports, distinct, best first; those in time for the deadline."""
     candidates = np.array([assignment, *(other for other, _ in alternatives)])
-    kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
-    matched = (kept >= 0).sum(axis=1)
-    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
-    if last.any():
-        more, more_scores = drop_unsupported(tensor, candidates, TRUST.last_support)
-        kept[last], scores[last] = more[last], more_scores[last]
+    pace = Pace(deadline.part(SUPPORTED))
+    # the first one whatever the time
+    parts = [_supported(candidates[:1], tensor)] if deadline.is_set else []
+    done = len(parts)
+    while done < len(candidates) and (few := pace.block(len(candidates) - done)):
+        parts.append(_supported(candidates[done : done + few], tensor))
+        done += few
+    kept = np.concatenate([part[0] for part in parts])
+    scores = np.concatenate([part[1] for part in parts])
     distinct = {one.tobytes(): (one, float(value)) for one, value in zip(kept, scores, strict=True)}
     ranked = sorted(distinct.values(), key=lambda pair: -pair[1])
     (best, score), rest = ranked[0], ranked[1:]
     # an assignment that merely leaves some of the points out is not a different one
     different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
     return best, score, different
+
+
+def _supported(candidates: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Assignments (K, n) without the points that nothing supports, and their scores (K,)."""
+    kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
+    matched = (kept >= 0).sum(axis=1)
+    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
+    if last.any():
+        more, more_scores = drop_unsupported(tensor, candidates, TRUST.last_support)
+        kept[last], scores[last] = more[last], more_scores[last]
+    return kept, scores

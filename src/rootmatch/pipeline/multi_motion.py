@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import Deadline
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.sampling import sample
+from rootmatch.pipeline.sampling import affordable, sample
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.samplers.clutter import CROWDING
@@ -24,6 +25,9 @@ from rootmatch.solvers.packing.solver import GroupPacking
 REST = 50_000_000
 """Most hyper-edges among the rest that are swept exhaustively (benchmarks/matches.py --only motions)."""
 
+FIRST_PACKING = 0.5
+"""Share of the time left at a deadline for the first packing."""
+
 
 def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each, and the tensor that they were found in.
@@ -31,8 +35,8 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
     A guided search may never have proposed a small motion. Where it leaves points and detections unexplained, all
     hyper-edges among those are evaluated and the packing is made again.
     """
-    solution = _packed(task, sampled)
-    if not sampled.partial or solution.groups is None:
+    solution = _packed(task, sampled, task.deadline.part(FIRST_PACKING))
+    if not sampled.partial or solution.groups is None or task.deadline.passed():
         return solution, sampled
     order = task.problem.order
     sizes = np.bincount(solution.groups[solution.groups >= 0], minlength=1)
@@ -57,7 +61,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         task.prior,
     )
     joined = sampled._replace(tensor=_distinct(tensor), evaluated=sampled.evaluated + more.evaluated)
-    return _packed(task, joined), joined
+    return _packed(task, joined, task.deadline), joined
 
 
 def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> float:
@@ -75,13 +79,13 @@ def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> 
     return (ways - solution.statistics["evidence"]) / math.log(10.0)
 
 
-def _packed(task: MatchingTask, sampled: SampledTensor) -> Solution:
-    tensor = sampled.tensor
+def _packed(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> Solution:
+    tensor = affordable(sampled.tensor, deadline)
     chance = sampled.chance_weight
     if chance is None:
         chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)
     solver = GroupPacking(motions=task.options.motions, chance_weight=chance, fit=_group_fit(task))
-    return solver(tensor, seed=task.options.seed)
+    return solver(tensor, seed=task.options.seed, deadline=deadline)
 
 
 def _group_fit(task: MatchingTask) -> GroupFit | None:

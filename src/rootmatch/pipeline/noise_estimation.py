@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -27,6 +28,8 @@ SUBSETS = 2000
 """Hyper-edges of one motion that are evaluated, at most."""
 SETTLED, ROUNDS = 1.15, 5
 """Factor by which a guess may be off, and matches at most (`benchmarks/noise_estimation.py`)."""
+ROUND = 0.5
+"""Share of the time left at a deadline for each of those matches."""
 LEAST = 1e-3
 """Least σ over the first guess: exact data have none."""
 
@@ -68,14 +71,21 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         The match of a task whose noise is known.
     """
     guess = first = first_guess(task.image[0])
-    match = solve(task.with_noise(guess))
+    match = solve(_round(task, guess))
     for _ in range(ROUNDS):
         sigma = estimated_noise(match, guess)
         if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
             break
+        if task.deadline.passed():
+            break
         guess = min(max(sigma, LEAST * first), 4.0 * first)
-        match = solve(task.with_noise(guess))
+        match = solve(_round(task, guess))
     return match
+
+
+def _round(task: MatchingTask, sigma: float) -> MatchingTask:
+    """The task with a guess of σ, and a part of the time that is left."""
+    return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
 def first_guess(target: NDArray[np.float64]) -> float:

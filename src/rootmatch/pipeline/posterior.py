@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import Pace
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.options import Options, option
 from rootmatch.pipeline.task import MatchingTask
@@ -59,6 +60,8 @@ HALF = 0.5
 """A count is estimated as (k + ½) / (n + 1) (Krichevsky and Trofimov 1981), so that no probability is 0 or 1."""
 MOST_DETECTED = 0.999
 """Of a detection rate: beyond, one hidden point would refute a pose."""
+FITTED_FIRST = 8
+"""Assignments fitted at first where there is a deadline: that takes hardly longer than one."""
 IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
 
@@ -191,8 +194,9 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     value: dict[bytes, float] = {}
     visited: set[bytes] = set()
     leader, detected = assignments[0], _detected(task, assignments[0], np.ones(task.shape[0]))
+    pace = Pace(task.deadline, FITTED_FIRST)
     for turn in range(options.rounds + 1):
-        new = _fits(task, [key for key in pool if key not in fits], pool)
+        new = _fits(task, [key for key in pool if key not in fits], pool, pace)
         fits |= new
         visible |= {key: visibility(task, fit, k, options) for key, (fit, k) in new.items()}
         inflation = _inflation(fits, options)
@@ -212,7 +216,7 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
             leader, detected = pool[best], _detected(task, pool[best], visible[best])
             if detected == before[1] and np.array_equal(leader, before[0]):
                 break
-        if turn == options.rounds or not value:
+        if turn == options.rounds or not value or task.deadline.left() <= 0.0:
             break
         enough = max(value.values()) - options.negligible_odds
         near = [key for key in sorted(value, key=lambda key: -value[key]) if value[key] > enough]
@@ -264,13 +268,16 @@ def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.floa
     return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 
 
-def _fits(task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers]) -> dict[bytes, tuple[Fit, int]]:
-    """Pose fits of some assignments of the pool, and their rows in them."""
-    if not keys:
-        return {}
-    assignments = np.array([pool[key] for key in keys])
-    fit = task.problem.fitted(task.points, assignments)
-    return {key: (fit, k) for k, key in enumerate(keys)}
+def _fits(
+    task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers], pace: Pace
+) -> dict[bytes, tuple[Fit, int]]:
+    """Pose fits of some assignments of the pool, and their rows in them; the first of them where time is up."""
+    fits: dict[bytes, tuple[Fit, int]] = {}
+    while len(fits) < len(keys) and (few := pace.block(len(keys) - len(fits))):
+        some = keys[len(fits) : len(fits) + few]
+        fit = task.problem.fitted(task.points, np.array([pool[key] for key in some]))
+        fits |= {key: (fit, k) for k, key in enumerate(some)}
+    return fits
 
 
 def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
+from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -27,6 +28,10 @@ from rootmatch.samplers.random import random_tensor
 
 PAPER_SAMPLES = 100_000
 """Random hyper-edges drawn unless said otherwise, as in the paper."""
+INDEXED = 0.5
+"""Share of a solver's deadline for what it does once with each hyper-edge."""
+SECONDS_PER_HYPEREDGE = 1e-6
+"""Of that, at most (benchmarks/solvers.py)."""
 
 
 def sample(task: MatchingTask) -> SampledTensor:
@@ -48,6 +53,15 @@ def sample(task: MatchingTask) -> SampledTensor:
     return sampled._replace(tensor=tensor, assignments=assignments)
 
 
+def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
+    """The strongest hyper-edges of a tensor, as many as a solver can take in by its deadline."""
+    size = deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE)
+    if size >= tensor.size:
+        return tensor
+    kept = np.sort(np.argpartition(-tensor.weights, size)[:size])
+    return AffinityTensor.unchecked(tensor.indices[kept], tensor.weights[kept], tensor.shape, tensor.unary)
+
+
 def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
     """The sampled tensor, and the backend that can contract it."""
     options, sampling = task.options, task.sampling_task
@@ -63,7 +77,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
                 f"hyperedges: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
                 "rootmatch.samplers.base.SampledTensor"
             )
-        if sampled.conclusive or not fallback:
+        if sampled.conclusive or not fallback or sampling.deadline.passed():
             return sampled, selection.chosen(options.backend, 0.0, single)
         searched = sampled.evaluated
     if sampler == "random":
@@ -81,6 +95,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
             candidates=sampling.candidates,
             backend=backend,
             progress=sampling.progress,
+            deadline=sampling.deadline,
         )
         # what was not drawn is not taken to agree: a score is worth what was found
         return SampledTensor(tensor, evaluated), backend
@@ -93,6 +108,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         candidates=sampling.candidates,
         backend=backend,
         progress=sampling.progress,
+        deadline=sampling.deadline,
     )
     return SampledTensor(tensor, evaluated + searched), backend
 

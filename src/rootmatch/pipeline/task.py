@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import wide_first
@@ -38,6 +39,8 @@ EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
 EXACT_RADIANS = 1e-5
 """The same where detections are unit rays: that of a pixel where the focal length is 1000."""
+SAMPLED, RESERVE = 0.7, 0.5
+"""Share of the time left at a deadline that sampling may take, and seconds that always suffice for the rest."""
 HYPEREDGES: tuple[Hyperedges, ...] = ("auto", "exhaustive", "random", "guided")
 
 
@@ -67,6 +70,7 @@ class MatchOptions:
     scheduler: str | None = None
     progress: Progress | None = None
     detection: float | None = None
+    max_seconds: float | None = None
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
@@ -78,6 +82,7 @@ class MatchOptions:
         check_count("max_hyperedges", self.max_hyperedges)
         check_positive("rho", self.rho)
         check_probability("detection", self.detection)
+        check_positive("max_seconds", self.max_seconds)
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):
@@ -142,6 +147,8 @@ class MatchingTask:
         Prior weights of correspondences.
     bodies : BodyLabels, optional
         Which rigid body each source point belongs to, where there are several.
+    deadline : Deadline
+        When every stage hands on what it has found.
     """
 
     problem: Problem
@@ -153,6 +160,7 @@ class MatchingTask:
     allowed: NDArray[np.bool_] | None = None
     prior: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
+    deadline: Deadline = NEVER
 
     @classmethod
     def of(
@@ -167,6 +175,7 @@ class MatchingTask:
         candidates: ArrayLike | None = None,
         bodies: ArrayLike | None = None,
         options: MatchOptions | None = None,
+        deadline: Deadline = NEVER,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them.
 
@@ -202,6 +211,7 @@ class MatchingTask:
             allowed=allowed,
             prior=prior,
             bodies=labels,
+            deadline=deadline,
         )
 
     @property
@@ -257,6 +267,7 @@ class MatchingTask:
             candidates=None if self.allowed is None else self.allowed[self.order],
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,
+            deadline=self.deadline.part(SAMPLED, RESERVE),
         )
 
     def with_noise(self, sigma: float) -> Self:

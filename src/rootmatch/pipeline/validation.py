@@ -45,6 +45,20 @@ def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> N
     return np.ascontiguousarray(array, dtype=np.int64)
 
 
+def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """An assignment (n,) of a caller between n and n' points."""
+    array = np.asarray(assignment)
+    n, n_target = shape
+    if array.shape != (n,) or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"assignment: {array.dtype} of shape {array.shape} given, integers of shape ({n},) expected")
+    if array.size and (array.min() < -1 or array.max() >= n_target):
+        raise InputError(f"assignment: {array.min()} to {array.max()} given; give −1, or 0 to {n_target - 1}")
+    matched = array[array >= 0]
+    if len(np.unique(matched)) < len(matched):
+        raise InputError("assignment: a target point is matched twice; match each once at most")
+    return np.asarray(array, dtype=np.int64)
+
+
 def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
     """Refuse an exhaustive sweep beyond the limit, with its size and the alternatives."""
     if count > limit:

@@ -55,7 +55,7 @@ class Problem(ABC):
     fits_answers: ClassVar[bool] = False
     """Whether `fitted` is there."""
     least_for_pose: ClassVar[int] = 0
-    """Matches that `pose` needs; 0 where there is none."""
+    """Matches that `poses` needs; 0 where there is none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
     """What to check where no assignment can be trusted, in the words of the status' advice; …"""
     to_tell: ClassVar[str] = "restrict the possible pairs by `candidates`"
@@ -159,8 +159,11 @@ class Problem(ABC):
         """
         raise NotImplementedError(f"{self.name} cannot fit answers")
 
-    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
-        """Pose of matched points (m, 3|2) and (m, 2|3), at least `least_for_pose` of them."""
+    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+        """The most likely pose of each assignment (K, n), with its covariance; None where none is possible.
+
+        Each assignment needs `least_for_pose` matches.
+        """
         raise NotImplementedError(f"{self.name} fits no poses")
 
     def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:

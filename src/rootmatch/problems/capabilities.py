@@ -22,7 +22,11 @@ class Capability(Enum):
         "give one number, or one for each target point",
     )
     """Declared by `Problem.noisy_source`."""
-    POSE = "pose", "fits no poses", "estimate one from `assignment` with a solver of your own"
+    POSE = (
+        "pose",
+        "fits no poses, as its equations do not say what they are",
+        "estimate one from `assignment` with a solver of your own",
+    )
     """Declared by `Problem.least_for_pose`."""
     GUIDED = "hyperedges", "has no hypotheses to guide a search", 'use hyperedges="exhaustive" or "random"'
     """Declared by `ProblemKernels.hypotheses`."""

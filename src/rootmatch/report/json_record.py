@@ -14,8 +14,9 @@ def match_record(match: Match) -> dict[str, Any]:
 
     Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
     there is none), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status`` (``"matched"``,
-    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``seconds``, ``hyperedges``, ``noise`` (σ in pixels, null where
-    it differs by point). Indices are zero-based row numbers. A number that is not finite becomes null.
+    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``limited`` (whether the time limit ended it), ``seconds``,
+    ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point). Indices are zero-based row numbers. A
+    number that is not finite becomes null.
     """
     return {
         "assignment": match.assignment.tolist(),
@@ -28,6 +29,7 @@ def match_record(match: Match) -> dict[str, Any]:
         ],
         "status": match.status.name.lower(),
         "converged": match.converged,
+        "limited": match.limited,
         "seconds": _finite(match.seconds),
         "hyperedges": int(match.hyperedges),
         "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends.strongest import Progress
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -39,6 +40,8 @@ class SamplingTask:
     """Called now and then with (done, total), in units of the sampler's own."""
     view_cosine: NDArray[np.float64] | None = None
     """(n,) least cosine between normal and direction to the camera at which a point is visible, where given."""
+    deadline: Deadline = NEVER
+    """When to return what was found until then."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
 

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import Pace
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
@@ -23,6 +24,8 @@ from rootmatch.samplers.guided.minimal_sets import width
 
 Integers = NDArray[np.int64]
 
+SEARCHED = 0.6
+"""Share of a deadline after which the hyper-edges found so far are evaluated."""
 AT_ONCE = 64
 """Minimal sets between two progress reports; changes no result."""
 
@@ -93,11 +96,12 @@ class Completion(Options):
                 results[number] = np.concatenate([source, found[:, 1:]], axis=1), evaluated
 
         threads = int(numba.get_num_threads())
-        for done in range(0, len(tasks), AT_ONCE * threads):
-            few = min(AT_ONCE * threads, len(tasks) - done)
+        pace, done = Pace(task.deadline.part(SEARCHED)), 0
+        while done < len(tasks) and (few := pace.block(min(AT_ONCE * threads, len(tasks) - done))):
             in_threads(lambda first, last, done=done: work(done + first, done + last), few, threads, 4)  # type: ignore[misc]
+            done += few
             if task.progress is not None:
-                task.progress(done + few, len(tasks))
+                task.progress(done, len(tasks))
         evaluated = sum(number for _, number in results)
         found = _each_once(np.concatenate([rows for rows, _ in results]), shape)
         source, target = np.ascontiguousarray(found[:, :order]), np.ascontiguousarray(found[:, order:])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Enumeration, Progress
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
@@ -26,6 +27,7 @@ def exhaustive_residuals(
     candidates: NDArray[np.bool_] | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
+    deadline: Deadline = NEVER,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], int]:
     """All hyper-edges whose residual is below the gate, at most ``max_hyperedges`` of them, the strongest.
 
@@ -46,6 +48,8 @@ def exhaustive_residuals(
         Evaluates the hyper-edges.
     progress : callable, optional
         Called with (slabs done, slabs in all).
+    deadline : Deadline
+        When to return what was found until then.
 
     Returns
     -------
@@ -56,7 +60,7 @@ def exhaustive_residuals(
         Number of hyper-edges evaluated.
     """
     work = Enumeration.of(tables, kind, shape, order, candidates)
-    found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress=progress)
+    found = backend.strongest(work, 0, work.ranks, gate, max_hyperedges, progress=progress, deadline=deadline)
     indices = cpu.decode(found.codes, work.bases, work.arrangements, shape[1], shape[0])
     return indices, found.residuals, found.evaluated
 
@@ -72,11 +76,12 @@ def exhaustive_tensor(
     candidates: NDArray[np.bool_] | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
+    deadline: Deadline = NEVER,
 ) -> tuple[AffinityTensor, int]:
     """Tensor of `exhaustive_residuals`, and the number of hyper-edges evaluated."""
     indices, residuals, evaluated = exhaustive_residuals(
         tables, kind, affinity.gate, shape, order,
-        max_hyperedges=max_hyperedges, candidates=candidates, backend=backend, progress=progress,
+        max_hyperedges=max_hyperedges, candidates=candidates, backend=backend, progress=progress, deadline=deadline,
     )  # fmt: skip
     return AffinityTensor.unchecked(indices, affinity.weights(residuals), shape), evaluated
 

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
 from rootmatch.backends.strongest import Backend, Block, Progress
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
 from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
+
+BLOCK, SMALL_BLOCK = 65_536, 8_192
+"""Hyper-edges drawn at once, and where there is a deadline: a few milliseconds. The stream does not depend on it."""
 
 
 def random_tensor(
@@ -29,6 +33,7 @@ def random_tensor(
     candidates: NDArray[np.bool_] | None = None,
     backend: Backend = cpu,
     progress: Progress | None = None,
+    deadline: Deadline = NEVER,
 ) -> tuple[AffinityTensor, int]:
     """Tensor H_s of the first ``samples`` hyper-edges of the random stream (paper, section "Overall Algorithm").
 
@@ -39,7 +44,8 @@ def random_tensor(
     """
     n, n_target = shape
     increasing = affinity.residual.kind in NOISE_KINDS
-    stream = enumeration.random_hyperedges(n, n_target, order, samples, seed, mask=candidates)
+    block = SMALL_BLOCK if deadline.is_set else BLOCK
+    stream = enumeration.random_hyperedges(n, n_target, order, samples, seed, block=block, mask=candidates)
 
     def blocks() -> Iterator[Block]:
         for source, target in stream:
@@ -55,6 +61,8 @@ def random_tensor(
         done += len(source)
         if progress is not None:
             progress(done, samples)
+        if done < samples and deadline.passed():
+            break
     indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
     weights = affinity.weights(np.concatenate([part[1] for part in parts]))
     return AffinityTensor.unchecked(indices, weights, shape).merged(), done

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from inspect import signature
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
 
@@ -63,11 +65,23 @@ class Solution:
 
 
 class Solver(Protocol):
-    """A frozen dataclass of options that is called with a tensor."""
+    """A frozen dataclass of options that is called with a tensor.
+
+    One that can end early takes ``deadline`` as well, a `rootmatch.deadline.Deadline`; those of this package do.
+    """
 
     def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
         """Solve; the same seed gives the same solution, whatever the number of threads."""
         ...
+
+
+def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline = NEVER) -> Solution:
+    """The solution of a tensor, by the deadline if the solver can keep to one."""
+    if not deadline.is_set or "deadline" not in signature(solver).parameters:
+        return solver(tensor, seed=seed)
+    bounded: Any = solver
+    solution: Solution = bounded(tensor, seed=seed, deadline=deadline)
+    return solution
 
 
 def empty_solution(tensor: AffinityTensor) -> Solution:

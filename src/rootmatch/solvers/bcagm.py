@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
@@ -58,13 +59,13 @@ class BlockCoordinateAscent(Options):
     iterations: int = option(100, least=1)
     keep: int = option(16, least=0)
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
         run = _Ascent(tensor)
         done = 0
-        while done < self.iterations and not run.settled:
+        while done < self.iterations and not run.settled and (done == 0 or not deadline.passed()):
             run.round()
             done += 1
         best = run.winner

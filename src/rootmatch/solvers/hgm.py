@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
+
+SECONDS_PER_ENTRY = 5e-9
+"""Of one round of the projection, at most (benchmarks/solvers.py)."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class KLProjection(Options):
     tolerance: float = option(1e-9, least=0.0)
     keep: int = option(16, least=0)
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
@@ -64,7 +68,9 @@ class KLProjection(Options):
 
         most = int(np.sum(maximum_bipartite_matching(csr_array(y > 0)) >= 0))
         matches = most if self.matches is None else min(self.matches, most)
-        soft, change, rounds = project(y / y.max(), float(matches), self.iterations, self.tolerance)
+        limit = deadline.affordable(self.iterations, SECONDS_PER_ENTRY * y.size)
+        soft, change, rounds = project(y / y.max(), float(matches), limit, self.tolerance)
+        deadline.cuts(left_out=rounds < self.iterations and change > self.tolerance)
         assignment = discretise(soft)
         return Solution(
             soft=soft,

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -67,7 +68,7 @@ class PowerIteration:
         if not (self.bias >= 0 and self.tolerance >= 0 and self.iterations >= 1 and self.keep >= 0):
             raise InputError("PowerIteration: expected bias, tolerance, keep ≥ 0 and iterations ≥ 1")
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
@@ -77,7 +78,7 @@ class PowerIteration:
         start = _unit_lines(ones, ones, axes) if sparse else _unit(ones)
         y = start
         change, done = np.inf, 0
-        while done < self.iterations and change > self.tolerance:
+        while done < self.iterations and change > self.tolerance and (done == 0 or not deadline.passed()):
             v = tensor.contract(y * y if sparse else y)
             if self.bias == 0:
                 # Only directions matter; this keeps products of tiny weights from underflow.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
@@ -62,14 +63,14 @@ class ReweightedWalk(Options):
     slack: bool = option(True)
     keep: int = option(16, least=0)
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
         n, n_target = tensor.shape
         x = np.full(tensor.shape, 1.0 / (n * n_target))
         change, done = np.inf, 0
-        while done < self.iterations and change >= self.tolerance:
+        while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
             w = tensor.contract(x)
             largest = w.max()
             if largest <= 0:

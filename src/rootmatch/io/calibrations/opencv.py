@@ -19,8 +19,11 @@ FISHEYE_FLAG = "fisheye_model"
 
 
 def is_opencv(content: dict[str, Any]) -> bool:
-    """Whether some entry is a camera matrix as OpenCV writes it."""
-    return any(isinstance(content.get(name), dict) and "data" in content[name] for name, _, _ in _pairs(content))
+    """Whether some entry is a camera matrix as OpenCV writes it, or has its name."""
+    return any(
+        name not in ("K", "M") or (isinstance(content[name], dict) and "data" in content[name])
+        for name, _, _ in _pairs(content)
+    )
 
 
 def read_opencv(path: Path, content: dict[str, Any]) -> dict[str, Camera]:

@@ -21,6 +21,8 @@ from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
 DISTORTION = ("dist", "distortion", "distortion_coefficients", "distcoeffs")
+LOOSE = ("K", "fx", "fy", "cx", "cy", *DISTORTION[1:])
+"""Keys that others may look like: too short, or with companions such as ``distortion_model``."""
 ONE_BY_ONE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
@@ -55,7 +57,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
     for key in content:
         if key.lower() in ONE_BY_ONE and content[key] != 0:
             raise InputError(f'{path}: {key} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
-        near = difflib.get_close_matches(key[:40], [name for name in known if len(name) > 2], n=1, cutoff=0.7)
+        near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
         if near and key.lower() not in known and key not in known:
             raise InputError(
                 f"{path}: {shortened(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out"

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError, RootmatchError
+from rootmatch.errors import InputError
+from rootmatch.problems.gate import GATE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEAST_ABSOLUTE, LEAST_RELATIVE = 4, 5
-"""Matches that PoseLib needs: one more than P3P, to tell its solutions apart, and those of the five-point problem."""
-FOCAL, LEAST_COSINE = 1000.0, 0.05
-"""Of the ideal camera that stands for one with a lens: pixels, and the cosine of its field's edge."""
-KEEP_ALL = {"max_reproj_error": 1e4, "max_epipolar_error": 1e4, "seed": 0}
-"""Thresholds in pixels so wide that every match counts: refinement is wanted, not another selection of inliers."""
 ROUNDED = 1e-3
 """Deviation of RᵀR from the identity that is put down to rounding, as of a matrix in single precision or in a file."""
 ASYMMETRIC = 1e-6
@@ -112,6 +104,38 @@ class Pose:
         return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
 
 
+def fitted_pose(
+    R: Floats,
+    t: Floats,
+    covariance: Floats,
+    *,
+    chi2: float,
+    freedom: int,
+    points: Integers,
+    predicted: Floats,
+    residuals: Floats,
+    sigma: Floats,
+    scale: float = 1.0,
+    focal: float | None = None,
+) -> Pose:
+    """A pose with what its fit says; ``sigma`` (m,) of each of the residuals on one axis."""
+    return Pose(
+        R,
+        t,
+        covariance,
+        scale=scale,
+        focal=focal,
+        chi2=chi2,
+        freedom=freedom,
+        rms=float(np.sqrt((residuals**2).mean())),
+        rms_sigma=float(np.sqrt(chi2 / freedom)) if freedom > 0 else float("nan"),
+        points=points,
+        predicted=predicted,
+        residuals=residuals,
+        inliers=points[residuals <= GATE * sigma],
+    )
+
+
 def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
@@ -155,66 +179,3 @@ def _checked_covariance(value: ArrayLike, dimension: int) -> Floats:
             "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"
         )
     return covariance
-
-
-def absolute_pose(camera: CameraModel, source: Floats, target: Floats) -> Pose:
-    """Camera pose from points in space (m, 3) and their pixels (m, 2), m ≥ `LEAST_ABSOLUTE`."""
-    pixels, described = _ideal(camera, target)
-    found, _ = _poselib().estimate_absolute_pose(pixels, source, described, KEEP_ALL)
-    return _rigid(found)
-
-
-def relative_pose(cameras: tuple[CameraModel, CameraModel], source: Floats, target: Floats) -> Pose:
-    """Pose of the second camera in the first one's frame from pixels (m, 2) and (m, 2), m ≥ `LEAST_RELATIVE`."""
-    (pixels, first), (pixels2, second) = _ideal(cameras[0], source), _ideal(cameras[1], target)
-    found, _ = _poselib().estimate_relative_pose(pixels, pixels2, first, second, KEEP_ALL)
-    return _rigid(found)
-
-
-def point_set_pose(source: Floats, target: Floats, *, scaled: bool, mirror: bool = False) -> Pose:
-    """Least-squares motion between matched points (m, k) and (m, k), m ≥ k (Umeyama 1991).
-
-    Minimises Σ |scale · R source + t − target|².
-
-    Parameters
-    ----------
-    source, target : (m, k) arrays
-    scaled : bool
-        Whether the scale is estimated; 1 otherwise.
-    mirror : bool
-        Whether a reflection is possible.
-    """
-    centre, centre2 = source.mean(axis=0), target.mean(axis=0)
-    first, second = source - centre, target - centre2
-    u, values, vt = np.linalg.svd(second.T @ first)
-    signs = np.ones(source.shape[1])
-    if not mirror and np.linalg.det(u) * np.linalg.det(vt) < 0.0:
-        signs[-1] = -1.0
-    rotation = (u * signs) @ vt
-    scale = float((values * signs).sum() / (first**2).sum()) if scaled else 1.0
-    return Pose(rotation, centre2 - scale * rotation @ centre, scale=scale)
-
-
-def _poselib() -> Any:
-    try:
-        import poselib
-    except ImportError:
-        raise RootmatchError("pose: PoseLib is missing; install the extra: pip install 'rootmatch[pose]'") from None
-    return poselib
-
-
-def _rigid(found: Any) -> Pose:
-    return Pose(np.asarray(found.R, dtype=float), np.asarray(found.t, dtype=float))
-
-
-def _ideal(camera: CameraModel, pixels: Floats) -> tuple[Floats, dict[str, object]]:
-    """Detections as pixels of a pinhole without distortion, and this camera as PoseLib takes it."""
-    if isinstance(camera, Camera) and camera.lens is None:
-        parameters = list(camera.numbers)
-    else:
-        rays = camera.bearings(pixels)
-        if not np.all(rays[:, 2] > LEAST_COSINE):
-            raise InputError("pose: detections beside or behind the camera, which PoseLib's poses do not take")
-        pixels, parameters = FOCAL * rays[:, :2] / rays[:, 2:], [FOCAL, FOCAL, 0.0, 0.0]
-    width, height = int(2 * parameters[2]) + 1, int(2 * parameters[3]) + 1
-    return pixels, {"model": "PINHOLE", "width": width, "height": height, "params": parameters}

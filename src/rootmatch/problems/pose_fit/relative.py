@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
+from rootmatch.algebra.vector import tangent_bases
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
@@ -91,12 +91,18 @@ class Views:
         deviation = np.sqrt(np.maximum(variance, 1e-300))
         return value / deviation, deviation / np.sqrt(np.maximum(by_second, 1e-300))
 
-    def parallax(self, pose: Floats, base: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> Floats:
+    def from_lines(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Vectors (m, 2) in pixels to detections from their epipolar lines, and σ of their lengths, both ends noisy."""
+        deviation, width = self.deviations(essential, i, k)
+        slope = (essential @ self.first[i][..., None])[..., 0][..., None, :] @ self.second_axes[k]
+        direction = slope[..., 0, :] / np.maximum(np.linalg.norm(slope[..., 0, :], axis=-1, keepdims=True), 1e-300)
+        return (deviation * width)[..., None] * direction, width
+
+    def parallax(self, rotation: Floats, translation: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> Floats:
         """How far detections (…, m) lie along their epipolar lines from where points at infinity are seen, in pixels.
 
         Positive towards the epipole: in front of both cameras, for this sign of the translation.
         """
-        rotation, translation = _rotation(pose), _translation(pose, base)
         far = (rotation[..., None, :, :] @ self.first[i][..., None])[..., 0]
         far = far / np.linalg.norm(far, axis=-1, keepdims=True)
         towards = translation[..., None, :] - (far * translation[..., None, :]).sum(axis=-1, keepdims=True) * far
@@ -154,7 +160,9 @@ class RelativeFit(Fit):
         variance = 1.0 + np.einsum("nkp,npq,nkq->nk", slope, spread, slope)
         width = width[0].reshape(n, n_target)
         log = np.log(2.0 * np.pi * inflation * variance * width**2)
-        along = self.sign[k] * views.parallax(self.pose[k], self.base[k], i, j).reshape(n, n_target)
+        along = self.sign[k] * views.parallax(
+            _rotation(self.pose[k]), _translation(self.pose[k], self.base[k]), i, j
+        ).reshape(n, n_target)
         size, behind = _sized(along, width)
         others = np.zeros(n)
         others[matched] = size[matched, assignment[matched]] ** 2
@@ -219,7 +227,7 @@ class _Descent:
         base, k, used = self.base[every], self.k[every], self.used[every]
         i = np.arange(k.shape[1])
         deviation, width = self.views.deviations(_essential(pose, base), i, k)
-        along = self.views.parallax(pose, base, i, k)
+        along = self.views.parallax(_rotation(pose), _translation(pose, base), i, k)
         return np.where(used, deviation, 0.0), np.where(used, along, 0.0), width
 
     def squares(self, value: Floats, along: Floats, width: Floats, pose: Floats) -> tuple[Floats, Floats]:
@@ -275,6 +283,14 @@ def _sized(along: Floats, width: Floats) -> tuple[Floats, Floats]:
     """Sizes of parallaxes, not below their noise, and minus the log probability of those behind a camera."""
     noise = ALONG * width
     return np.hypot(along, noise), 0.5 * (np.minimum(along, 0.0) / noise) ** 2
+
+
+def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tuple[Floats, Floats]) -> Floats:
+    """Minus the log probability (B,) that detections k (B, n) lie before both cameras of poses (R, t)."""
+    essential = cross_matrix(pose[1]) @ pose[0]
+    i = np.arange(k.shape[1])
+    along = views.parallax(pose[0], pose[1], i, k)
+    return np.asarray(np.where(used, _sized(along, views.deviations(essential, i, k)[1])[1], 0.0).sum(axis=1))
 
 
 def _starts(views: Views, i: NDArray[np.int64], k: NDArray[np.int64], used: NDArray[np.bool_]) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.pose import Pose, point_set_pose
-
-if TYPE_CHECKING:
-    from rootmatch.problems.similarity.tables import SimilarityTables
+from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.similarity.tables import SimilarityTables
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Similarity(Problem):
     target, and their root mean square that of the source; a pair gives source and target apart (a model is exact:
     ``noise=(0.0, 0.1)``).
 
-    The pose is the least-squares motion of the source onto the target. In space it is a rotation, which does not fit a
+    The pose is the most likely motion of the source onto the target. In space it is a rotation, which does not fit a
     mirrored set.
 
     Degenerate: three points on a line (their three equations depend; a large residual: nothing is said), two points
@@ -65,10 +64,6 @@ class Similarity(Problem):
 
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""
-        from rootmatch.problems.similarity.tables import (
-            SimilarityTables,
-        )  # takes Numba, which a bad file should not wait for
-
         first, second = points.source, points.target
         oriented = self.dimension == 2 and not self.mirror
         return SimilarityTables(
@@ -81,9 +76,13 @@ class Similarity(Problem):
             scale=np.array([self.scale]),
         )
 
-    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
-        """Least-squares motion of the source onto the target; see `Problem.pose`."""
-        return point_set_pose(source, target, scaled=self.scale == 0.0, mirror=self.mirror and self.dimension == 2)
+    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+        """Motions of the source onto the target; see `Problem.poses`.
+
+        Covariances are 6 × 6 in space and 3 × 3 in a plane, with one row and column more for an unknown scale.
+        """
+        mirror = self.mirror and self.dimension == 2
+        return [point_set_pose(points, one, scaled=self.scale == 0.0, mirror=mirror) for one in assignments]
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials d x − e (E, 2) of pairs of points (E, 2, dimension)."""

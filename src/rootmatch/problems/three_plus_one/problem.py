@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +14,11 @@ from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
-from rootmatch.problems.pose_fit.pose import LEAST_RELATIVE, Pose, relative_pose
-
-if TYPE_CHECKING:
-    from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.relative import Views, relative_fit
+from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
+from rootmatch.problems.three_plus_one.quartic import quartic
+from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class ThreePlusOne(Problem):
     noisy_source: ClassVar[bool] = True
     source_is_image: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
-    least_for_pose: ClassVar[int] = LEAST_RELATIVE
+    least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         check_camera(self.camera)
@@ -93,8 +94,6 @@ class ThreePlusOne(Problem):
 
     def tables(self, points: PointSets) -> ThreePlusOneTables:
         """Tables for the kernels; see `Problem.tables`."""
-        from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables  # takes Numba: see `P3P`
-
         camera, camera2 = self.cameras
         rotation, rotation2 = self.rotations()
         return ThreePlusOneTables(
@@ -108,19 +107,21 @@ class ThreePlusOne(Problem):
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
-        from rootmatch.problems.pose_fit.relative import Views, relative_fit
-
         tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
         return relative_fit(Views.of(points, self.cameras, self.rotations(), tilt), assignments)
 
-    def pose(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> Pose:
-        """Pose of the second view in the first; see `Problem.pose`. It makes no use of the axes."""
-        return relative_pose(self.cameras, source, target)
+    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
+        """Poses of the second view in the first; see `Problem.poses`.
+
+        t has length 1. The 6 × 6 covariance has rank 3, that of the angle about the axis and of the direction of t, and
+        rank 5 with `axis_noise`.
+        """
+        tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
+        views = Views.of(points, self.cameras, self.rotations(), tilt)
+        return two_view_poses(views, self.rotations(), points.target, assignments)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
-        from rootmatch.problems.three_plus_one.quartic import quartic
-
         camera, camera2 = self.cameras
         rotation, rotation2 = self.rotations()
         first = (camera.bearings(source) @ rotation.T).tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rootmatch.backends import cpu
 from rootmatch.problems.capabilities import Capability
@@ -13,6 +13,12 @@ from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.limits import LIMITS
+
+SEARCHED, RESERVE, WEIGHED = 0.8, 0.2, 0.5
+"""Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of the hyper-edges of
+what it found."""
+SECONDS_PER_EDGE = 4e-7
+"""To evaluate one of those, at most (benchmarks/kernels.py)."""
 
 
 def pays(task: SamplingTask) -> bool:
@@ -42,10 +48,12 @@ class Guided(GuidedOptions):
         """
         tables, affinity = task.tables, task.affinity
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
-        search = Search(task, self)
+        search = Search(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()
         search.refine()
-        source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, self, search.rng)
+        few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
+        source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, few, search.rng)
+        task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
         tensor = given_tensor(task, source, target)
         drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
         by_chance = cpu.residuals(tables, task.kind, *drawn)

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import Deadline, Pace
 from rootmatch.hypergraph import enumeration
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
@@ -41,9 +42,12 @@ class Search:
     ----------
     task : SamplingTask
     options : GuidedOptions
+    deadline : Deadline, optional
+        When the search ends; that of the task by default.
     """
 
-    def __init__(self, task: SamplingTask, options: GuidedOptions) -> None:
+    def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
+        self.deadline = task.deadline if deadline is None else deadline
         tables, motions = task.tables, task.motions
         self.tables, self.options, self.progress = tables, options, task.progress
         self.n, self.n_target = self.shape = task.shape
@@ -72,13 +76,17 @@ class Search:
         options = self.options.batches
         arrangements = self.rng.permutation(enumeration.target_arrangements(self.n_target, self.minimal - 1))
         batch = options.first
+        pace = Pace(self.deadline, options.chunks)
         tried = self._tried()
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
-                last = min(tasks, done + max(options.chunks, batch // (self.n_target - self.minimal + 1)))
+                wanted = max(options.chunks, batch // (self.n_target - self.minimal + 1))
+                last = min(tasks, done + pace.block(wanted))
+                if last == done:
+                    return
                 self._try(sets, test, arrangements, first=done, last=last, allowed=self.allowed)
                 done, batch = last, min(2 * batch, options.largest)
                 if self.progress is not None:
@@ -134,7 +142,7 @@ class Search:
     def _spent(self) -> bool:
         limit = self.options.max_seconds
         late = limit is not None and time.perf_counter() - self.started > limit
-        return late or self.evaluated >= self.options.budget
+        return late or self.evaluated >= self.options.budget or self.deadline.passed()
 
     def _enough(self) -> bool:
         """Whether the search may stop; see `enough_found`."""
@@ -170,7 +178,10 @@ class Search:
         for points in self._waves():
             some = points[:wanted] if tried is None else points
             sets = self._prepared(some, len(arrangements))
-            self._try(sets, self._test(0), arrangements, first=0, last=len(some) * len(arrangements), allowed=mask)
+            tasks, done, pace = len(some) * len(arrangements), 0, Pace(self.deadline, self.options.batches.chunks)
+            while done < tasks and (block := pace.block(tasks - done)):
+                self._try(sets, self._test(0), arrangements, first=done, last=done + block, allowed=mask)
+                done += block
             wanted -= len(some)
             if tried is not None:
                 tried.add(some)

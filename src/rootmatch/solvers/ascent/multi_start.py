@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
@@ -25,8 +26,9 @@ LOOKUPS_PER_SUBSET = 4.0
 class MultiStart:
     """One run of `MultiStartAscent` and what it has found so far; its steps are numbered as there."""
 
-    def __init__(self, options: AscentOptions, index: SubsetIndex) -> None:
+    def __init__(self, options: AscentOptions, index: SubsetIndex, deadline: Deadline = NEVER) -> None:
         self.options, self.index = options, index
+        self.deadline, self.pace = deadline, Pace(deadline)
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
         self.starts = min(options.starts, options.starts_per_correspondence * n * n_target)
         self.candidates, rank = _candidates(index, options.pool * self.starts)
@@ -50,14 +52,24 @@ class MultiStart:
     def ascents(
         self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Ascents from assignments near a state: the optima (B, n) and their objectives (B,)."""
-        threads = threads_worth(int(len(bases) * self.effort))
-        images, values, moves = climb_from(
-            self.index, root, bases, penalty=penalty, limit=self.options.limit, exchanges=exchanges, threads=threads
-        )
-        self.made += len(bases)
-        self.moves += int(moves.sum())
-        self.cut += int(np.sum(moves >= self.options.limit))
+        """Ascents from assignments near a state: the optima (B, n) and their objectives (B,); fewer at a deadline."""
+        images, values = np.empty((0, self.index.n), np.int64), np.empty(0)
+        while len(images) < len(bases):
+            # one ascent at least is made whatever the time
+            size = self.pace.block(len(bases) - len(images)) or int(self.made == 0)
+            if size == 0:
+                break
+            some = bases[len(images) : len(images) + size]
+            threads = threads_worth(int(size * self.effort))
+            optima, objectives, moves = climb_from(
+                self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges, threads=threads
+            )
+            self.made += size
+            self.moves += int(moves.sum())
+            self.cut += int(np.sum(moves >= self.options.limit))
+            images, values = (optima, objectives) if size == len(bases) else (
+                np.concatenate([images, optima]), np.concatenate([values, objectives])
+            )  # fmt: skip
         return images, values
 
     def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
@@ -81,7 +93,7 @@ class MultiStart:
 
     def known(self) -> NDArray[np.int64]:
         """Assignments found, (F, n)."""
-        return np.array([image for image, _ in self.found.values()])
+        return np.array([image for image, _ in self.found.values()], np.int64).reshape(-1, self.index.n)
 
     def from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
@@ -195,7 +207,13 @@ class MultiStart:
         wanted = matched.size > 0 and self.options.keep > 0
         alternatives = self._alternatives(own >= self.options.claimed * np.median(own[matched])) if wanted else []
         return Solution(
-            soft, best, self.value, alternatives, converged=self.cut == 0, iterations=self.moves, statistics=statistics
+            soft,
+            best,
+            self.value,
+            alternatives,
+            converged=self.cut == 0 and not self.deadline.limited,
+            iterations=self.moves,
+            statistics=statistics,
         )
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:

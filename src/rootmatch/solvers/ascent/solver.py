@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.ascent.multi_start import MultiStart
 from rootmatch.solvers.ascent.options import AscentOptions
@@ -40,15 +41,15 @@ class MultiStartAscent(AscentOptions):
     Its options are those of `AscentOptions`.
     """
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
-        return self.solve(build_index(tensor))
+        return self.solve(build_index(tensor), deadline)
 
-    def solve(self, index: SubsetIndex) -> Solution:
+    def solve(self, index: SubsetIndex, deadline: Deadline = NEVER) -> Solution:
         """Solve with an index that was built before."""
-        search = MultiStart(self, index)
+        search = MultiStart(self, index, deadline)
         search.from_walk()
         search.from_cores()
         search.from_rivals()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +37,13 @@ class Relaxation(NamedTuple):
         return self._replace(loss=self.loss[some], part=self.part[some])
 
 
-def relaxation(elements: NDArray[np.int64], values: NDArray[np.float64], count: int, most: int) -> Relaxation:
-    """Prices (by HiGHS) of sets `elements` (G, k), −1 after the last of each, of N = `count` elements."""
+def relaxation(
+    elements: NDArray[np.int64], values: NDArray[np.float64], count: int, most: int, seconds: float = math.inf
+) -> Relaxation:
+    """Prices (by HiGHS) of sets `elements` (G, k), −1 after the last of each, of N = `count` elements.
+
+    Where it takes longer than so many seconds they are rough.
+    """
     from scipy.optimize import linprog  # slow to import
     from scipy.sparse import csc_array
 
@@ -47,8 +53,9 @@ def relaxation(elements: NDArray[np.int64], values: NDArray[np.float64], count: 
     columns = np.concatenate([member, np.arange(sets)])
     matrix = csc_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, sets))
     limits = np.append(np.ones(count), most)
-    solved = linprog(-values, A_ub=matrix, b_ub=limits, bounds=(0.0, None), method="highs-ds")
-    if solved.x is None:
+    solved = linprog(-values, A_ub=matrix, b_ub=limits, bounds=(0.0, None), method="highs-ds",
+                     options={} if math.isinf(seconds) else {"time_limit": seconds})  # fmt: skip
+    if solved.x is None or solved.status != 0:
         # any prices are a bound: here the value of the best set of each element
         price, part = np.zeros(count + 1), values / max(float(values.max()), TINY)
         np.maximum.at(price, elements[member, place], values[member])

@@ -9,12 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
 from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups, match_cost
 from rootmatch.solvers.packing.options import CliqueOptions
 
 Groups = NDArray[np.int64]
+SECONDS_PER_GROUP = 1e-4
+"""To extend a group in all ways and to value them, at most (benchmarks/matches.py --only motions)."""
 
 
 class GroupFit(NamedTuple):
@@ -40,11 +43,19 @@ class FittedGroups:
     fallback : HyperedgeGroups
         Source of the groups to be fitted where there are too many cliques.
     options : CliqueOptions
+    deadline : Deadline
+        Of the growth.
     """
 
     def __init__(
-        self, tensor: AffinityTensor, fit: GroupFit, fallback: HyperedgeGroups, options: CliqueOptions
+        self,
+        tensor: AffinityTensor,
+        fit: GroupFit,
+        fallback: HyperedgeGroups,
+        options: CliqueOptions,
+        deadline: Deadline = NEVER,
     ) -> None:
+        self.deadline = deadline
         self.tensor, self.fit, self.fallback, self.options = tensor, fit, fallback, options
         self.made = 0
 
@@ -73,12 +84,13 @@ class FittedGroups:
         # in another order than the points', in which neighbours share what grows from them
         waiting = groups[np.random.default_rng(0).permutation(len(groups))[: self.options.sampled]]
         large = np.empty((0, groups.shape[1]), np.int64)
-        while len(waiting):
-            grown = self.fit.grown(waiting[: self.options.per_round])
+        pace = Pace(self.deadline.part(0.5), 8)
+        while len(waiting) and (few := pace.block(min(self.options.per_round, len(waiting)))):
+            grown = self.fit.grown(waiting[:few])
             grown = grown[sizes(grown) >= self.tensor.order + self.options.large]
             large = distinct(np.concatenate([large, grown]))
             large = large[np.argsort(-self.evidence(large), kind="stable")]
-            waiting = waiting[self.options.per_round :]
+            waiting = waiting[few:]
             waiting = waiting[shared(waiting, large[: self.options.leading]) < self.tensor.order]
         return large
 
@@ -89,6 +101,9 @@ class FittedGroups:
             # one that shares a hyper-edge with a large group is of its motion, with something wrong at the most
             level = level[shared(level, large[: self.options.leading]) < self.tensor.order]
             levels.append(level)
+            if self.deadline.passed():
+                break
+            level = level[: self.deadline.part(0.3).cut(len(level), SECONDS_PER_GROUP)]
             level = distinct(self.fit.extended(level))
             evidence = self.evidence(level)
             best = np.argsort(-evidence, kind="stable")[: self.options.per_size]

@@ -7,8 +7,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
 from rootmatch.solvers.packing.options import SelectionOptions
+
+RELAXED = 0.5
+"""Share of the time left at a deadline that each step of the selection may take."""
+SECONDS_PER_NODE = 2e-5
+"""Of branch and bound, at most."""
 
 
 class GroupSelection:
@@ -21,8 +27,9 @@ class GroupSelection:
         shape: tuple[int, int],
         motions: int | Literal["auto"],
         options: SelectionOptions,
+        deadline: Deadline = NEVER,
     ) -> None:
-        self.options = options
+        self.options, self.deadline = options, deadline
         self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
         self.most = len(groups) if motions == "auto" else int(motions)
@@ -43,10 +50,11 @@ class GroupSelection:
             if len(allowed) == 0:
                 continue
             elements, values = self.elements[allowed], self.values[allowed]
-            self.relaxed = relaxation(elements, values, sum(self.shape), self.most)
+            self.relaxed = relaxation(elements, values, sum(self.shape), self.most, self.deadline.part(RELAXED).left())
             start = rounded(elements, values, self.relaxed, self.most)
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
+            nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
             found = best_packing(
                 elements, values, self.relaxed, self.most, start, nodes=nodes, patience=self.options.patience
             )
@@ -72,16 +80,20 @@ class GroupSelection:
         over what takes its place: 1 less the evidence of the new groups over that of those gone. What has less than
         half of the group's evidence is not looked for.
         """
-        others, lead = [], 1.0
+        others: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
+        lead = 1.0
         best, _ = self.solution(chosen)
         for number in np.flatnonzero(chosen):
+            if self.deadline.passed():
+                return others, 0.0  # what could take its place is not known
+            nodes = self.deadline.part(RELAXED).affordable(self.options.nodes_of_rivals, SECONDS_PER_NODE)
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
             same = self.options.rival_overlap * np.minimum(self.sizes, self.sizes[number])
             allowed = np.flatnonzero(shared < same)
             least = self.values[chosen].sum() - self.options.rival_value * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
             found[allowed] = packing_above(
-                least, self.elements[allowed], self.relaxed.of(allowed), self.most, self.options.nodes_of_rivals
+                least, self.elements[allowed], self.relaxed.of(allowed), self.most, nodes
             )  # fmt: skip
             other, labels = self.solution(found)
             if ((other >= 0) & (other != best)).any():

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.ascent.assignment_state import empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, state_of
@@ -28,9 +29,14 @@ class HyperedgeGroups:
     chance_weight : float
         Mean weight of a random hyper-edge.
     options : GrowthOptions
+    deadline : Deadline
+        Of the growth.
     """
 
-    def __init__(self, tensor: AffinityTensor, chance_weight: float, options: GrowthOptions) -> None:
+    def __init__(
+        self, tensor: AffinityTensor, chance_weight: float, options: GrowthOptions, deadline: Deadline = NEVER
+    ) -> None:
+        self.deadline = deadline
         self.tensor, self.order, self.shape = tensor, tensor.order, tensor.shape
         self.chance_weight, self.options, self.made = chance_weight, options, 0
         self.gate2 = float(options.gate) ** 2
@@ -55,8 +61,9 @@ class HyperedgeGroups:
         found: dict[bytes, Groups] = {}
         threads = numba.get_num_threads()
         waiting = np.arange(len(candidates))
-        while len(waiting):
-            now, waiting = waiting[: self.options.per_round], waiting[self.options.per_round :]
+        pace = Pace(self.deadline)
+        while len(waiting) and (few := pace.block(min(self.options.per_round, len(waiting)))):
+            now, waiting = waiting[:few], waiting[few:]
             bases = np.full((len(now), index.n), -1)
             source, target = np.divmod(candidates[now], index.n_target)
             bases[np.arange(len(now))[:, None], source] = target

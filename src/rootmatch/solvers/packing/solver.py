@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import option
@@ -16,6 +17,11 @@ from rootmatch.solvers.packing.fitted_groups import FittedGroups, GroupFit
 from rootmatch.solvers.packing.group_selection import GroupSelection
 from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups
 from rootmatch.solvers.packing.options import PackingOptions
+
+GROWN = 0.5
+"""Share of a deadline for the growth of groups, and of what is left then for the selection among them."""
+SECONDS_PER_GROUP = 1e-5
+"""Of a group that competes, at most (benchmarks/matches.py --only motions)."""
 
 
 @dataclass(frozen=True)
@@ -57,19 +63,22 @@ class GroupPacking:
         if not self.chance_weight > 0.0:
             raise InputError(f"GroupPacking: chance_weight is {self.chance_weight!r}; give a number above 0")
 
-    def __call__(self, tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+    def __call__(self, tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor) or tensor.size == 0:
             return empty_solution(tensor)
-        by_hyperedges = HyperedgeGroups(tensor, self.chance_weight, self.options.growth)
+        growing = deadline.part(GROWN)
+        by_hyperedges = HyperedgeGroups(tensor, self.chance_weight, self.options.growth, growing)
         source: HyperedgeGroups | FittedGroups = by_hyperedges
         if self.fit is not None:
-            source = FittedGroups(tensor, self.fit, by_hyperedges, self.options.cliques)
+            source = FittedGroups(tensor, self.fit, by_hyperedges, self.options.cliques, growing)
         groups, values = self._competing(source)
-        packing = GroupSelection(groups, values, tensor.shape, self.motions, self.options.selection)
+        few = deadline.part(GROWN).cut(len(groups), SECONDS_PER_GROUP)
+        groups, values = groups[:few], values[:few]
+        packing = GroupSelection(groups, values, tensor.shape, self.motions, self.options.selection, deadline=deadline)
         chosen = packing.best(tensor.order + self.options.selection.large)
         alternatives, lead = packing.without_each(chosen)
-        assignment, labels = self._enlarged(*packing.solution(chosen), source, tensor.shape)
+        assignment, labels = self._enlarged(*packing.solution(chosen), source, deadline)
         soft = np.zeros(tensor.shape)
         for group, value in zip(groups, values / max(values.max(initial=0.0), 1e-300), strict=True):
             members = np.flatnonzero(group >= 0)
@@ -99,7 +108,7 @@ class GroupPacking:
         assignment: NDArray[np.int64],
         labels: NDArray[np.int64],
         source: HyperedgeGroups | FittedGroups,
-        shape: tuple[int, int],
+        deadline: Deadline,
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Groups with the unmatched points added that raise their evidence, those that raise it most first.
 
@@ -109,8 +118,8 @@ class GroupPacking:
         groups = [np.where(labels == label, assignment, -1) for label in range(int(labels.max(initial=-1)) + 1)]
         while True:
             points = np.flatnonzero(assignment < 0)
-            pixels = np.setdiff1d(np.arange(shape[1]), assignment)
-            if not groups or len(points) * len(pixels) == 0:
+            pixels = np.setdiff1d(np.arange(source.tensor.shape[1]), assignment)
+            if not groups or len(points) * len(pixels) == 0 or deadline.passed():
                 return assignment, labels
             best = (0.0, 0, -1, -1)
             pairs = np.array(np.meshgrid(points, pixels, indexing="ij")).reshape(2, -1)

@@ -1,0 +1,143 @@
+"""Maximum-likelihood poses of a calibrated camera from points in space and their image, with their covariance.
+
+`rootmatch.problems.pose_fit.absolute` fits tens of assignments roughly, to compare them. Here few are fitted to the
+bottom: from many starts, as a plane seen from afar has two valleys, and four points may have more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.cameras.base import CameraModel
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.absolute import Upright
+from rootmatch.problems.pose_fit.descent import ROUGH_STEPS, Floats, State, covariance_of, descended, lowest_of
+from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.projection_model import ProjectionModel
+from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
+
+Integers = NDArray[np.int64]
+
+KEPT = 3
+"""Of the fits from many starts, the lowest that are continued to the bottom. Not tuned."""
+
+
+def camera_poses(
+    points: PointSets,
+    camera: CameraModel,
+    assignments: Integers,
+    upright: Upright | None = None,
+    prior: Pose | None = None,
+) -> list[Pose | None]:
+    """The most likely pose of each assignment (K, n), None where none puts its points before the camera.
+
+    Minimises the squared deviations of the detections from the projections of their points over the variances of the
+    detections; a noisy vertical and a predicted pose add theirs.
+
+    Parameters
+    ----------
+    points : PointSets
+        Points in space and detections with their σ.
+    camera : CameraModel
+    assignments : (K, n) int array
+        −1 where unmatched; at least three matches in each, two where the vertical is known.
+    upright : Upright, optional
+        The known vertical, with its noise.
+    prior : Pose, optional
+        A predicted pose with its covariance.
+    """
+    centre = points.source.mean(axis=0)
+    unit = float(np.sqrt(((points.source - centre) ** 2).mean()))
+    used = assignments >= 0
+    most = int(used.sum(axis=1).max(initial=0))
+    packed = np.argsort(~used, axis=1, kind="stable")[:, :most]
+    target = np.maximum(np.take_along_axis(assignments, packed, axis=1), 0)
+    weight = np.where(np.take_along_axis(used, packed, axis=1), 1.0 / points.target_noise[target], 0.0)
+    places = (points.source[packed] - centre) / unit
+    rays = camera.bearings(points.target)[target]
+    image = points.target[target] if points.target.shape[1] == 2 else rays
+    axes = np.eye(3)
+    if upright is not None:
+        axes = upright.camera[1:2] if upright.noise == 0.0 else upright.camera[[1, 0, 2]]
+    noisy = upright if upright is not None and upright.noise > 0.0 else None
+    gaussian = None if prior is None else Prior.of(prior, centre, unit)
+
+    def model(times: int) -> ProjectionModel:
+        first, second, third = (np.repeat(array, times, axis=0) for array in (places, image, weight))
+        return ProjectionModel(
+            points=first, image=second, weight=third, camera=camera, axes=axes, upright=noisy, prior=gaussian
+        )
+
+    count = len(places)
+    if gaussian is None:
+        starts = starting_poses(places, rays, weight, upright)
+        starts = best_apart(model(starts[0].shape[1]), starts)
+    else:
+        starts = np.tile(gaussian.rotation, (count, 1, 1, 1)), np.tile(gaussian.translation, (count, 1, 1))
+    times = starts[0].shape[1]
+    state, chi2 = descended(model(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
+    kept = min(KEPT, times)
+    state, chi2 = lowest_of(state, chi2, count, kept)
+    if upright is None and prior is None:
+        best, _ = lowest_of(state, chi2, count)
+        other, _ = descended(model(1), reflected(best, places, weight), ROUGH_STEPS)
+        state = tuple(
+            _flat(np.concatenate([part.reshape(count, kept, *part.shape[1:]), more[:, None]], axis=1))
+            for part, more in zip(state, other, strict=True)
+        )
+        kept += 1
+    state, chi2 = lowest_of(*descended(model(kept), state), count)
+    found = _Found(state, chi2, covariance_of(model(1), state), axes, centre, unit)
+    measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
+    return [
+        _pose(found, k, points, camera, assignments[k], measured) if np.isfinite(chi2[k]) else None
+        for k in range(count)
+    ]
+
+
+def _flat(part: Floats) -> Floats:
+    """(K, S, …) as (K S, …)."""
+    return part.reshape(-1, *part.shape[2:])
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The fits, in their own frame and unit."""
+
+    state: State
+    chi2: Floats
+    covariance: Floats
+    axes: Floats
+    centre: Floats
+    unit: float
+
+
+def _pose(found: _Found, k: int, points: PointSets, camera: CameraModel, assignment: Integers, measured: int) -> Pose:
+    """One of the fits, in the caller's frame and unit."""
+    rotation, shift = found.state[0][k], found.unit * found.state[1][k]
+    turned = rotation @ found.centre
+    change = np.zeros((6, len(found.axes) + 3))
+    change[:3, : len(found.axes)], change[3:, len(found.axes) :] = found.axes.T, found.unit * np.eye(3)
+    # t = u t' − R c, so τ = u τ' − ω × R c
+    change[3:, : len(found.axes)] = cross_matrix(turned) @ found.axes.T
+    members = np.flatnonzero(assignment >= 0)
+    predicted = camera.project(points.source[members] @ rotation.T + shift - turned)
+    detected = points.target[assignment[members]]
+    if detected.shape[1] == 3:
+        detected = camera.bearings(detected)
+    return fitted_pose(
+        rotation,
+        shift - turned,
+        change @ found.covariance[k] @ change.T,
+        chi2=float(found.chi2[k]),
+        freedom=2 * len(members) + measured,
+        points=members,
+        predicted=predicted,
+        residuals=np.linalg.norm(detected - predicted, axis=1),
+        sigma=points.target_noise[assignment[members]],
+    )

@@ -1,0 +1,75 @@
+"""Covariance of a fit whose χ² is no parabola: second moments of its likelihood, by adaptive importance sampling.
+
+Two views that determine a rotation and a baseline badly have valleys of χ² that bend, and (Jᵀ J)⁻¹ at the bottom is
+then far too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rootmatch.problems.pose_fit.descent import Floats
+
+BENT = 0.15
+"""Relative deviation of χ² from its parabola, at the 68 % contour along its axes, from which samples are drawn. A round
+value: variances are then off by about as much (benchmarks/poses.py)."""
+SAMPLES = 512
+"""Samples a round. Not tuned: a variance is then known to about a tenth."""
+ROUNDS = 5
+"""Rounds, each with a proposal that fits the samples of those before. Not tuned."""
+TAILS = 4.0
+"""Degrees of freedom of the proposal, a t distribution, whose tails are wider than those of any likelihood here."""
+ENOUGH = 30.0
+"""Least effective number of samples that is believed. Not tuned."""
+
+
+def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
+    """Second moments (p, p) about 0 of steps under exp(−χ² / 2).
+
+    Parameters
+    ----------
+    chi2 : callable
+        Excess of χ² (S,) over the bottom after steps (S, p) from there; infinite where impossible.
+    covariance : (p, p) array
+        (Jᵀ J)⁻¹ at the bottom, returned where χ² is a parabola that far.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    size = len(axes)
+    contour = float(np.sqrt(size))
+    ends = chi2(contour * np.concatenate([axes, -axes]))
+    if not np.any(np.abs(ends / size - 1.0) > BENT):
+        return covariance
+    rng = np.random.default_rng(0)
+    mean, root = np.zeros(size), axes.T
+    steps: list[Floats] = []
+    excess: list[Floats] = []
+    proposals: list[tuple[Floats, Floats]] = []
+    weight = np.zeros(0)
+    for _ in range(ROUNDS):
+        normal = rng.standard_normal((SAMPLES, size)) / np.sqrt(rng.chisquare(TAILS, (SAMPLES, 1)) / TAILS)
+        steps.append(mean + normal @ root.T)
+        excess.append(chi2(steps[-1]))
+        proposals.append((mean, root))
+        every = np.concatenate(steps)
+        # all samples of all rounds, as of the mixture of their proposals
+        density = np.mean([_t_density(every, *proposal) for proposal in proposals], axis=0)
+        weight = np.exp(-0.5 * np.concatenate(excess)) / density
+        weight = np.where(np.isfinite(weight), weight, 0.0)
+        weight /= max(float(weight.sum()), 1e-300)
+        mean = weight @ every
+        spread = (every - mean).T @ (weight[:, None] * (every - mean)) + 1e-3 * covariance
+        root = np.linalg.cholesky(spread)
+    if 1.0 / float((weight**2).sum()) < ENOUGH:
+        return covariance
+    every = np.concatenate(steps)
+    return np.asarray(every.T @ (weight[:, None] * every))
+
+
+def _t_density(steps: Floats, mean: Floats, root: Floats) -> Floats:
+    """Density (S,) of a t distribution, up to a factor that all share."""
+    squared = (np.linalg.solve(root, (steps - mean).T) ** 2).sum(axis=0)
+    size = len(mean)
+    return np.asarray((1.0 + squared / TAILS) ** (-0.5 * (TAILS + size)) / abs(np.linalg.det(root)))

@@ -1,0 +1,55 @@
+"""A predicted pose with its covariance, as a Gaussian that a fit takes into account."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+from rootmatch.errors import InputError
+from rootmatch.problems.pose_fit.descent import Floats
+from rootmatch.problems.pose_fit.pose import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A Gaussian about a predicted pose, in the frame and unit of the fit."""
+
+    rotation: Floats
+    translation: Floats
+    root: Floats
+    """(6, 6): its product with the errors (ω, τ) has unit covariance."""
+
+    @classmethod
+    def of(cls, pose: Pose, centre: Floats, unit: float) -> Prior:
+        """The prior for points from which ``centre`` was subtracted and which were divided by ``unit``."""
+        if pose.covariance is None or pose.R.shape != (3, 3):
+            raise InputError("prior: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
+        # t' = (t + R c) / u, so τ' = (τ + ω × R c) / u
+        change = np.eye(6)
+        change[3:, :3] = -cross_matrix(pose.R @ centre)
+        change[3:] /= unit
+        covariance = change @ pose.covariance[:6, :6] @ change.T
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+        values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
+        # what is known exactly is known very well
+        root = (vectors / np.sqrt(np.maximum(values, 1e-12))).T / deviation
+        return cls(pose.R, (pose.t + pose.R @ centre) / unit, root)
+
+    def residuals(self, rotation: Floats, translation: Floats) -> Floats:
+        """Errors (B, 6) of poses in units of the prior's σ."""
+        off = np.concatenate([rotation_vector(rotation @ self.rotation.T), translation - self.translation], axis=1)
+        return np.asarray(off @ self.root.T)
+
+    def jacobian(self, rotation: Floats, axes: Floats) -> Floats:
+        """Their derivatives (B, 6, a + 3) by rotations about the axes (a, 3) and by translations."""
+        vector = rotation_vector(rotation @ self.rotation.T)
+        angle = np.linalg.norm(vector, axis=1)[:, None, None]
+        cross = cross_matrix(vector)
+        half = 0.5 * np.maximum(angle, 1e-4)
+        curved = (1.0 - half / np.tan(half)) / (4.0 * half * half)
+        left = np.eye(3) - 0.5 * cross + curved * cross @ cross
+        out = np.zeros((len(rotation), 6, len(axes) + 3))
+        out[:, :3, : len(axes)], out[:, 3:, len(axes) :] = left @ axes.T, np.eye(3)
+        return np.asarray(self.root @ out)

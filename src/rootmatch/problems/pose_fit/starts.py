@@ -1,0 +1,131 @@
+"""Poses to start a fit from, of which one lies in the deepest valley: of triples, of a grid of rotations, reflected."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import rotation_about_y
+from rootmatch.problems.pose_fit.absolute import Upright
+from rootmatch.problems.pose_fit.descent import Floats, Model, State
+from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
+
+STARTS = 8
+"""Starts of a fit, the best of all that are tried. Not tuned."""
+TRIPLES = 12
+"""Triples whose poses are tried. Not tuned: all of four points, and those that noise harms least of many."""
+GRID = 64
+"""Rotations that are tried besides, some 45° apart; about a known vertical 6°. Not tuned."""
+APART = 0.1
+"""Angle in radians between two starts, at least: of nearer ones one is enough. Not tuned."""
+DOUBTED = 9.0
+"""Squared deviation from which a point counts less, when starts are compared. Not tuned: (3 σ)²."""
+BEFORE = 0.1
+"""Least depth of a start's points in units of their root mean square distance from their centre. Not tuned."""
+
+
+def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Upright | None) -> State:
+    """Poses to start from, rotations (K, S, 3, 3) and translations (K, S, 3).
+
+    Parameters
+    ----------
+    points, rays : (K, n, 3) arrays
+        Points, and unit rays in the camera frame.
+    weight : (K, n) array
+        0 for what is not matched.
+    upright : Upright, optional
+        The known vertical.
+    """
+    if upright is not None:
+        angle = 2.0 * np.pi * np.arange(GRID) / GRID
+        grid = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
+        return np.tile(grid, (len(points), 1, 1, 1)), _translations(grid, points, rays, weight)
+    grid = _spread_rotations(GRID)
+    chosen = np.concatenate([triples(_plane(rays), weight > 0.0), _random_triples(weight > 0.0)], axis=1)
+    every = np.arange(len(points))[:, None, None]
+    rotation, translation = poses_of_triples(
+        points[every, chosen].reshape(-1, 3, 3), rays[every, chosen].reshape(-1, 3, 3)
+    )
+    return (
+        np.concatenate([rotation.reshape(len(points), -1, 3, 3), np.tile(grid, (len(points), 1, 1, 1))], axis=1),
+        np.concatenate([translation.reshape(len(points), -1, 3), _translations(grid, points, rays, weight)], axis=1),
+    )
+
+
+def best_apart(model: Model, starts: State) -> State:
+    """The `STARTS` best of many poses (K, S, …) that differ in rotation; ``model`` is that of all of them."""
+    rotation, translation = starts
+    groups, times = rotation.shape[:2]
+    with np.errstate(all="ignore"):
+        off = model.residuals((rotation.reshape(-1, 3, 3), translation.reshape(-1, 3)))
+        cost = np.log1p(off**2 / DOUBTED).sum(axis=1).reshape(groups, times)
+    cost = np.where(np.isfinite(cost), cost, np.inf)
+    every, picked = np.arange(groups), []
+    near = 1.0 + 2.0 * np.cos(APART)
+    for _ in range(STARTS):
+        best = cost.argmin(axis=1)
+        picked.append(best)
+        trace = np.einsum("kij,ksij->ks", rotation[every, best], rotation)
+        cost = np.where(trace > near, np.inf, cost)
+    chosen = np.stack(picked, axis=1)
+    return rotation[every[:, None], chosen], translation[every[:, None], chosen]
+
+
+def reflected(state: State, points: Floats, weight: Floats) -> State:
+    """Poses that look alike from afar: the points reflected in their plane and in that across the line of sight."""
+    rotation, translation = state
+    share = (weight > 0.0) / np.maximum((weight > 0.0).sum(axis=1), 1)[:, None]
+    centre = (points * share[..., None]).sum(axis=1)
+    away = (points - centre[:, None]) * np.sqrt(share)[..., None]
+    normal = np.linalg.eigh(away.swapaxes(-1, -2) @ away)[1][..., 0]
+    middle = (rotation @ centre[..., None])[..., 0] + translation
+    sight = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+    turned = _reflection(sight) @ rotation @ _reflection(normal)
+    return turned, middle - (turned @ centre[..., None])[..., 0]
+
+
+def _reflection(normal: Floats) -> Floats:
+    return np.asarray(np.eye(3) - 2.0 * normal[..., :, None] * normal[..., None, :])
+
+
+def _translations(grid: Floats, points: Floats, rays: Floats, weight: Floats) -> Floats:
+    """Translations (K, S, 3) that suit rotations (S, 3, 3) best, by distances from the rays (Lu et al. 2000)."""
+    across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * (weight**2)[..., None, None]
+    total = across.sum(axis=1)
+    total = total + 1e-9 * np.trace(total, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+    turned = points[:, None] @ grid.swapaxes(-1, -2)
+    pulled = np.einsum("knij,ksnj->ksi", across, turned)
+    translation = -np.einsum("kij,ksj->ksi", np.linalg.inv(total), pulled)
+    # all points at least a little before the camera, along the middle of the rays
+    used = weight > 0.0
+    middle = (rays * used[..., None]).sum(axis=1)
+    middle = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+    depth = np.einsum("ksni,ki->ksn", turned + translation[:, :, None], middle)
+    least = np.where(used[:, None], depth, np.inf).min(axis=2)
+    lift = np.maximum(BEFORE - least, 0.0)
+    return np.asarray(translation + lift[..., None] * middle[:, None])
+
+
+def _plane(rays: Floats) -> Floats:
+    """Rays (K, n, 3) as points of a plane (K, n, 2), in which wide triples are wide."""
+    return np.asarray(rays[..., :2] / (1.0 + np.maximum(rays[..., 2:], -0.9)))
+
+
+def _random_triples(used: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Random triples (K, T, 3) of the used points (K, n)."""
+    random = np.random.default_rng(0).random((len(used), TRIPLES, used.shape[1]))
+    return np.argsort(np.where(used[:, None], random, 2.0), axis=2)[..., :3]
+
+
+def _spread_rotations(count: int) -> Floats:
+    """Rotations (count, 3, 3) spread evenly (super-Fibonacci spirals, Alexa 2022)."""
+    t = np.arange(count) + 0.5
+    first, second = 2.0 * np.pi * t / np.sqrt(2.0), 2.0 * np.pi * t / 1.533751168755204288118041413
+    low, high = np.sqrt(t / count), np.sqrt(1.0 - t / count)
+    x, y, z, w = low * np.sin(first), low * np.cos(first), high * np.sin(second), high * np.cos(second)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

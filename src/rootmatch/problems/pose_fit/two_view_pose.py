@@ -1,0 +1,220 @@
+"""Maximum-likelihood pose of a second camera against a first one, a direction common to both known.
+
+Both images are noisy: a pair counts by its first-order (Sampson) distance from the epipolar geometry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
+from rootmatch.algebra.vector import tangent_bases
+from rootmatch.problems.pose_fit.descent import (
+    ROUGH_STEPS,
+    STEPS,
+    Floats,
+    State,
+    chi2_of,
+    covariance_of,
+    descended,
+    lowest_of,
+)
+from rootmatch.problems.pose_fit.moments import moments
+from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.relative import Views, behind
+
+Integers = NDArray[np.int64]
+
+ANGLES = 240
+"""Rotations about the common direction that are tried, 1.5° apart. Not tuned."""
+STARTS = 6
+"""The best of them, from which an assignment is fitted. Not tuned."""
+KEPT = 3
+"""Of these fits, the lowest that are continued to the bottom. Not tuned."""
+DOUBTED = 9.0
+"""Squared deviation from which a point counts less, when they are compared. Not tuned: (3 σ)²."""
+STEP = 1e-5
+"""Step of central differences, in radians: its square is below rounding over it. Not tuned."""
+OPEN = 1.0
+"""σ in radians beforehand of a direction that the points leave open. By construction: about all of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _TwoViewModel:
+    """B relative poses; see `rootmatch.problems.pose_fit.descent.Model`. States: (R, t), t of length 1, y common."""
+
+    views: Views
+    k: Integers
+    """(B, n) detections."""
+    used: NDArray[np.bool_]
+    planar: bool
+    """Whether t is orthogonal to the common direction."""
+
+    @property
+    def size(self) -> int:
+        """Parameters: an angle, the direction of t, and two tilts where the common direction is noisy."""
+        return (2 if self.planar else 3) + (2 if self.views.tilt > 0.0 else 0)
+
+    def residuals(self, state: State) -> Floats:
+        """See `Model`."""
+        rotation, translation = state
+        essential = cross_matrix(translation) @ rotation
+        deviation, _ = self.views.deviations(essential, np.arange(self.k.shape[1]), self.k)
+        parts = [np.where(self.used, deviation, 0.0)]
+        if self.views.tilt > 0.0:
+            parts.append(np.stack([rotation[:, 2, 1], -rotation[:, 0, 1]], axis=1) / self.views.tilt)
+        return np.concatenate(parts, axis=1)
+
+    def jacobian(self, state: State) -> Floats:
+        """See `Model`; by central differences."""
+        count, size = len(state[0]), self.size
+        signs = np.concatenate([np.eye(size), -np.eye(size)])
+        repeated = tuple(np.repeat(part, 2 * size, axis=0) for part in state)
+        many = _TwoViewModel(
+            self.views, np.repeat(self.k, 2 * size, axis=0), np.repeat(self.used, 2 * size, axis=0), self.planar
+        )
+        values = many.residuals(many.moved(repeated, STEP * np.tile(signs, (count, 1)))).reshape(count, 2, size, -1)
+        return np.asarray((values[:, 0] - values[:, 1]).swapaxes(-1, -2) / (2.0 * STEP))
+
+    def moved(self, state: State, step: Floats) -> State:
+        """See `Model`."""
+        turn, moves = self.directions(state[1])
+        rotation = rotation_from_vector(step @ turn) @ state[0]
+        translation = state[1] + np.einsum("bp,bpi->bi", step, moves)
+        return rotation, translation / np.linalg.norm(translation, axis=1, keepdims=True)
+
+    def hidden(self, state: State) -> Floats:
+        """Minus the log probability (B,) that the points lie before both cameras."""
+        return behind(self.views, self.k, self.used, (state[0], state[1]))
+
+    def widths(self, state: State) -> Floats:
+        """Sum (B,) of the logarithms of σ across the epipolar lines: the density of a detection is 1 over that."""
+        essential = cross_matrix(state[1]) @ state[0]
+        width = self.views.deviations(essential, np.arange(self.k.shape[1]), self.k)[1]
+        return np.asarray(np.where(self.used, np.log(width), 0.0).sum(axis=1))
+
+    def directions(self, translation: Floats) -> tuple[Floats, Floats]:
+        """The rotation vector (p, 3) and the change of t (B, p, 3) that belong to each parameter."""
+        size = self.size
+        turn, moves = np.zeros((size, 3)), np.zeros((len(translation), size, 3))
+        turn[0, 1] = 1.0
+        if self.planar:
+            moves[:, 1] = np.cross([0.0, 1.0, 0.0], translation)
+        else:
+            moves[:, 1], moves[:, 2] = tangent_bases(translation)
+        if self.views.tilt > 0.0:
+            turn[-2, 0] = turn[-1, 2] = 1.0
+        return turn, moves
+
+
+def two_view_poses(
+    views: Views, rotations: tuple[Floats, Floats], target: Floats, assignments: Integers, planar: bool = False
+) -> list[Pose | None]:
+    """The most likely relative pose of each assignment (K, n).
+
+    Parameters
+    ----------
+    views : Views
+    rotations : two (3, 3) arrays
+        Of both camera frames onto those of the views.
+    target : (n', 2) array
+        Pixels of the second image.
+    assignments : (K, n) int array
+        −1 where unmatched; at least three matches in each, two where the motion is planar.
+    planar : bool
+        Whether the camera moves at right angles to the common direction.
+    """
+    count, used, k = len(assignments), assignments >= 0, np.maximum(assignments, 0)
+    starts = _starts(views, k, used, planar)
+    times = starts[0].shape[1]
+    state = tuple(part.reshape(-1, *part.shape[2:]) for part in starts)
+    for steps, kept in ((ROUGH_STEPS, KEPT), (STEPS, 1)):
+        model = _TwoViewModel(views, np.repeat(k, times, axis=0), np.repeat(used, times, axis=0), planar)
+        state, chi2 = descended(model, state, steps)
+        # points lie before both cameras: −t fits the epipolar lines as well as t
+        hidden = np.array([behind(views, model.k, model.used, (state[0], sign * state[1])) for sign in (1.0, -1.0)])
+        state = state[0], np.where((hidden[0] <= hidden[1])[:, None], state[1], -state[1])
+        times = min(kept, times)
+        cost = chi2 + 2.0 * hidden.min(axis=0)
+        # the lowest of each group, with χ² alone beside them
+        (rotation, translation, chi2), _ = lowest_of((*state, chi2), cost, count, times)
+        state = rotation, translation
+    model = _TwoViewModel(views, k, used, planar)
+    return [
+        _pose(model, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations, target)
+        if np.isfinite(chi2[k])
+        else None
+        for k in range(count)
+    ]
+
+
+def _starts(views: Views, k: Integers, used: NDArray[np.bool_], planar: bool) -> State:
+    """Rotations (K, S, 3, 3) and translations (K, S, 3) of least deviation, of a grid of rotations."""
+    angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
+    rotation = rotation_about_y(np.cos(angle), np.sin(angle))
+    turned = views.first @ rotation.swapaxes(-1, -2)
+    # t · (R q × q') = 0
+    rows = np.cross(turned[None], views.second[k][:, None]) * used[:, None, :, None]
+    if planar:
+        rows = rows[..., [0, 2]]
+    least = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+    translation = np.stack([least[..., 0], 0.0 * least[..., 0], least[..., 1]], axis=-1) if planar else least
+    deviation, _ = views.deviations(cross_matrix(translation) @ rotation, np.arange(k.shape[1]), k[:, None])
+    total = np.where(used[:, None], np.log1p(deviation**2 / DOUBTED), 0.0).sum(axis=-1)
+    valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
+    best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :STARTS]
+    return rotation[best], translation[np.arange(len(k))[:, None], best]
+
+
+def _pose(
+    model: _TwoViewModel, k: int, state: State, chi2: float, rotations: tuple[Floats, Floats], target: Floats
+) -> Pose:
+    """One of the fits, in the frames of the cameras."""
+    views = model.views
+    members = np.flatnonzero(model.used[k])
+    alone = _TwoViewModel(views, model.k[k : k + 1], model.used[k : k + 1], model.planar)
+
+    def excess(steps: Floats) -> Floats:
+        many = _TwoViewModel(
+            views, np.repeat(alone.k, len(steps), axis=0), np.repeat(alone.used, len(steps), axis=0), model.planar
+        )
+        beyond = np.asarray((np.abs(steps) > np.pi).any(axis=1))
+        repeated = tuple(np.repeat(part, len(steps), axis=0) for part in state)
+        moved = many.moved(repeated, np.where(beyond[:, None], 0.0, steps))
+        reached = chi2_of(many.residuals(moved)) + 2.0 * (many.hidden(moved) + many.widths(moved))
+        return np.where(beyond, np.inf, reached - lowest)
+
+    lowest = chi2 + 2.0 * float((alone.hidden(state) + alone.widths(state))[0])
+
+    covariance = moments(excess, _bounded(covariance_of(alone, state)[0]))
+    turn, moves = alone.directions(state[1])
+    to_camera = rotations[1].T
+    change = np.concatenate([to_camera @ turn.T, to_camera @ moves[0].T])
+    detected = model.k[k, members]
+    essential = cross_matrix(state[1][0]) @ state[0][0]
+    off, sigma = views.from_lines(essential, members, detected)
+    if target.shape[1] == 3:
+        rays = views.second[detected] / np.linalg.norm(views.second[detected], axis=1, keepdims=True)
+        predicted = (rays - (views.second_axes[detected] @ off[..., None])[..., 0]) @ rotations[1]
+    else:
+        predicted = target[detected] - off
+    distance = np.linalg.norm(off, axis=1)
+    return fitted_pose(
+        to_camera @ state[0][0] @ rotations[0],
+        to_camera @ state[1][0],
+        change @ covariance @ change.T,
+        chi2=chi2,
+        freedom=len(members) - model.size + (2 if views.tilt > 0.0 else 0),
+        points=members,
+        predicted=predicted,
+        residuals=distance,
+        sigma=sigma,
+    )
+
+
+def _bounded(covariance: Floats) -> Floats:
+    """A covariance whose angles stay within about a radian: beyond, all directions are as likely."""
+    return np.asarray(np.linalg.inv(np.linalg.inv(covariance) + np.eye(len(covariance)) / OPEN**2))

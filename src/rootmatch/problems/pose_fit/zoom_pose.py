@@ -1,0 +1,172 @@
+"""Maximum-likelihood pose and focal length of an upright camera whose zoom is unknown, with their covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.absolute import Upright
+from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
+from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.starts import GRID, STARTS
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class _ZoomModel:
+    """B poses with focal lengths; see `rootmatch.problems.pose_fit.descent.Model`. States: (R, t, log f)."""
+
+    points: Floats
+    """(B, n, 3)."""
+    image: Floats
+    """(B, n, 2) from the principal point."""
+    weight: Floats
+    """(B, n)."""
+    axis: Floats
+    """(3,): the vertical in the camera frame."""
+
+    def residuals(self, state: State) -> Floats:
+        """See `Model`."""
+        positions = self._positions(state)
+        used = self.weight > 0.0
+        projected = np.exp(state[2])[:, None, None] * positions[..., :2] / positions[..., 2:]
+        off = np.where(used[..., None], (projected - self.image) * self.weight[..., None], 0.0)
+        off[~((positions[..., 2] > 0.0) | ~used).all(axis=1)] = np.inf
+        return off.reshape(len(off), -1)
+
+    def jacobian(self, state: State) -> Floats:
+        """See `Model`."""
+        positions, focal = self._positions(state), np.exp(state[2])[:, None, None]
+        inverse = 1.0 / positions[..., 2:]
+        by_position = np.zeros((*positions.shape[:2], 2, 3))
+        by_position[..., 0, 0] = by_position[..., 1, 1] = (focal * inverse)[..., 0]
+        by_position[..., 2] = -focal * positions[..., :2] * inverse * inverse
+        turned = np.cross(self.axis, positions - state[1][:, None])
+        by_angle = by_position @ turned[..., None]
+        by_focal = (focal * positions[..., :2] * inverse)[..., None]
+        whole = np.concatenate([by_angle, by_position, by_focal], axis=-1) * self.weight[..., None, None]
+        return np.where(self.weight[..., None, None] > 0.0, whole, 0.0).reshape(len(positions), -1, 5)
+
+    def moved(self, state: State, step: Floats) -> State:
+        """See `Model`."""
+        turn = rotation_from_vector(step[:, :1] * self.axis)
+        return turn @ state[0], state[1] + step[:, 1:4], state[2] + step[:, 4]
+
+    def _positions(self, state: State) -> Floats:
+        return np.asarray(self.points @ state[0].swapaxes(-1, -2) + state[1][:, None])
+
+
+def zoom_poses(
+    points: PointSets, centre: Floats, rotations: tuple[Floats, Floats], assignments: Integers
+) -> list[Pose | None]:
+    """The most likely pose and focal length of each assignment (K, n), None where there is none.
+
+    Parameters
+    ----------
+    points : PointSets
+        Points in space and pixels with their σ.
+    centre : (2,) array
+        Principal point.
+    rotations : two (3, 3) arrays
+        Of the world and of the camera onto frames whose y is the vertical.
+    assignments : (K, n) int array
+        −1 where unmatched; at least three matches in each.
+    """
+    upright = Upright(*rotations, 0.0)
+    middle = points.source.mean(axis=0)
+    unit = float(np.sqrt(((points.source - middle) ** 2).mean()))
+    used, target = assignments >= 0, np.maximum(assignments, 0)
+    places = np.tile((points.source - middle) / unit, (len(assignments), 1, 1))
+    image = points.target[target] - centre
+    weight = np.where(used, 1.0 / points.target_noise[target], 0.0)
+
+    def model(times: int) -> _ZoomModel:
+        first, second, third = (np.repeat(array, times, axis=0) for array in (places, image, weight))
+        return _ZoomModel(first, second, third, upright.camera[1])
+
+    count = len(assignments)
+    starts = _starts(places, image, weight, upright)
+    cost = chi2_of(model(GRID).residuals(starts)).reshape(count, GRID)
+    best = (np.arange(count)[:, None] * GRID + np.argsort(cost, axis=1, kind="stable")[:, :STARTS]).ravel()
+    state, chi2 = lowest_of(*descended(model(STARTS), tuple(part[best] for part in starts)), count)
+    covariance = covariance_of(model(1), state)
+    return [
+        _pose(
+            tuple(part[k] for part in state),
+            float(chi2[k]),
+            covariance[k],
+            points,
+            assignments[k],
+            (unit, middle),
+            centre,
+            upright.camera[1],
+        )
+        if np.isfinite(chi2[k])
+        else None
+        for k in range(count)
+    ]
+
+
+def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:
+    """For a grid of rotations (S,) translation and focal length by linear equations: (K S, 3, 3), (K S, 3), (K S,)."""
+    angle = 2.0 * np.pi * np.arange(GRID) / GRID
+    rotation = upright.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ upright.world
+    turned = points[:, None] @ rotation.swapaxes(-1, -2)
+    x, y, z = np.moveaxis(turned, -1, 0)
+    u, v = (np.broadcast_to(image[:, None, :, axis], x.shape) for axis in (0, 1))
+    one, none = np.ones_like(x), np.zeros_like(x)
+    # u (z + c) = f x + f a and v (z + c) = f y + f b are linear in c, f, f a, f b
+    rows = np.stack([np.stack([u, -x, -one, none], axis=-1), np.stack([v, -y, none, -one], axis=-1)], axis=-2)
+    known = -np.stack([u * z, v * z], axis=-1)
+    scale = weight[:, None, :, None]
+    rows = (rows * scale[..., None]).reshape(*x.shape[:2], -1, 4)
+    known = (known * scale).reshape(*x.shape[:2], -1)
+    normal = rows.swapaxes(-1, -2) @ rows
+    diagonal = np.arange(4)
+    normal[..., diagonal, diagonal] = normal[..., diagonal, diagonal] * (1.0 + 1e-12) + 1e-300
+    c, f, fa, fb = np.moveaxis(np.linalg.solve(normal, rows.swapaxes(-1, -2) @ known[..., None])[..., 0], -1, 0)
+    with np.errstate(all="ignore"):
+        translation = np.stack([fa / f, fb / f, c], axis=-1)
+        log = np.log(np.where(f > 0.0, f, np.nan))
+    count = len(points)
+    return np.tile(rotation, (count, 1, 1)), translation.reshape(-1, 3), log.ravel()
+
+
+def _pose(
+    state: State,
+    chi2: float,
+    covariance: Floats,
+    points: PointSets,
+    assignment: Integers,
+    frame: tuple[float, Floats],
+    centre: Floats,
+    axis: Floats,
+) -> Pose:
+    """One of the fits, in the caller's frame and unit."""
+    unit, middle = frame
+    rotation, focal = state[0], float(np.exp(state[2]))
+    turned = rotation @ middle
+    change = np.zeros((7, 5))
+    change[:3, 0], change[3:6, 1:4], change[6, 4] = axis, unit * np.eye(3), focal
+    change[3:6, 0] = cross_matrix(turned) @ axis
+    members = np.flatnonzero(assignment >= 0)
+    translation = unit * state[1] - turned
+    positions = points.source[members] @ rotation.T + translation
+    predicted = centre + focal * positions[:, :2] / positions[:, 2:]
+    return fitted_pose(
+        rotation,
+        translation,
+        change @ covariance @ change.T,
+        chi2=chi2,
+        freedom=2 * len(members) - 5,
+        points=members,
+        predicted=predicted,
+        residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),
+        sigma=points.target_noise[assignment[members]],
+        focal=focal,
+    )
