@@ -10,11 +10,13 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
 SOURCES := $(shell find src -name '*.py')
 
-.PHONY: help demo test smoke-oldest lint format docs clean
+.PHONY: help demo test fuzz torture smoke-oldest lint format docs clean
 
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
+	@echo "make fuzz    try ten thousand calls and a hundred thousand files; goes on where it was stopped"
+	@echo "make torture kill a sweep a hundred times, and whatever else takes long to break"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
 	@echo "make lint    ruff, mypy and the import layers"
 	@echo "make docs    build the site into docs/_build/html, its examples run, warnings are errors"
@@ -26,6 +28,13 @@ demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
+
+# Minutes to an hour: .fuzz.json says how far it came. What fails is kept in tests/fuzz/kept and is a test from then on.
+fuzz: $(VENV)/dev.stamp $(VENV)/kernels.stamp
+	NUMBA_CACHE_DIR=$(VENV)/numba-cache $(BIN)/python tests/fuzz/run_cases.py $(ARGS)
+
+torture: $(VENV)/dev.stamp
+	ROOTMATCH_TORTURE=1 $(BIN)/python -m pytest -n logical --maxprocesses 8 tests/test_torture.py $(ARGS)
 
 # What one version of Numba has compiled is overwritten by another, so each has its own cache.
 smoke-oldest: $(OLDEST)/made.stamp

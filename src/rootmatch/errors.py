@@ -9,3 +9,29 @@ class RootmatchError(Exception):
 
 class InputError(RootmatchError, ValueError):
     """Unusable input: the text says what was given, what was expected and what to do."""
+
+
+MOST_QUOTED = 60
+"""Characters of a value that an error quotes."""
+
+
+MOST_LISTED = 8
+"""Entries of a list or mapping that it quotes; of longer ones it says how many they are."""
+
+
+def printable(text: str) -> str:
+    """A text with every character that a terminal may obey as its escape, in the notation of Python."""
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+
+
+def quoted(value: object) -> str:
+    """A value as an error may quote it: one short line that no terminal obeys."""
+    if isinstance(value, list | dict) and len(value) > MOST_LISTED:
+        return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
+    try:
+        text = printable(" ".join(repr(value).split()))
+    except (ValueError, RecursionError):
+        return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
+    return text if len(text) <= MOST_QUOTED else f"{text[: MOST_QUOTED - 3]}..."

@@ -12,7 +12,7 @@ from rootmatch.cameras.base import check_camera as check_camera
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 
 LEAST_FOCAL, MOST = 1e-6, 1e12
 """Least focal length, and greatest size of any of the four numbers, in pixels: far beyond any camera's."""
@@ -52,7 +52,7 @@ class Camera(CameraModel):
             try:
                 value = float(getattr(self, name))
             except (TypeError, ValueError):
-                raise InputError(f"camera: {name} is {getattr(self, name)!r}; give a number of pixels") from None
+                raise InputError(f"camera: {name} is {quoted(getattr(self, name))}; give a number of pixels") from None
             except OverflowError:
                 raise InputError(f"camera: {name} has hundreds of digits; give a number of pixels") from None
             if not np.isfinite(value):
@@ -72,7 +72,8 @@ class Camera(CameraModel):
                 )
         if self.lens is not None and not isinstance(self.lens, Lens):
             raise InputError(
-                f"camera: lens is {self.lens!r}; use Camera.from_opencv(K, dist) or Camera.from_opencv_fisheye(K, D)"
+                f"camera: lens is {quoted(self.lens)}; use Camera.from_opencv(K, dist) or "
+                "Camera.from_opencv_fisheye(K, D)"
             )
 
     @classmethod

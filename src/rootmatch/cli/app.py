@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Annotated, Any
 
 import typer
@@ -12,13 +12,14 @@ from typer.core import TyperGroup
 
 from rootmatch._version import __version__
 from rootmatch.cli.benchmark import benchmark
-from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED
+from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED, READER_GONE, TERMINATED
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
-from rootmatch.errors import RootmatchError
+from rootmatch.cli.surroundings import let_go_of_output, prepare, terminated
+from rootmatch.errors import RootmatchError, printable
 
-STOPPED = "interrupted; no partial output is left"
+STOPPED = "no partial output is left"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "match": match,
@@ -29,31 +30,66 @@ COMMANDS: dict[str, Callable[..., None]] = {
 """The commands by name. Their modules import heavy packages inside the function, so that help stays instant."""
 
 
+class ReaderGoneError(Exception):
+    """Standard output has no reader any more. Under its own name the parser would end the program with 1."""
+
+
+@contextmanager
+def _gone_by_name() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise ReaderGoneError from error
+
+
 class OneLineErrors(TyperGroup):
     """A command group that reports every error in one line and shows no traceback for a user's mistake."""
+
+    def make_context(self, *args: Any, **extra: Any) -> Any:
+        """Parse the command line, and print the help."""
+        with _gone_by_name():
+            return super().make_context(*args, **extra)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with _gone_by_name():
+            try:
+                return super().invoke(ctx)
+            finally:
+                sys.stdout.flush()
 
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run a command and exit with its code."""
         extra["standalone_mode"] = False
         try:
             code = super().main(*args, **extra)
-            sys.stdout.flush()
         except (KeyboardInterrupt, typer.Abort):
-            sys.exit(_fail(STOPPED, INTERRUPTED))
+            sys.exit(stopped())
         except RootmatchError as error:
             sys.exit(_fail(str(error), BAD_INPUT))
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: stay silent
-            sys.exit(BAD_INPUT)
+        except ReaderGoneError:
+            let_go_of_output()
+            sys.exit(READER_GONE)
+        except OSError as error:
+            let_go_of_output()
+            where = error.filename or "standard output"
+            sys.exit(_fail(f"{where}: {error.strerror or error}; free or choose another place", BAD_INPUT))
         except Exception as error:
             if _interrupted(error):
-                sys.exit(_fail(STOPPED, INTERRUPTED))
+                sys.exit(stopped())
             # Usage errors come from the parser; anything else is a bug and keeps its traceback.
             if not hasattr(error, "format_message"):
                 raise
             # Without a message the parser has already printed the help.
             sys.exit(_fail(_usage(error), BAD_INPUT) if error.format_message() else BAD_INPUT)
-        sys.exit(_fail(STOPPED, code) if code == INTERRUPTED else code or 0)
+        sys.exit(stopped() if code == INTERRUPTED else code or 0)
+
+
+def stopped() -> int:
+    """Say that a signal ended the work, and return its exit code."""
+    if terminated():
+        return _fail(f"terminated; {STOPPED}", TERMINATED)
+    return _fail(f"interrupted; {STOPPED}", INTERRUPTED)
 
 
 def _interrupted(error: BaseException | None) -> bool:
@@ -74,7 +110,8 @@ def _usage(error: Any) -> str:
 
 def _fail(text: str, code: int) -> int:
     """Print an error in one line, whatever its line breaks, and return the exit code."""
-    print(f"rootmatch: {' '.join(text.split())}", file=sys.stderr)
+    with suppress(OSError):
+        print(f"rootmatch: {printable(' '.join(text.split()))}", file=sys.stderr)
     return code
 
 
@@ -108,4 +145,5 @@ def _options(
 
 def main() -> None:
     """Entry point of the command ``rootmatch``."""
+    prepare()
     app(prog_name="rootmatch")

@@ -12,6 +12,8 @@ import typer
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from rootmatch.benchmark import Results
 
 
@@ -77,10 +79,20 @@ def benchmark(
 
 def _show(results: Results) -> None:
     """Print the tables on standard output."""
+    import sys
+
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
+    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
+        _print(results, console)
+    sys.stdout.write(captured.get())
+
+
+def _print(results: Results, console: Console) -> None:
+    """Print the tables on a console."""
+    from rich.table import Table
+
     console.print(f"rootmatch {results.version}, {results.machine}, {results.threads} threads")
     console.print(results.note)
     console.print(f"peak {results.peak_operations / 1e9:.0f} G floating-point operations/s in float64")

@@ -16,7 +16,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
@@ -152,7 +152,7 @@ def _motions(text: str) -> Any:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"motions: {text!r} given; give a whole number of at least 1, or auto") from None
+        raise InputError(f"motions: {quoted(text)} given; give a whole number of at least 1, or auto") from None
 
 
 def _noise(text: str) -> Any:
@@ -162,7 +162,7 @@ def _noise(text: str) -> Any:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"noise: {text!r} given; give a number of pixels, or auto") from None
+        raise InputError(f"noise: {quoted(text)} given; give a number of pixels, or auto") from None
 
 
 def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
@@ -211,4 +211,7 @@ def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json:
     from rich.console import Console
 
     names = {"source_names": source.names, "target_names": target.names}
-    text.print_match(found, Console(), **names, truth=true, estimated=estimated)
+    console = Console()
+    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
+        text.print_match(found, console, **names, truth=true, estimated=estimated)
+    sys.stdout.write(captured.get())

@@ -32,10 +32,15 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, path)
+    except InputError as error:  # of what is written inside, which only knows the temporary name
+        raise InputError(str(error).replace(str(temporary), str(path))) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another location") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        try:
+            temporary.unlink(missing_ok=True)
+        finally:  # Ctrl-C may strike just there
+            temporary.unlink(missing_ok=True)
 
 
 def check_output_folder(path: Path, force: bool = False) -> None:
@@ -68,4 +73,7 @@ def folder_written_whole(path: Path, force: bool = False) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another location") from None
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        try:
+            shutil.rmtree(temporary, ignore_errors=True)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)

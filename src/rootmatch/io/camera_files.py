@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 from rootmatch.io.atomic_output import written_whole
 from rootmatch.io.calibrations.opencv import is_opencv
 from rootmatch.io.calibrations.own import DIRECTIONS, camera_entry, camera_of
 from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
-from rootmatch.io.calibrations.values import shortened
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
             f"{path}: cameras {_listed(found)}; choose one by its name, such as {path}#{next(iter(found))}"
         )
     if name is not None and name not in found:
-        raise InputError(f"{path}: no camera is named {name!r}; it has {_listed(found)}")
+        raise InputError(f"{path}: no camera is named {quoted(name)}; it has {_listed(found)}")
     camera = found[name] if name is not None else next(iter(found.values()))
     return Calibration(camera, None, **_directions(path, content if ours and isinstance(content, dict) else {}))
 
@@ -91,7 +90,9 @@ def parse_numbers(text: str, count: int, name: str, example: str) -> list[float]
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise InputError(f"{name}: {text!r} given; give {count} finite numbers separated by commas, such as {example}")
+        raise InputError(
+            f"{name}: {quoted(text)} given; give {count} finite numbers separated by commas, such as {example}"
+        )
     return values
 
 
@@ -118,7 +119,7 @@ def parse_camera(text: str, name: str) -> Calibration:
 
 
 def _listed(found: dict[str, CameraModel]) -> str:
-    names = list(found)
+    names = [quoted(name)[1:-1] for name in found]
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
@@ -129,6 +130,6 @@ def _directions(path: Path, content: dict[str, Any]) -> dict[str, NDArray[np.flo
         if content.get(name) is not None:
             value = content[name]
             if not isinstance(value, list) or not all(isinstance(number, int | float) for number in value):
-                raise InputError(f"{path}: {name} is {shortened(value)}; give three numbers such as [0, 1, 0]")
+                raise InputError(f"{path}: {name} is {quoted(value)}; give three numbers such as [0, 1, 0]")
             directions[name] = unit_direction(value, f"{path}: {name}")
     return directions

@@ -13,8 +13,11 @@ from collections.abc import Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 from rootmatch.io.atomic_output import written_whole
+
+LARGEST = 100_000_000
+"""Bytes of a file beyond which it is no table of points: a million of them have less."""
 
 
 def read_text(path: Path) -> str:
@@ -22,12 +25,19 @@ def read_text(path: Path) -> str:
     if path.is_dir():
         raise InputError(f"{path}: it is a folder; give the name of a file")
     try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise InputError(f"{path}: {size:,} bytes, more than the {LARGEST:,} that are read; split it")
         with path.open(encoding="utf-8-sig", newline="") as stream:
             text: str = stream.read()
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; give the name of a file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     return text
@@ -49,7 +59,7 @@ def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[
             elif len(cells) != len(header):
                 raise InputError(
                     f"{path}, row {reader.line_num}: {len(cells)} values given, {len(header)} expected "
-                    f"({','.join(header)}); write a decimal point, not a comma, and fill every column"
+                    f"({','.join(needed)}); write a decimal point, not a comma, and fill every column"
                 )
             else:
                 rows.append((reader.line_num, dict(zip(header, cells, strict=True))))
@@ -77,10 +87,10 @@ def number(path: Path, row: int, column: str, text: str) -> float:
     if not text:
         raise InputError(f"{where}: {column} is empty; give a number, or remove the row")
     if not _is_number(text) or "_" in text:
-        raise InputError(f"{where}: {column} is {text!r}, which is not a number; give one such as 12.5")
+        raise InputError(f"{where}: {column} is {quoted(text)}, which is not a number; give one such as 12.5")
     value = float(text)
     if not math.isfinite(value):
-        raise InputError(f"{where}: {column} is {text}; give a finite number, or remove the row")
+        raise InputError(f"{where}: {column} is {quoted(text)}; give a finite number, or remove the row")
     return value
 
 
@@ -104,7 +114,7 @@ def _check_header(path: Path, row: int, header: list[str], needed: Sequence[str]
         raise InputError(f"{where}: numbers instead of column names; add a header row {expected}")
     repeated = [name for name in header if header.count(name) > 1]
     if repeated:
-        raise InputError(f"{where}: the column {repeated[0]!r} is named twice; name each column once")
+        raise InputError(f"{where}: the column {quoted(repeated[0])} is named twice; name each column once")
     unknown = [name for name in header if name not in known]
     if unknown == ["z"]:
         raise InputError(f"{where}: a column z in an image, which has {expected}; are the two files swapped?")
@@ -113,7 +123,7 @@ def _check_header(path: Path, row: int, header: list[str], needed: Sequence[str]
         hint = "; is it an image, and are the two files swapped?" if missing == ["z"] else ""
         raise InputError(f"{where}: the column {missing[0]!r} is missing, the header must name {expected}{hint}")
     if unknown:
-        raise InputError(f"{where}: the column {unknown[0]!r} is unknown; known columns are {', '.join(known)}")
+        raise InputError(f"{where}: the column {quoted(unknown[0])} is unknown; known columns are {', '.join(known)}")
 
 
 def _is_number(text: str) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 from rootmatch.io.csv_tables import number, read_table, refuse_repeats, write_table
 
 COORDINATES = ("x", "y", "z")
@@ -82,7 +82,7 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
                 raise InputError(f"{path}, row {row}: the id is empty; name every point, or leave the column out")
             if not cells["id"].isprintable():
                 raise InputError(
-                    f"{path}, row {row}: the id {cells['id']!r} has a line break or control character; remove it"
+                    f"{path}, row {row}: the id {quoted(cells['id'])} has a line break or control character; remove it"
                 )
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
         ids = tuple(cells["id"] for _, cells in rows)
@@ -124,7 +124,8 @@ def read_candidates(path: Path, source: PointSet, target: PointSet) -> NDArray[n
     for (i, j), (row, cells) in zip(_indices(path, rows, source, target), rows, strict=True):
         weights[i, j] = number(path, row, "weight", cells["weight"]) if weighted else 1.0
         if weights[i, j] < 0.0:
-            raise InputError(f"{path}, row {row}: weight is {cells['weight']}; give a positive number, or 0 to forbid")
+            given = quoted(cells["weight"])
+            raise InputError(f"{path}, row {row}: weight is {given}; give a positive number, or 0 to forbid")
     return weights if weighted else weights > 0.0
 
 
@@ -139,7 +140,8 @@ def _indices(
     for row, cells in rows:
         for side, indices in sides.items():
             if cells[side] not in indices:
-                raise InputError(f"{path}, row {row}: no {side} point is named {cells[side]!r}; give its id or number")
+                given = quoted(cells[side])
+                raise InputError(f"{path}, row {row}: no {side} point is named {given}; give its id or number")
     return [(sides["source"][cells["source"]], sides["target"][cells["target"]]) for _, cells in rows]
 
 

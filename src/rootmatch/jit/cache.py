@@ -7,6 +7,7 @@ by now, or one that is cut short, would end the first call with an error from in
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,11 @@ try:
             except Exception:  # pickle runs what it reads: anything can come of a damaged file
                 self.flush()  # type: ignore[no-untyped-call]
                 return None
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            """Keep a compiled function where there is room for it: a full disk ends no match."""
+            with suppress(OSError):
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
     AVAILABLE = True
 except MISSING as error:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import as_floats
 
@@ -72,7 +72,7 @@ def check_problem(problem: Any) -> None:
     """Refuse anything but a problem, its class included."""
     if not isinstance(problem, Problem):
         kind = "the class" if isinstance(problem, type) else "given"
-        raise InputError(f"problem: {_shortened(problem)} {kind}; give a problem such as rootmatch.P3P(camera)")
+        raise InputError(f"problem: {quoted(problem)} {kind}; give a problem such as rootmatch.P3P(camera)")
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
@@ -85,7 +85,7 @@ def check_motions(motions: Any) -> None:
     """Refuse anything but a positive whole number or ``"auto"``."""
     whole = isinstance(motions, Integral) and not isinstance(motions, bool) and int(motions) >= 1
     if not whole and not (isinstance(motions, str) and motions == "auto"):
-        raise InputError(f'motions: {_shortened(motions)} given; give a whole number of at least 1, or "auto"')
+        raise InputError(f'motions: {quoted(motions)} given; give a whole number of at least 1, or "auto"')
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
@@ -93,7 +93,7 @@ def check_count(name: str, value: Any, least: int = 1) -> None:
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise InputError(f"{name}: {_shortened(value)} given; give a whole number of at least {least}")
+        raise InputError(f"{name}: {quoted(value)} given; give a whole number of at least {least}")
 
 
 def check_positive(name: str, value: Any) -> None:
@@ -101,23 +101,17 @@ def check_positive(name: str, value: Any) -> None:
     if value is None:
         return
     if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < float("inf"):
-        raise InputError(f"{name}: {_shortened(value)} given; give a positive number")
+        raise InputError(f"{name}: {quoted(value)} given; give a positive number")
 
 
 def check_probability(name: str, value: Any) -> None:
     """Refuse anything but a number above 0 and at most 1; None passes."""
     check_positive(name, value)
     if value is not None and float(value) > 1.0:
-        raise InputError(f"{name}: {_shortened(value)} given; give a probability, at most 1")
+        raise InputError(f"{name}: {quoted(value)} given; give a probability, at most 1")
 
 
 def check_callable(name: str, value: Any, purpose: str) -> None:
     """Refuse anything that cannot be called, classes included; None passes."""
     if value is not None and (isinstance(value, type) or not callable(value)):
-        raise InputError(f"{name}: {_shortened(value)} given; give {purpose}")
-
-
-def _shortened(value: Any) -> str:
-    """What was given, in at most a few words."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        raise InputError(f"{name}: {quoted(value)} given; give {purpose}")

@@ -10,6 +10,9 @@ from rootmatch.errors import InputError
 MOST, LEAST = 1e100, 1e-100
 """Greatest coordinate and least extent of points, in their unit: their squares and products are still numbers."""
 
+MOST_POINTS = 10_000
+"""Points of a set: their distances, three numbers for each two points, then take 2.4 GB."""
+
 
 def as_floats(value: ArrayLike, name: str, expected: str) -> NDArray[np.float64]:
     """An array of float64, or one clear error for what holds no real numbers or hides some of them."""
@@ -41,6 +44,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
     array = as_points(points, dimension, name)
     if array.ndim != 2 or array.shape[1] != dimension:
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
+    if len(array) > MOST_POINTS:
+        raise InputError(f"{name}: {len(array):,} points given, {MOST_POINTS:,} at most; match a part of them")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")

@@ -42,6 +42,7 @@ def draw_labels(axes: Any, points: NDArray[np.float64], names: Sequence[str], to
             ha="center",
             va="center",
             fontsize=size,
+            parse_math=False,  # a name is a name, dollars and all
             path_effects=[withStroke(linewidth=2.0, foreground="white")],
             annotation_clip=False,
         )

@@ -11,8 +11,7 @@ from rootmatch.cameras.colmap import Colmap, colmap_parameters
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import shortened
+from rootmatch.errors import InputError, quoted
 
 NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -44,7 +43,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
             continue
         where, cells = f"{path}, row {row}", line.split()
         if len(cells) < 5 or not cells[0].isdigit():
-            raise InputError(f"{where}: {shortened(line)} given; give {LINE}")
+            raise InputError(f"{where}: {quoted(line)} given; give {LINE}")
         try:
             values = [float(cell) for cell in cells[4:]]
         except ValueError:

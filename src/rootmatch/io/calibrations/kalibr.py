@@ -10,8 +10,8 @@ from rootmatch.cameras.colmap import Colmap
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import numbers, shortened
+from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.values import numbers
 
 COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
 """Coefficients of each distortion model."""
@@ -34,12 +34,12 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     for name, entry in content.items():
         if not isinstance(entry, dict) or "camera_model" not in entry:
             continue
-        where = f"{path}: {shortened(name)}"
+        where = f"{path}: {quoted(name)}"
         if entry["camera_model"] != "pinhole":
-            raise InputError(f"{where}: camera_model is {shortened(entry['camera_model'])}; only pinhole is known")
+            raise InputError(f"{where}: camera_model is {quoted(entry['camera_model'])}; only pinhole is known")
         model = entry.get("distortion_model", "none")
         if model not in COUNTS:
-            raise InputError(f"{where}: distortion_model is {shortened(model)}; give one of {', '.join(COUNTS)}")
+            raise InputError(f"{where}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
         intrinsics = numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
         values = numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))
         if len(intrinsics) != 4:

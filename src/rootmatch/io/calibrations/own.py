@@ -15,8 +15,8 @@ from rootmatch.cameras.colmap import Colmap
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.unit_rays import UnitRays
-from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import matrix, numbers, shortened
+from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.values import matrix, numbers
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -39,7 +39,7 @@ def cameras_of(path: Path, content: dict[str, Any]) -> dict[str, CameraModel]:
     if "cameras" in content:
         named = content["cameras"]
         if not isinstance(named, dict) or not named:
-            raise InputError(f"{path}: cameras is {shortened(named)}; give an object of cameras by name")
+            raise InputError(f"{path}: cameras is {quoted(named)}; give an object of cameras by name")
         return {str(name): camera_of(path, entry, ()) for name, entry in named.items()}
     found = {"camera": camera_of(path, content, ("camera2", *DIRECTIONS))}
     if content.get("camera2") is not None:
@@ -59,9 +59,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
             raise InputError(f'{path}: {key} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
         if near and key.lower() not in known and key not in known:
-            raise InputError(
-                f"{path}: {shortened(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out"
-            )
+            raise InputError(f"{path}: {quoted(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
     try:
         if "K" in content:
             pinhole = Camera.from_matrix(_square(path, content["K"]))

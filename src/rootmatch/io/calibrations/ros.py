@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from rootmatch.cameras.pinhole import Camera
-from rootmatch.errors import InputError
-from rootmatch.io.calibrations.values import matrix, numbers, shortened
+from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.values import matrix, numbers
 
 COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 """Coefficients of each distortion model."""
@@ -28,7 +28,7 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     """
     model = content["distortion_model"]
     if model not in ("", "none", *COUNTS):
-        raise InputError(f"{path}: distortion_model is {shortened(model)}; give one of {', '.join(COUNTS)}")
+        raise InputError(f"{path}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
     name = next(name for name in ("camera_matrix", "K", "k") if name in content)
     dist = next((name for name in ("distortion_coefficients", "D", "d") if name in content), None)
     K = matrix(path, name, content[name])

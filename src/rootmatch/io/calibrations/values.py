@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, printable, quoted
 
 LONGEST = 64
 """Most numbers of one entry: a camera's matrices and coefficients are shorter."""
@@ -31,7 +31,7 @@ def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:
     except InputError:
         raise
     except (ValueError, OverflowError, TypeError) as error:
-        line = " ".join(str(error).split())[:160]
+        line = printable(" ".join(str(error).split()))[:160]
         raise InputError(f"{path}: not {kind} ({line}); give the file that the tool wrote") from None
 
 
@@ -46,7 +46,7 @@ def numbers(path: Path, name: str, value: Any) -> list[float]:
     if isinstance(value, dict) and "data" in value:
         value = value["data"]
     if not isinstance(value, list):
-        raise InputError(f"{path}: {name} is {shortened(value)}; give a list of numbers")
+        raise InputError(f"{path}: {name} is {quoted(value)}; give a list of numbers")
     rows = value if value and all(isinstance(row, list) for row in value) else [value]
     if len({len(row) for row in rows}) != 1 or len(rows) * len(rows[0]) > LONGEST:
         raise InputError(f"{path}: {name} has rows of different lengths, or too many numbers; give a plain list")
@@ -62,22 +62,11 @@ def number(path: Path, name: str, value: Any) -> float:
         If it is none.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise InputError(f"{path}: {name} holds {shortened(value)}; give numbers")
+        raise InputError(f"{path}: {name} holds {quoted(value)}; give numbers")
     try:
         return float(value)
     except (ValueError, OverflowError):
-        raise InputError(f"{path}: {name} holds {shortened(value)}; give numbers") from None
-
-
-def shortened(value: Any) -> str:
-    """A value as an error may quote it: one short line."""
-    if isinstance(value, list | dict):
-        return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
-    try:
-        text = repr(value)
-    except ValueError:  # an integer of thousands of digits
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
+        raise InputError(f"{path}: {name} holds {quoted(value)}; give numbers") from None
 
 
 def matrix(path: Path, name: str, value: Any) -> list[list[float]]:

@@ -1,0 +1,42 @@
+"""What surrounds a run of the command line: signals, and standard output that may be closed, full or not Unicode."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+from typing import Any
+
+_received: list[int] = []
+
+
+def prepare() -> None:
+    """Take SIGTERM for an interruption, so that what is half-written is removed, and print what an encoding lacks."""
+    if hasattr(signal, "SIGTERM"):
+        signal.signal(signal.SIGTERM, _interrupt)
+    for name in ("stdout", "stderr"):
+        stream: Any = getattr(sys, name)
+        if stream is None:  # closed, as by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    _received.append(number)
+    signal.signal(number, signal.SIG_IGN)  # another one would strike while the first is seen to
+    raise KeyboardInterrupt
+
+
+def terminated() -> bool:
+    """Whether SIGTERM has come."""
+    return bool(_received)
+
+
+def let_go_of_output() -> None:
+    """Send standard output nowhere, so that what it still holds is not tried again at the end."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):  # not a file, as under a test
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
