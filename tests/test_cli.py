@@ -62,7 +62,8 @@ class TestMatch:
         assert "matched: " in result.stdout
         found = rows_of(output)
         assert {row["source"]: row["target"] for row in found} == truth
-        assert set(found[0]) == {"source", "target", "weight", "motion"}
+        assert set(found[0]) == {"source", "target", "weight", "motion", "residual"}
+        assert all(0.0 <= float(row["residual"]) < 0.5 for row in found)
         assert all(float(row["weight"]) > 0.0 and row["motion"] == "0" for row in found)
         assert "<svg" in plot.read_text()
         assert sorted(path.name for path in tmp_path.iterdir()) == ["match.svg", "matches.csv"]
@@ -73,7 +74,7 @@ class TestMatch:
         record = json.loads(result.stdout)
         assert set(record) == {
             "assignment", "score", "margin", "probability", "motions", "alternatives", "status", "converged", "limited",
-            "seconds", "hyperedges", "noise",
+            "seconds", "hyperedges", "noise", "poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
@@ -88,8 +89,56 @@ class TestMatch:
         assert record["noise"] == 0.1
         for other in record["alternatives"]:
             assert other["score"] <= record["score"]
-            assert len(other["assignment"]) == 8
+            assert len(other["assignment"]) == len(other["poses"][0]["residuals"]) == 8
+        (pose,) = record["poses"]
+        assert np.linalg.det(pose["R"]) == pytest.approx(1.0)
+        assert np.shape(pose["covariance"]) == (6, 6)
+        assert pose["parameters"] == ["rx", "ry", "rz", "tx", "ty", "tz"]
+        assert pose["rms"] < 0.3
+        assert pose["points"] == pose["inliers"] == list(range(8))
         assert result.stderr.startswith("rootmatch: matched")
+
+    @pytest.mark.parametrize("name", ["poses.csv", "poses.json", "poses.tum"])
+    def test_poses_are_written(self, scene: Path, tmp_path: Path, name: str) -> None:
+        result = run(*of(scene, "--json", "--poses", tmp_path / name))
+        assert result.exit_code == 0, result.output
+        (expected,) = json.loads(result.stdout)["poses"]
+        written = (tmp_path / name).read_text()
+        quaternion = expected["quaternion"]
+        if name == "poses.json":
+            assert json.loads(written) == [{"motion": 0, **expected}]
+        elif name == "poses.tum":
+            assert [float(word) for word in written.split()] == [0.0, *expected["t"], *quaternion]
+        else:
+            (row,) = rows_of(tmp_path / name)
+            assert [float(row[key]) for key in ("qx", "qy", "qz", "qw", "tx", "ty", "tz")] == [
+                *quaternion,
+                *expected["t"],
+            ]
+            assert float(row["cov_rz_tx"]) == expected["covariance"][2][3]
+            assert (row["points"], row["scale"], row["focal"]) == ("8", "1.0", "")
+
+    @pytest.mark.parametrize(
+        ("options", "text"),
+        [
+            (("--poses", "poses.xyz"), "its suffix names no format"),
+            (("--poses", "poses.csv", "--pose-format", "euroc"), "give csv, json or tum"),
+            (("--pose-format", "tum"), "without --poses"),
+            (("--photo", "image.csv"), "give --plot"),
+            (("--plot", "match.png", "--photo", "image.csv"), "cannot be read"),
+            (("--plot", "match.png", "--photo", "none.png"), "cannot be read"),
+            (("--poses", "a.csv", "--output", "a.csv"), "is also an input or another output"),
+        ],
+    )
+    def test_what_cannot_be_written_is_refused_at_once(
+        self, scene: Path, options: tuple[str, ...], text: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(scene)
+        before = sorted(scene.iterdir())
+        result = run(*of(scene, *options))
+        assert result.exit_code == 2
+        assert text in " ".join(result.stderr.split())
+        assert sorted(scene.iterdir()) == before
 
     def test_noise_is_estimated_when_asked_for(self, scene: Path) -> None:
         arguments = of(scene)
@@ -541,13 +590,15 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         seconds=0.5,
         hyperedges=1234567,
         noise=np.array([0.5, 1.0]),
+        limited=False,
+        problem=make(least_for_pose=0),
     )
     record = match_record(found)
     assert record["score"] is None
     assert record["noise"] is None
     assert record["probability"] is None
     assert record["converged"] is False
-    assert record["alternatives"] == [{"assignment": [0, -1, 1], "score": None}]
+    assert record["alternatives"] == [{"assignment": [0, -1, 1], "score": None, "poses": None}]
     json.dumps(record, allow_nan=False)
     print_match(found, Console(width=80), truth=np.array([1, 0, -1]), source_names=["a", "b", "c"])
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]

@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.image import imsave
 from matplotlib.patches import ConnectionPatch
 from mpl_toolkits.mplot3d import proj3d
 from numpy.typing import NDArray
 
+import rootmatch as rm
+from pose_scenes import p3p, point_sets
 from rootmatch.errors import InputError
+from rootmatch.report.drawn_poses import REACH, RESIDUAL
 from rootmatch.report.pictures import UNMATCHED, WRONG, check_picture, match_figure, save_figure
 
 Floats = NDArray[np.float64]
@@ -170,3 +174,42 @@ def test_no_global_state_is_touched() -> None:
         "assert 'matplotlib.figure' in sys.modules and 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_poses_are_drawn_to_a_scale_that_is_said(tmp_path: Path) -> None:
+    """Predicted points, residuals as long as the legend says, the model's axes, and the photograph behind."""
+    scene = p3p(3)
+    pose, camera = scene.fitted(), scene.problem.camera  # type: ignore[attr-defined]
+    imsave(tmp_path / "photo.png", np.zeros((480, 640)), cmap="gray")
+    figure = match_figure(
+        scene.source, scene.target, scene.assignment, poses=[pose], camera=camera, photo=tmp_path / "photo.png"
+    )
+    right = figure.axes[1]
+    (said,) = [text for text in legend_texts(figure) if text.startswith("residual")]
+    factor = float(said.split()[2])
+    drawn = np.array([line.get_xydata() for line in right.lines if line.get_color() == RESIDUAL])
+    detected = scene.target[scene.assignment]
+    np.testing.assert_allclose(drawn[:, 0], pose.predicted)
+    np.testing.assert_allclose(drawn[:, 1] - drawn[:, 0], factor * (detected - pose.predicted))
+    assert 0.02 < np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1).max() / np.ptp(scene.target, axis=0).max() <= 0.06
+    assert f"RMS {pose.rms:.2g} px" in said
+    ends = {text.get_text(): np.array(text.get_position()) for text in right.texts if text.get_text() in "xyz"}
+    centre, reach = scene.source.mean(axis=0), scene.source.std(axis=0)
+    for axis, name in zip(np.eye(3), "xyz", strict=True):
+        end = centre + REACH * np.sqrt((reach**2).mean()) * axis
+        np.testing.assert_allclose(ends[name], camera.project(pose.apply(end)))
+    assert right.images[0].get_extent() == [-0.5, 639.5, 479.5, -0.5]
+    assert right.get_xlim() == (-0.5, 639.5)
+
+
+def test_poses_in_space_are_drawn_too() -> None:
+    scene = point_sets(2, rm.Rigid(3))
+    figure = match_figure(scene.source, scene.target, scene.assignment, poses=[scene.fitted()])
+    drawn = [line for line in figure.axes[1].lines if line.get_color() == RESIDUAL]
+    assert len(drawn) == len(scene.source)
+
+
+def test_a_flat_model_has_both_ends_on_its_thin_axis() -> None:
+    source, target = look_at(12, 0)
+    figure = match_figure(source * [1.0, 1.0, 0.1], target, np.arange(12))
+    assert len(figure.axes[0].get_zticks()) == 2

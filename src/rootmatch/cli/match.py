@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
@@ -14,13 +11,10 @@ from rootmatch.cli import match_options as option
 from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
+from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
-
-if TYPE_CHECKING:
-    from rootmatch.io import PointSet
-    from rootmatch.result import Match
 
 
 def match(
@@ -56,7 +50,10 @@ def match(
     scheduler: option.Scheduler = None,
     seed: option.Seed = 0,
     output: option.Output = None,
+    poses: option.Poses = None,
+    pose_format: option.PoseFormat = None,
     plot: option.Plot = None,
+    photo: option.Photo = None,
     as_json: option.AsJson = False,
     truth: option.Truth = None,
     progress: option.Progress = None,
@@ -80,7 +77,8 @@ def match(
         "centre": centre,
         "dimension": dimension,
     }
-    _check_outputs(output, plot, [model, image, *(path for path in (truth, candidates) if path)])
+    outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, photo=photo)
+    outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo) if path)])
     posed = build_problem(str(problem), problem_options)
     from rootmatch import io
 
@@ -126,23 +124,10 @@ def match(
             progress=show,
             **options,
         )
-    _write(found=found, source=source, target=target, true=true, output=output, plot=plot)
-    _print(found=found, source=source, target=target, true=true, as_json=as_json, estimated=noise == "auto")
+    outputs.write(found, source, target, true)
+    print_match(found=found, source=source, target=target, true=true, as_json=as_json, estimated=noise == "auto")
     if found.status.name != "MATCHED":
         raise typer.Exit(NOT_TRUSTED)
-
-
-def _check_outputs(output: Path | None, plot: Path | None, inputs: list[Path]) -> None:
-    """Refuse unwritable outputs before any work is done."""
-    from rootmatch.io import check_output
-
-    if output is not None:
-        check_output(output, "--output", inputs)
-    if plot is not None:
-        from rootmatch.report.pictures import check_picture
-
-        check_picture(plot)
-        check_output(plot, "--plot", [*inputs, *([output] if output else [])])
 
 
 def _motions(text: str) -> Any:
@@ -163,55 +148,3 @@ def _noise(text: str) -> Any:
         return float(text)
     except ValueError:
         raise InputError(f"noise: {quoted(text)} given; give a number of pixels, or auto") from None
-
-
-def _write(found: Match, source: PointSet, target: PointSet, true: Any, output: Path | None, plot: Path | None) -> None:
-    """Write the requested files: all of them or none."""
-    from rootmatch import io
-    from rootmatch.report import text
-
-    with ExitStack() as moves:
-        places = {path: moves.enter_context(io.written_whole(path)) for path in (output, plot) if path is not None}
-        if output is not None:
-            weights = text.match_weights(found)
-            io.write_matches(
-                path=places[output],
-                assignment=found.assignment,
-                weights=weights,
-                motions=found.motions,
-                source=source,
-                target=target,
-            )
-        if plot is not None:
-            from rootmatch.report import pictures
-
-            figure = pictures.match_figure(
-                source.points,
-                target.points,
-                found.assignment,
-                motions=found.motions,
-                truth=true,
-                source_names=source.names,
-                target_names=target.names,
-                title=f"{text.summary(found)} ({found.status.name.lower()})",
-            )
-            pictures.save_figure(figure, places[plot])
-
-
-def _print(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
-    """Print the match on standard output: a table, or one JSON object with the advice on standard error."""
-    from rootmatch.report import text
-
-    if as_json:
-        from rootmatch.report.json_record import match_record
-
-        print(json.dumps(match_record(found), allow_nan=False))
-        print(f"rootmatch: {found.advice}", file=sys.stderr)
-        return
-    from rich.console import Console
-
-    names = {"source_names": source.names, "target_names": target.names}
-    console = Console()
-    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
-        text.print_match(found, console, **names, truth=true, estimated=estimated)
-    sys.stdout.write(captured.get())

@@ -226,7 +226,26 @@ Scheduler = Annotated[
 ]
 Seed = Annotated[int, typer.Option(help="Random seed; the same seed gives the same match.", rich_help_panel=METHOD)]
 Output = Annotated[
-    Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion.", rich_help_panel=OUTPUT)
+    Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion,residual.", rich_help_panel=OUTPUT)
+]
+Poses = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Write the pose of each motion with its covariance: .csv or .json.", rich_help_panel=OUTPUT
+    ),
+]
+PoseFormat = Annotated[
+    str | None,
+    typer.Option(
+        metavar="csv|json|tum",
+        help="Format of --poses; tum: motion tx ty tz qx qy qz qw.",
+        show_default="by the suffix",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Photo = Annotated[
+    Path | None,
+    typer.Option(metavar="IMAGE", help="Photograph behind the image points of --plot.", rich_help_panel=OUTPUT),
 ]
 Plot = Annotated[
     Path | None, typer.Option(metavar="PICTURE", help="Draw the match: .png, .svg or .pdf.", rich_help_panel=OUTPUT)

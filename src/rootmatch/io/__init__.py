@@ -14,17 +14,21 @@ from rootmatch.io.camera_files import (
 )
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.point_files import PointSet, read_candidates, read_points, read_truth, write_matches, write_points
+from rootmatch.io.pose_files import PoseFormat, pose_format, pose_record, write_poses
 
 __all__ = [
     "DIRECTIONS",
     "Calibration",
     "PointSet",
+    "PoseFormat",
     "check_output",
     "check_output_folder",
     "folder_written_whole",
     "parse_camera",
     "parse_direction",
     "parse_numbers",
+    "pose_format",
+    "pose_record",
     "read_camera",
     "read_candidates",
     "read_points",
@@ -32,6 +36,7 @@ __all__ = [
     "write_camera",
     "write_matches",
     "write_points",
+    "write_poses",
     "write_table",
     "written_whole",
 ]

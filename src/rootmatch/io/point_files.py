@@ -100,7 +100,7 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int
         Index into the target, −1 for source points that the file does not name or whose target is empty.
     """
     truth = np.full(len(source.points), -1, dtype=np.int64)
-    rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion"))
+    rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion", "residual"))
     refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
     visible = [(row, cells) for row, cells in rows if cells["target"]]
     refuse_repeats(path, [(row, cells["target"]) for row, cells in visible], "target")
@@ -163,19 +163,29 @@ def write_matches(
     motions: NDArray[np.int64],
     source: PointSet,
     target: PointSet,
+    residuals: NDArray[np.float64] | None = None,
 ) -> None:
-    """Write ``source,target,weight,motion``, one row per matched source point.
+    """Write ``source,target,weight,motion,residual``, one row per matched source point.
 
     Parameters
     ----------
-    assignment, weights, motions : (n,) arrays
-        Index into the target (−1 unmatched), weight and motion label of each source point.
+    assignment, weights, motions, residuals : (n,) arrays
+        Index into the target (−1 unmatched), weight and motion label of each source point, and its distance from where
+        the pose of its motion predicts it; NaN where there is no pose, which is written as an empty cell.
     """
+    if residuals is None:
+        residuals = np.full(len(assignment), np.nan)
     write_table(
         path,
-        ("source", "target", "weight", "motion"),
+        ("source", "target", "weight", "motion", "residual"),
         (
-            (source.names[i], target.names[j], float(weights[i]), int(motions[i]))
+            (
+                source.names[i],
+                target.names[j],
+                float(weights[i]),
+                int(motions[i]),
+                float(residuals[i]) if np.isfinite(residuals[i]) else "",
+            )
             for i, j in enumerate(assignment.tolist())
             if j >= 0
         ),

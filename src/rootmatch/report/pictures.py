@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.io import written_whole
+from rootmatch.report.drawn_poses import draw_poses
 from rootmatch.report.point_labels import draw_labels
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.transforms import Transform
+
+    from rootmatch.cameras.base import CameraModel
+    from rootmatch.problems.pose_fit.pose import Pose
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,6 +36,8 @@ SUFFIXES = (".png", ".svg", ".pdf")
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WRONG, UNMATCHED = "#D55E00", "#7F7F7F"
+WIDTH, TOP, BOTTOM = 12.0, 0.75, 1.05
+"""Inches: of the figure, and of its margins for the title and for axis labels and legend."""
 ASIDE = np.deg2rad(20.0)
 """Rotation of the 3D view away from the camera's, so that depth shows."""
 DEFAULT_VIEW = (30.0, -60.0, 0.0)
@@ -59,6 +65,9 @@ def match_figure(
     *,
     motions: ArrayLike | None = None,
     truth: ArrayLike | None = None,
+    poses: Sequence[Pose | None] | None = None,
+    camera: CameraModel | None = None,
+    photo: Path | None = None,
     source_names: Sequence[str] | None = None,
     target_names: Sequence[str] | None = None,
     title: str = "",
@@ -78,6 +87,12 @@ def match_figure(
         Label of the rigid motion of each source point; each has its own colour and marker.
     truth : (n,) array, optional
         The true assignment: wrong matches are drawn red and dashed.
+    poses : sequence of Pose, optional
+        Of the motions, as `rootmatch.Match.poses`: predicted points and, to a scale that the legend states, residuals.
+    camera : CameraModel, optional
+        Of the image, for the axes of the model's frame in it; between point sets in space none is needed.
+    photo : path, optional
+        Photograph behind the points of the (second) image, in its pixels.
     source_names, target_names : sequences of str, optional
         Labels of the points; by default their indices.
     title : str
@@ -105,30 +120,32 @@ def match_figure(
     _check_shapes(source, target, match, labels, true)
     wrong = np.zeros(len(match), dtype=bool) if true is None else (match >= 0) & (match != true)
 
-    figure = Figure(figsize=(12.0, 6.4), dpi=120)
-    FigureCanvasAgg(figure)
     in_space, to_space = source.shape[1] == 3, target.shape[1] == 3
-    left: Any = figure.add_axes(
-        (0.02, 0.09, 0.45, 0.82) if in_space else (0.06, 0.12, 0.41, 0.78), projection="3d" if in_space else None
-    )
-    right: Any = figure.add_axes(
-        (0.53, 0.09, 0.45, 0.82) if to_space else (0.53, 0.12, 0.41, 0.78), projection="3d" if to_space else None
-    )
-    if in_space:
+    picture = None if photo is None else _pixels(photo)
+    frames = [None if in_space else _frame(source, None), None if to_space else _frame(target, picture)]
+    layout = _Layout.of(frames)
+    figure = Figure(figsize=(WIDTH, layout.height), dpi=120)
+    FigureCanvasAgg(figure)
+    left: Any = figure.add_axes(layout.left, projection="3d" if in_space else None)
+    right: Any = figure.add_axes(layout.right, projection="3d" if to_space else None)
+    if frames[0] is None:
         _show_space(left, source, _view(source, target, match, labels), unit)
     else:
-        _show_image(left, source)
-    if to_space:
+        _show_image(left, frames[0])
+    if frames[1] is None:
         _show_space(right, target, DEFAULT_VIEW, unit)
     else:
-        _show_image(right, target)
+        _show_image(right, frames[1])
         right.yaxis.tick_right()
         right.yaxis.set_label_position("right")  # out of the way of the lines
+        if picture is not None:
+            rows, columns = picture.shape[:2]
+            right.imshow(picture, extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), cmap="gray", alpha=0.6, zorder=-2)
     titles = ("model", "image") if in_space else ("first image", "second image")
     if to_space:
         titles = ("source", "target")
     for axes, name in zip((left, right), titles, strict=True):
-        axes.set_title(name, fontsize=10)
+        axes.set_title(name, fontsize=10, y=0.94 if hasattr(axes, "get_proj") else None)
     figure.suptitle(title, fontsize=11, y=0.975)
 
     figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points
@@ -146,10 +163,14 @@ def match_figure(
         for axes, points in ((left, source[group.members]), (right, target[match[group.members]])):
             axes.plot(*points.T, linestyle="none", clip_on=False, **group.marker)
     handles = [group.handle() for group in groups]
+    if poses is not None:
+        handles += draw_poses(
+            right, source=source, target=target, match=match, poses=poses, colours=COLOURS, camera=camera
+        )
     handles += _draw_unmatched((left, right), (source[match < 0], _unmatched_targets(target, match)), titles)
     draw_labels(left, flat, _names(source_names, len(source)), towards=-1.0)
     draw_labels(right, flat_target, _names(target_names, len(target)), towards=1.0)
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=9, frameon=False)
+    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 6), fontsize=9, frameon=False)
     return figure
 
 
@@ -167,12 +188,60 @@ def _names(names: Sequence[str] | None, count: int) -> Sequence[str]:
     return [str(index) for index in range(count)] if names is None else names
 
 
-def _show_image(axes: Axes, pixels: Floats) -> None:
-    """An image's points with y down and equal scales, and a margin for the labels."""
+def _pixels(photo: Path) -> Floats:
+    """The photograph (rows, columns[, 3])."""
+    from matplotlib.image import imread
+
+    try:
+        return np.asarray(imread(photo))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"photo {photo}: cannot be read ({error}); give a PNG or JPEG") from None
+
+
+def check_photo(path: Path) -> None:
+    """Refuse, before any work, a photograph that cannot be read."""
+    _pixels(path)
+
+
+def _frame(pixels: Floats, picture: Floats | None) -> Floats:
+    """Least and greatest x and y of an image's axes (2, 2): the photograph's, or the points' with room for labels."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     margin = 0.08 * max(float(np.max(high - low)), 1.0)
-    axes.set_xlim(low[0] - margin, high[0] + margin)
-    axes.set_ylim(high[1] + margin, low[1] - margin)
+    low, high = low - margin, high + margin
+    if picture is not None:
+        size = np.array(picture.shape[1::-1]) - 0.5
+        low, high = np.minimum(low + margin, -0.5), np.maximum(high - margin, size)
+    return np.stack([low, high])
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Height of the figure in inches, and the rectangles of both axes as fractions of it."""
+
+    height: float
+    left: tuple[float, float, float, float]
+    right: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, frames: Sequence[Floats | None]) -> _Layout:
+        """Axes as high as the images are in their half; a view of space fills all of its half."""
+        wide, space = 0.42 * WIDTH, [frame is None for frame in frames]
+        heights = [
+            0.8 * wide if frame is None else float(wide * (frame[1, 1] - frame[0, 1]) / (frame[1, 0] - frame[0, 0]))
+            for frame in frames
+        ]
+        tall = float(np.clip(max(heights), 3.0, 7.5))
+        height = tall + TOP + BOTTOM
+        bottom, share = BOTTOM / height, tall / height
+        left = (-0.02, bottom - 0.05, 0.52, share + 0.1) if space[0] else (0.055, bottom, 0.42, share)
+        right = (0.48, bottom - 0.05, 0.52, share + 0.1) if space[1] else (0.525, bottom, 0.42, share)
+        return cls(height, left, right)
+
+
+def _show_image(axes: Axes, frame: Floats) -> None:
+    """An image's axes with y down and equal scales."""
+    axes.set_xlim(frame[0, 0], frame[1, 0])
+    axes.set_ylim(frame[1, 1], frame[0, 1])
     axes.set_aspect("equal")
     axes.patch.set_alpha(0.0)  # the lines between the axes lie beneath them
     axes.set_xlabel("x (px)", fontsize=9)
@@ -187,7 +256,7 @@ def _show_space(axes: Any, points: Floats, view: tuple[float, float, float], uni
     widest = max(float(np.max(high - low)), 1e-12)
     size = np.maximum(high - low, 0.12 * widest)  # give a plane some thickness, so that its axis is legible
     middle = (low + high) / 2.0
-    for name, centre, width in zip("xyz", middle, size, strict=True):
+    for k, (name, centre, width) in enumerate(zip("xyz", middle, size, strict=True)):
         getattr(axes, f"set_{name}lim")(centre - 0.54 * width, centre + 0.54 * width)
         getattr(axes, f"set_{name}label")(f"{name} ({unit})", fontsize=8, labelpad=2)
         axis = getattr(axes, f"{name}axis")
@@ -196,8 +265,9 @@ def _show_space(axes: Any, points: Floats, view: tuple[float, float, float], uni
         if width > 0.4 * widest:
             axis.get_major_locator().set_params(nbins=5)
         else:
-            axis.set_ticks([centre])  # no space for more
-    axes.set_box_aspect(size, zoom=0.95)
+            axis.set_ticks([low[k], high[k]] if high[k] - low[k] > 0.05 * widest else [centre])  # no space for more
+            axis.set_major_formatter("{x:.3g}")
+    axes.set_box_aspect(size, zoom=1.0)
     axes.tick_params(labelsize=7, pad=0)
     axes.view_init(elev=view[0], azim=view[1], roll=view[2])
     axes.patch.set_alpha(0.0)

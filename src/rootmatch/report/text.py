@@ -29,6 +29,15 @@ def match_weights(match: Match) -> NDArray[np.float64]:
     return weights
 
 
+def match_residuals(match: Match) -> NDArray[np.float64]:
+    """Distance (n,) of each source point's target from where the pose of its motion predicts it, NaN for none."""
+    residuals = np.full(len(match.assignment), np.nan)
+    for pose in match.poses if match.problem.least_for_pose else []:
+        if pose is not None:
+            residuals[pose.points] = pose.residuals
+    return residuals
+
+
 def summary(match: Match) -> str:
     """One line: the number of matches, the score and the margin."""
     matched = int(np.sum(match.assignment >= 0))

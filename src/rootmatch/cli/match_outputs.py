@@ -1,0 +1,127 @@
+"""What ``rootmatch match`` writes and prints: files, all of them or none, and a table or JSON on standard output."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rootmatch.cli.problem_options import flag
+from rootmatch.errors import InputError
+
+if TYPE_CHECKING:
+    from rootmatch.cameras.base import CameraModel
+    from rootmatch.io import PointSet
+    from rootmatch.result import Match
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files that were asked for, and the photograph behind the picture."""
+
+    output: Path | None
+    poses: Path | None
+    pose_format: str | None
+    plot: Path | None
+    photo: Path | None
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The files to write, by option."""
+        return {name: path for name in ("output", "poses", "plot") if (path := getattr(self, name)) is not None}
+
+    def check(self, problem: str, inputs: list[Path]) -> None:
+        """Refuse before any work what could not be written.
+
+        Raises
+        ------
+        InputError
+            For a file that is an input or named twice, in a folder that does not exist, of an unknown format; for poses
+            of a problem that fits none.
+        """
+        from rootmatch.io import check_output, pose_format
+        from rootmatch.problems import problem_class
+        from rootmatch.problems.capabilities import Capability
+
+        taken = list(inputs)
+        for name, path in self.paths.items():
+            check_output(path, flag(name), taken)
+            taken.append(path)
+        if self.poses is not None:
+            Capability.POSE.require(problem_class(problem).least_for_pose, problem)
+            pose_format(self.poses, self.pose_format)
+        elif self.pose_format is not None:
+            raise InputError("--pose-format: without --poses there is nothing to write; give --poses FILE")
+        if self.photo is not None and self.plot is None:
+            raise InputError("--photo: it is drawn behind the points of --plot; give --plot PICTURE")
+        if self.plot is not None:
+            from rootmatch.report.pictures import check_photo, check_picture
+
+            check_picture(self.plot)
+            if self.photo is not None:
+                check_photo(self.photo)
+
+    def write(self, found: Match, source: PointSet, target: PointSet, true: Any) -> None:
+        """Write the files: all of them or none."""
+        from rootmatch import io
+        from rootmatch.report import text
+
+        with ExitStack() as moves:
+            places = {name: moves.enter_context(io.written_whole(path)) for name, path in self.paths.items()}
+            if "output" in places:
+                io.write_matches(
+                    path=places["output"],
+                    assignment=found.assignment,
+                    weights=text.match_weights(found),
+                    motions=found.motions,
+                    residuals=text.match_residuals(found),
+                    source=source,
+                    target=target,
+                )
+            if self.poses is not None:
+                io.write_poses(places["poses"], found.poses, io.pose_format(self.poses, self.pose_format))
+            if "plot" in places:
+                from rootmatch.report import pictures
+
+                figure = pictures.match_figure(
+                    source.points,
+                    target.points,
+                    found.assignment,
+                    motions=found.motions,
+                    truth=true,
+                    poses=found.poses if found.problem.least_for_pose else None,
+                    camera=_image_camera(found),
+                    photo=self.photo,
+                    source_names=source.names,
+                    target_names=target.names,
+                    title=f"{text.summary(found)} ({found.status.name.lower()})",
+                )
+                pictures.save_figure(figure, places["plot"])
+
+
+def _image_camera(found: Match) -> CameraModel | None:
+    """The camera of the image of points in space, where there is one."""
+    camera: CameraModel | None = getattr(found.problem, "camera", None)
+    return camera if found.problem.source_dimension == 3 else None
+
+
+def print_match(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
+    """Print the match on standard output: a table, or one JSON object with the advice on standard error."""
+    from rootmatch.report import text
+
+    if as_json:
+        from rootmatch.report.json_record import match_record
+
+        print(json.dumps(match_record(found), allow_nan=False))
+        print(f"rootmatch: {found.advice}", file=sys.stderr)
+        return
+    from rich.console import Console
+
+    names = {"source_names": source.names, "target_names": target.names}
+    console = Console()
+    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
+        text.print_match(found, console, **names, truth=true, estimated=estimated)
+    sys.stdout.write(captured.get())

@@ -1,0 +1,123 @@
+"""Files of poses: CSV with covariance, JSON, and the order of TUM's trajectories."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from rootmatch.errors import InputError
+from rootmatch.io.csv_tables import write_table
+from rootmatch.problems.pose_fit.pose import Pose
+
+PoseFormat = Literal["csv", "json", "tum"]
+FORMATS: tuple[PoseFormat, ...] = ("csv", "json", "tum")
+SUFFIXES: dict[str, PoseFormat] = {".csv": "csv", ".json": "json", ".tum": "tum", ".txt": "tum"}
+IN_SPACE = ("rx", "ry", "rz", "tx", "ty", "tz")
+IN_PLANE = ("angle", "tx", "ty")
+
+
+def pose_format(path: Path, given: str | None) -> PoseFormat:
+    """The format of a file of poses: as given, else by its suffix.
+
+    Raises
+    ------
+    InputError
+        If the format is unknown, or none is given and the suffix names none.
+    """
+    if given is not None:
+        for known in FORMATS:
+            if given == known:
+                return known
+        raise InputError(f"pose_format: {given!r} given; give csv, json or tum")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"poses {path}: its suffix names no format; use .csv, .json or .tum, or give --pose-format")
+    return SUFFIXES[path.suffix.lower()]
+
+
+def pose_record(pose: Pose) -> dict[str, Any]:
+    """A pose as numbers, lists and strings that JSON can hold; what is absent or not finite is null.
+
+    Keys: ``R`` (rows), ``t``, ``quaternion`` (x, y, z, w; null in a plane), ``scale``, ``focal`` (pixels),
+    ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or focal
+    length), ``chi2``, ``freedom``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source points),
+    ``residuals`` of these, ``inliers``.
+    """
+    in_space = len(pose.R) == 3
+    size = 0 if pose.covariance is None else len(pose.covariance)
+    return {
+        "R": pose.R.tolist(),
+        "t": pose.t.tolist(),
+        "quaternion": pose.quaternion.tolist() if in_space else None,
+        "scale": pose.scale,
+        "focal": pose.focal,
+        "parameters": list(_parameters(pose)[:size]),
+        "covariance": None if pose.covariance is None else pose.covariance.tolist(),
+        "chi2": _finite(pose.chi2),
+        "freedom": pose.freedom,
+        "rms": _finite(pose.rms),
+        "rms_sigma": _finite(pose.rms_sigma),
+        "points": None if pose.points is None else pose.points.tolist(),
+        "residuals": None if pose.residuals is None else pose.residuals.tolist(),
+        "inliers": None if pose.inliers is None else pose.inliers.tolist(),
+    }
+
+
+def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> None:
+    """Write the poses of the motions, one a row; motions without a pose are left out, in JSON null.
+
+    CSV: ``motion``, the rotation as a unit quaternion ``qx,qy,qz,qw`` (in a plane an ``angle`` in radians),
+    ``tx,ty,tz``, ``scale``, ``focal``, ``rms``, ``rms_sigma``, ``inliers``, ``points`` (how many), and the upper
+    triangle of the covariance, ``cov_rx_rx`` to ``cov_tz_tz``. TUM: ``motion tx ty tz qx qy qz qw``, with spaces and
+    without a header.
+
+    Raises
+    ------
+    InputError
+        For TUM's format in a plane, whose rotations are no quaternions.
+    """
+    known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
+    if form == "json":
+        records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
+        path.write_text(json.dumps(records, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+        return
+    if form == "tum":
+        if any(len(pose.R) == 2 for _, pose in known):
+            raise InputError("pose_format: tum is of poses in space, and these are of a plane; give csv or json")
+        rows = [[motion, *pose.t.tolist(), *pose.quaternion.tolist()] for motion, pose in known]
+        path.write_text("".join(" ".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
+        return
+    in_plane = any(len(pose.R) == 2 for _, pose in known)
+    turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))
+    names = _parameters(known[0][1]) if known else IN_SPACE
+    pairs = [(a, b) for a in range(len(names)) for b in range(a, len(names))]
+    header = ["motion", *turn, *shift, "scale", "focal", "rms", "rms_sigma", "inliers", "points"]
+    header += [f"cov_{names[a]}_{names[b]}" for a, b in pairs]
+    write_table(path, header, ([motion, *_row(pose, pairs)] for motion, pose in known))
+
+
+def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:
+    """The cells of one pose after its motion; empty for what is absent."""
+    if len(pose.R) == 3:
+        turn = pose.quaternion.tolist()
+    else:
+        turn = [math.atan2(pose.R[1, 0], pose.R[0, 0])]
+    counts = ["" if part is None else len(part) for part in (pose.inliers, pose.points)]
+    spread = ["" if pose.covariance is None else float(pose.covariance[a, b]) for a, b in pairs]
+    numbers = ["" if value is None else value for value in (pose.focal, _finite(pose.rms), _finite(pose.rms_sigma))]
+    return [*turn, *pose.t.tolist(), pose.scale, *numbers, *counts, *spread]
+
+
+def _parameters(pose: Pose) -> tuple[str, ...]:
+    """Names of the rows of the covariance."""
+    names = IN_SPACE if len(pose.R) == 3 else IN_PLANE
+    size = len(names) if pose.covariance is None else len(pose.covariance)
+    return names if size == len(names) else (*names, "scale" if pose.focal is None else "focal")
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
