@@ -438,13 +438,24 @@ def test_json(name: str, case: Case) -> None:
     assert record["assignment"] == case.truth.tolist()
     assert record["status"] == "matched"
     assert record["noise"] == case.noise
+    assert (record["poses"] is not None) == bool(case.problem.least_for_pose)
     each = case.match(noise=np.full(case.n_target, case.noise))
     assert json.loads(json.dumps(match_record(each), allow_nan=False))["noise"] is None
 
 
 def test_picture(name: str, case: Case) -> None:
     match = plain_match(name)
-    figure = match_figure(match.source, match.target, match.assignment, motions=match.motions, truth=case.truth)
+    poses = match.poses if case.problem.least_for_pose else None
+    camera = getattr(case.problem, "camera", None)
+    figure = match_figure(
+        match.source,
+        match.target,
+        match.assignment,
+        motions=match.motions,
+        truth=case.truth,
+        poses=poses,
+        camera=camera,
+    )
     assert len(figure.axes) == 2
     assert len(figure.artists) == case.n
 
