@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -15,13 +16,14 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
-from rootmatch.pipeline.body_labels import check_bodies
+from rootmatch.pipeline.body_labels import Label, check_bodies
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, Status
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 
@@ -60,7 +62,7 @@ class Matcher:
         **options: Any,
     ) -> None:
         for name in options:
-            if name in ("target", "candidates"):
+            if name in ("target", "candidates", "prior"):
                 raise InputError(f"Matcher: {name} belongs to a frame; give it to match()")
             if name not in OPTIONS:
                 raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
@@ -85,6 +87,7 @@ class Matcher:
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
+        prior: Pose | Mapping[Label, Pose] | None = None,
         max_seconds: float | None = None,
     ) -> Match:
         """The match of one frame.
@@ -97,6 +100,8 @@ class Matcher:
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
+        prior : Pose or dict, optional
+            Predicted pose of this frame, see `rootmatch.match`; `rootmatch.Tracker` makes them.
         max_seconds : float, optional
             Of this frame; see `rootmatch.match`.
 
@@ -113,7 +118,7 @@ class Matcher:
         """
         started = time.perf_counter()
         detections = as_points(target, self.problem.target_dimension, "target")
-        fault = self._fault(detections)
+        fault = self._fault(detections, 1 if prior is not None and self.bodies is None else self.problem.order)
         if fault is not None:
             return self._empty(detections, fault, started)
         options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
@@ -126,6 +131,7 @@ class Matcher:
             view_angle=self.view_angle,
             candidates=candidates,
             bodies=self.bodies,
+            prior=prior,
             options=options,
             deadline=Deadline(options.max_seconds, started=started),
         )
@@ -133,13 +139,13 @@ class Matcher:
             task = replace(task, options=replace(options, hyperedges=self._sweep))
         return solve(task, started)
 
-    def _fault(self, detections: NDArray[np.float64]) -> str | None:
+    def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
         if detections.size == 0:
             return f"no detections given, at least {self.problem.order} needed for one hyper-edge"
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
             return None  # no frame: `rootmatch.match` says what it is
-        if len(detections) < self.problem.order:
+        if len(detections) < least:
             return f"{len(detections)} detections given, at least {self.problem.order} needed for one hyper-edge"
         same = repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"

@@ -66,6 +66,12 @@ class Match:
         With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole, score
         is their sum, margin and status are those of the least trusted body, probability is the product, and ``motions``
         numbers the bodies in the order in which their labels appear.
+    prior_holds : bool or None
+        With ``prior=`` whether it held: False where another pose was found without it; None where neither is trusted,
+        or without a prior. Where it decides alone nothing is sampled: ``score`` is then the logarithm of the odds
+        against clutter, ``margin`` the lead in those odds, and the tensor is empty.
+    fused_pose : Pose or None
+        Pose of the matches and the prior together, where that held.
     """
 
     task: MatchingTask
@@ -84,6 +90,8 @@ class Match:
     fitted_probability: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
+    prior_holds: bool | None = None
+    fused_pose: Pose | None = None
 
     @cached_property
     def probability(self) -> float | None:
@@ -121,6 +129,8 @@ class Match:
         if self.fault is not None:
             return f"no trustworthy match: {self.fault}"
         advice = self.status.advice(self.problem)
+        if self.prior_holds is False:
+            advice += "; the prior pose was wrong, this one was found without it"
         return f"{advice}; max_seconds ended it before it was done" if self.limited else advice
 
     @cached_property

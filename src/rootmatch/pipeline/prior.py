@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.options import Options, option
 from rootmatch.pipeline.prior_frame import Floats, Integers, PriorFit, PriorFrame, Projected, normal_density
 from rootmatch.pipeline.task import MatchingTask
@@ -50,6 +50,8 @@ class PriorOptions(Options):
 
 
 DEFAULT_PRIOR = PriorOptions()
+LEAST_TILT = 1e-5
+"""Standard deviation, in radians, of a vertical that is called exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +85,6 @@ class Found:
     alternatives: list[tuple[Integers, float]]
     believed: bool
     tested: int
-
-
-def check_prior(prior: object, name: str = "prior") -> Pose:
-    """Refuse anything but a pose in space with a covariance."""
-    if not isinstance(prior, Pose):
-        raise InputError(f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance)")
-    if prior.R.shape != (3, 3) or prior.covariance is None or prior.covariance.shape != (6, 6):
-        raise InputError(f"{name}: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
-    return prior
 
 
 def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DEFAULT_PRIOR) -> Found | None:
@@ -222,3 +215,28 @@ def _updates(
     chance = frame.detection * first.visible[shown]
     ratio = 1.0 - chance + chance * (density / frame.clutter).max(axis=2)
     return steps, covariances, np.log(ratio).sum(axis=1)
+
+
+def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
+    """A prediction and a measured vertical together.
+
+    Parameters
+    ----------
+    prior : Pose
+    world, camera : (3,) arrays
+        The vertical in the frame of the points and in that of the camera, of any length.
+    noise : float
+        Standard deviation of the second on each of two axes, in radians.
+    """
+    assert prior.covariance is not None
+    down = prior.R @ (world / np.linalg.norm(world))
+    measured = camera / np.linalg.norm(camera)
+    jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
+    gain = prior.covariance @ jacobian.T
+    total = jacobian @ gain + max(noise, LEAST_TILT) ** 2 * np.eye(3)
+    kalman = gain @ np.linalg.inv(total)
+    step = kalman @ (measured - down)
+    covariance = prior.covariance - kalman @ gain.T
+    return Pose(
+        rotation_from_vector(step[None, :3])[0] @ prior.R, prior.t + step[3:], 0.5 * (covariance + covariance.T)
+    )

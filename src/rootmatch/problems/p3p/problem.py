@@ -50,6 +50,7 @@ class P3P(Problem):
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     paper_rho: ClassVar[float] = 1e-9
     takes_normals: ClassVar[bool] = True
+    takes_prior: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4
 

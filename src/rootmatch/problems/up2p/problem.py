@@ -66,6 +66,7 @@ class UP2P(Problem):
     to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
     takes_normals: ClassVar[bool] = True
+    takes_prior: ClassVar[bool] = True
     fits_groups: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 3
