@@ -15,6 +15,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, Status
 from rootmatch.samplers.guided.sampler import Guided
+from rootmatch.tracker import Tracker, TrackingState
 
 if TYPE_CHECKING:
     from rootmatch.derivation.derive import derive
@@ -70,6 +71,8 @@ __all__ = [
     "Residual",
     "RootmatchError",
     "Status",
+    "Tracker",
+    "TrackingState",
     "Uncalibrated",
     "__version__",
     "derive",

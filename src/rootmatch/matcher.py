@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.bodies import match_bodies
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
@@ -19,13 +20,28 @@ from rootmatch.match import solve
 from rootmatch.pipeline.body_labels import Label, check_bodies
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
+from rootmatch.predicted import direct_match, empty_match
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, Status
+from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
+
+
+@dataclass(frozen=True)
+class BoundedSearch:
+    """A sampler that spends a bounded number of evaluations, or sweeps where that is cheaper."""
+
+    budget: int
+    sweep: SmallSweep
+
+    def __call__(self, task: SamplingTask) -> SampledTensor:
+        """See `rootmatch.samplers.base.Sampler`."""
+        return Guided(budget=self.budget)(task) if pays(task) else self.sweep(task)
 
 
 class Matcher:
@@ -139,6 +155,50 @@ class Matcher:
             task = replace(task, options=replace(options, hyperedges=self._sweep))
         return solve(task, started)
 
+    def follow(
+        self,
+        target: ArrayLike,
+        prior: Pose | Mapping[Label, Pose] | None,
+        noise: ArrayLike | None = None,
+        max_seconds: float | None = None,
+        searching: bool = True,
+        budget: int | None = None,
+    ) -> Match:
+        """`match` for a tracker, which may bound its search.
+
+        Unless ``searching``, a prediction that does not decide leaves an empty match. ``budget``: evaluations of a
+        guided search.
+        """
+        if searching:
+            before = self.options
+            if budget is not None and before.sampler == "auto" and before.scheduler is None:
+                self.options = replace(before, hyperedges=BoundedSearch(budget, self._sweep))
+            try:
+                return self.match(target, noise=noise, prior=prior, max_seconds=max_seconds)
+            finally:
+                self.options = before
+        started = time.perf_counter()
+        detections = as_points(target, self.problem.target_dimension, "target")
+        fault = self._fault(detections, 1)
+        if fault is not None:
+            return self._empty(detections, fault, started)
+        task = MatchingTask.of(
+            self.problem,
+            self.source,
+            target,
+            noise=self.noise if noise is None else noise,
+            normals=self.normals,
+            view_angle=self.view_angle,
+            bodies=self.bodies,
+            prior=prior,
+            options=self.options,
+        )
+        if self.bodies is not None:
+            found = match_bodies(task, _not_searched)
+        else:
+            found = direct_match(task) or _not_searched(task)
+        return replace(found, seconds=time.perf_counter() - started)
+
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
         if detections.size == 0:
@@ -177,3 +237,7 @@ class Matcher:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
         return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL
+
+
+def _not_searched(task: MatchingTask) -> Match:
+    return empty_match(task, "the prior pose is not confirmed")

@@ -19,6 +19,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.up2p import UP2P
 from rootmatch.result import Match
 
+VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
+"""Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
+
 
 def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) -> Match:
     """The match of a task with a predicted pose.
@@ -152,3 +155,14 @@ def empty_match(task: MatchingTask, fault: str) -> Match:
         seconds=0.0,
         fault=fault,
     )
+
+
+def free_pose(match: Match) -> Pose:
+    """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
+    if (match.assignment >= 0).sum() <= match.problem.minimal and match.fused_pose is not None:
+        return match.fused_pose
+    task = match.task
+    ((R, t),) = _poses(task, [match.assignment])
+    size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
+    vague = Pose(R, t, np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + float(np.linalg.norm(t)))], 3) ** 2))
+    return _pose(PriorFrame(task, vague).fitted(match.assignment, R, t))
