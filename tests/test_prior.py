@@ -53,6 +53,11 @@ def test_a_right_prior_decides(seed: int) -> None:
     assert pose.covariance is not None
     off = np.concatenate([Rotation.from_matrix(made["R"] @ pose.R.T).as_rotvec(), T - pose.t])
     assert off @ np.linalg.solve(pose.covariance, off) < 30.0
+    (whole,) = match.poses  # fitted by other code, to the bottom
+    assert whole is not None
+    assert whole.covariance is not None
+    np.testing.assert_allclose(whole.t, pose.t, atol=1e-3)
+    np.testing.assert_allclose(np.diag(whole.covariance), np.diag(pose.covariance), rtol=0.05)
 
 
 def test_three_detections_are_enough() -> None:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import TRUST, Status
-from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, with_vertical
+from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.up2p import UP2P
 from rootmatch.result import Match
 
 VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
@@ -45,24 +44,10 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) 
 def direct_match(task: MatchingTask) -> Match | None:
     """The match that a prediction decides; None where it does not."""
     assert task.predicted is not None
-    found = match_with_prior(task, _prior(task))
+    found = match_with_prior(task, prior_of(task))
     if found is None or not found.believed:
         return None
     return _match(task, found)
-
-
-def _prior(task: MatchingTask) -> Pose:
-    """The prediction, with the vertical where that is measured."""
-    assert task.predicted is not None
-    problem = task.problem
-    if isinstance(problem, UP2P):
-        return with_vertical(
-            task.predicted,
-            np.asarray(problem.vertical_world, float),
-            np.asarray(problem.vertical_camera, float),
-            problem.vertical_noise,
-        )
-    return task.predicted
 
 
 def _match(task: MatchingTask, found: Found) -> Match:
@@ -96,14 +81,15 @@ def _judged(task: MatchingTask, found: Match) -> Match:
         return replace(found, prior_holds=None)
     every = [found.assignment, *(other for other, _ in found.alternatives)]
     every = [one for one in every if (one >= 0).sum() > task.problem.minimal]
-    frame = PriorFrame(task, _prior(task))
+    frame = PriorFrame(task, prior_of(task))
     fits = [frame.fitted(one, *pose) for one, pose in zip(every, _poses(task, every), strict=True)]
     near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
     if not near:
         return replace(found, prior_holds=False)
     if found.status is Status.MATCHED:
         own = fits[0]
-        return replace(found, prior_holds=own in near, fused_pose=_pose(own) if own in near else None)
+        held = own in near
+        return replace(found, task=task, prior_holds=held, fused_pose=_pose(own) if held else None)
     near.sort(key=lambda fit: -fit.log_odds)
     best, others = near[0], near[1:]
     share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))

@@ -13,6 +13,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
+from rootmatch.pipeline.prior import fused_pose
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_assignment
 from rootmatch.problems.base import Problem
@@ -139,13 +140,16 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
         motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
-        camera. The covariance is that of the noise, given that the assignment is right.
+        camera. The covariance is that of the noise, given that the assignment is right. A prior that holds is a Gaussian
+        in the fit.
 
         Raises
         ------
         InputError
             If the problem fits no poses: derived ones, whose equations do not say what a pose is.
         """
+        if self.prior_holds and self.task.predicted is not None:
+            return [fused_pose(self.task, self.assignment)]
         return self.poses_of(self.assignment)
 
     @cached_property

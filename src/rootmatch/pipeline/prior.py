@@ -18,7 +18,9 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.options import Options, option
 from rootmatch.pipeline.prior_frame import Floats, Integers, PriorFit, PriorFrame, Projected, normal_density
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.up2p import UP2P
 
 
 @dataclass(frozen=True)
@@ -240,3 +242,23 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
     return Pose(
         rotation_from_vector(step[None, :3])[0] @ prior.R, prior.t + step[3:], 0.5 * (covariance + covariance.T)
     )
+
+
+def prior_of(task: MatchingTask) -> Pose:
+    """The prediction of a task, with the vertical where that is measured."""
+    assert task.predicted is not None
+    problem = task.problem
+    if isinstance(problem, UP2P):
+        return with_vertical(
+            task.predicted,
+            np.asarray(problem.vertical_world, float),
+            np.asarray(problem.vertical_camera, float),
+            problem.vertical_noise,
+        )
+    return task.predicted
+
+
+def fused_pose(task: MatchingTask, assignment: Integers) -> Pose | None:
+    """The most likely pose of an assignment (n,) and the prediction together, with its residuals."""
+    camera = task.problem.camera  # type: ignore[attr-defined]
+    return camera_poses(task.points, camera, assignment[None], prior=prior_of(task))[0]
