@@ -140,8 +140,8 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
         motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
-        camera. The covariance is that of the noise, given that the assignment is right. A prior that holds is a Gaussian
-        in the fit.
+        camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
+        of the fit.
 
         Raises
         ------
