@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("tracker", "matcher", "match", "bodies", "predicted", "result", "pipeline"),
+    "matching": ("warmup", "tracker", "matcher", "match", "bodies", "predicted", "result", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -40,6 +40,7 @@ CAPTIONS = {
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
     "tracker": "frame after frame, predicted",
+    "warmup": "kernels ahead of need",
     "matcher": "frame after frame",
     "bodies": "several known bodies",
     "predicted": "with a predicted pose",
