@@ -125,6 +125,8 @@ class TestMatch:
             (("--poses", "poses.csv", "--pose-format", "euroc"), "give csv, json or tum"),
             (("--pose-format", "tum"), "without --poses"),
             (("--photo", "image.csv"), "give --plot"),
+            (("--report", "report.pdf"), "name it .html"),
+            (("--report", "image.csv"), "also an input"),
             (("--plot", "match.png", "--photo", "image.csv"), "cannot be read"),
             (("--plot", "match.png", "--photo", "none.png"), "cannot be read"),
             (("--poses", "a.csv", "--output", "a.csv"), "is also an input or another output"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
-from rootmatch.pipeline.prior import fused_pose
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_assignment
 from rootmatch.problems.base import Problem
@@ -67,12 +67,6 @@ class Match:
         With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole, score
         is their sum, margin and status are those of the least trusted body, probability is the product, and ``motions``
         numbers the bodies in the order in which their labels appear.
-    prior_holds : bool or None
-        With ``prior=`` whether it held: False where another pose was found without it; None where neither is trusted,
-        or without a prior. Where it decides alone nothing is sampled: ``score`` is then the logarithm of the odds
-        against clutter, ``margin`` the lead in those odds, and the tensor is empty.
-    fused_pose : Pose or None
-        Pose of the matches and the prior together, where that held.
     """
 
     task: MatchingTask
@@ -91,8 +85,6 @@ class Match:
     fitted_probability: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
-    prior_holds: bool | None = None
-    fused_pose: Pose | None = None
 
     @cached_property
     def probability(self) -> float | None:
@@ -130,8 +122,6 @@ class Match:
         if self.fault is not None:
             return f"no trustworthy match: {self.fault}"
         advice = self.status.advice(self.problem)
-        if self.prior_holds is False:
-            advice += "; the prior pose was wrong, this one was found without it"
         return f"{advice}; max_seconds ended it before it was done" if self.limited else advice
 
     @cached_property
@@ -140,16 +130,13 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
         motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
-        camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
-        of the fit.
+        camera. The covariance is that of the noise, given that the assignment is right.
 
         Raises
         ------
         InputError
             If the problem fits no poses: derived ones, whose equations do not say what a pose is.
         """
-        if self.prior_holds and self.task.predicted is not None:
-            return [fused_pose(self.task, self.assignment)]
         return self.poses_of(self.assignment)
 
     @cached_property
@@ -170,3 +157,32 @@ class Match:
     def pose(self) -> list[Pose | None]:
         """The same as `poses`, under the name that it had first."""
         return self.poses_of(self.assignment)
+
+    def report(self, path: str | Path, **options: Any) -> None:
+        """Write the match as one self-contained page for the browser, which needs no network.
+
+        It shows the points and the camera in 3D, the image with reprojections and residuals to scale, the alternatives,
+        residuals against χ², support, poses, settings and versions. It needs the extra ``report``.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, ``.html``.
+        source_names, target_names : sequences of str, optional
+            Of the points; by default their indices.
+        truth : (n,) array, optional
+            The true assignment: wrong matches are marked.
+        photo : path, optional
+            A PNG or JPEG that was detected in, drawn behind the target points.
+        title : str, optional
+
+        Raises
+        ------
+        InputError
+            If the file or the photograph cannot be used.
+        RootmatchError
+            If the extra is not installed.
+        """
+        from rootmatch.report.html import write_report  # plotly and jinja2 are needed here alone
+
+        write_report(self, path, **options)

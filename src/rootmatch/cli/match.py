@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import Any
 
 import typer
 
 from rootmatch.cli import match_options as option
+from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.match_outputs import Outputs, print_match
@@ -51,6 +53,7 @@ def match(
     poses: option.Poses = None,
     pose_format: option.PoseFormat = None,
     plot: option.Plot = None,
+    report: option.Report = None,
     photo: option.Photo = None,
     as_json: option.AsJson = False,
     truth: option.Truth = None,
@@ -75,7 +78,7 @@ def match(
         "centre": centre,
         "dimension": dimension,
     }
-    outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, photo=photo)
+    outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
     outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo) if path)])
     posed = build_problem(str(problem), problem_options)
     from rootmatch import io
@@ -104,9 +107,13 @@ def match(
     with (
         option_names_in_errors({"source": str(model), "target": str(image), **subjects}),
         progress_bar("hyper-edges", progress) as show,
+        ExitStack() as beside,
     ):
         from rootmatch.match import match as find
 
+        if solver is None and preset is None:
+            waiting = beside.enter_context(compiled_beside(posed, _motions(motions) != 1))
+            options |= {"solver": waiting} if waiting else {}
         found = find(
             source.points,
             target.points,

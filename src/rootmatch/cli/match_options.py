@@ -245,10 +245,18 @@ PoseFormat = Annotated[
 ]
 Photo = Annotated[
     Path | None,
-    typer.Option(metavar="IMAGE", help="Photograph behind the image points of --plot.", rich_help_panel=OUTPUT),
+    typer.Option(
+        metavar="IMAGE", help="Photograph behind the image points of --plot and --report.", rich_help_panel=OUTPUT
+    ),
 ]
 Plot = Annotated[
     Path | None, typer.Option(metavar="PICTURE", help="Draw the match: .png, .svg or .pdf.", rich_help_panel=OUTPUT)
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="PAGE", help="Write a page for the browser that shows everything: .html.", rich_help_panel=OUTPUT
+    ),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)

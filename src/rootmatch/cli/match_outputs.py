@@ -26,12 +26,15 @@ class Outputs:
     poses: Path | None
     pose_format: str | None
     plot: Path | None
+    report: Path | None
     photo: Path | None
 
     @property
     def paths(self) -> dict[str, Path]:
         """The files to write, by option."""
-        return {name: path for name in ("output", "poses", "plot") if (path := getattr(self, name)) is not None}
+        return {
+            name: path for name in ("output", "poses", "plot", "report") if (path := getattr(self, name)) is not None
+        }
 
     def check(self, problem: str, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written.
@@ -55,14 +58,22 @@ class Outputs:
             pose_format(self.poses, self.pose_format)
         elif self.pose_format is not None:
             raise InputError("--pose-format: without --poses there is nothing to write; give --poses FILE")
-        if self.photo is not None and self.plot is None:
-            raise InputError("--photo: it is drawn behind the points of --plot; give --plot PICTURE")
+        if self.photo is not None and self.plot is None and self.report is None:
+            raise InputError(
+                "--photo: it is drawn behind the points of --plot or --report; give --plot PICTURE or --report PAGE"
+            )
+        if self.report is not None:
+            from rootmatch.report.html import check_report
+
+            check_report(self.report)
         if self.plot is not None:
-            from rootmatch.report.pictures import check_photo, check_picture
+            from rootmatch.report.pictures import check_picture
 
             check_picture(self.plot)
-            if self.photo is not None:
-                check_photo(self.photo)
+        if self.photo is not None:
+            from rootmatch.report.pictures import check_photo
+
+            check_photo(self.photo)
 
     def write(self, found: Match, source: PointSet, target: PointSet, true: Any) -> None:
         """Write the files: all of them or none."""
@@ -100,6 +111,15 @@ class Outputs:
                     title=f"{text.summary(found)} ({found.status.name.lower()})",
                 )
                 pictures.save_figure(figure, places["plot"])
+            if "report" in places:
+                found.report(
+                    places["report"],
+                    source_names=source.names,
+                    target_names=target.names,
+                    truth=true,
+                    photo=self.photo,
+                    title=f"{self.report.stem if self.report else ''}: {len(source.points)} points",
+                )
 
 
 def _image_camera(found: Match) -> CameraModel | None:

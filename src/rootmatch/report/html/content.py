@@ -1,0 +1,320 @@
+"""What a report shows of a match: plain numbers and strings, which the page's script draws."""
+
+from __future__ import annotations
+
+import base64
+import math
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.report.text import match_weights, summary
+
+if TYPE_CHECKING:
+    from rootmatch.result import Match
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+ALTERNATIVES = 8
+"""Alternatives shown, the most probable ones. Not tuned: what fits a row of tabs."""
+DRAWN = 0.05
+"""Share of the image's width that the longest residual is drawn with."""
+FRUSTUM = 0.25
+"""Depth of a drawn camera, of the distance to the points."""
+MARGIN = 0.06
+PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+
+
+@dataclass(frozen=True)
+class Labels:
+    """How the points are called, and what is known of them; see `write_report`."""
+
+    source: Sequence[str] | None = None
+    target: Sequence[str] | None = None
+    truth: Integers | None = None
+
+
+def report_content(
+    matches: Sequence[Match], labels: Sequence[Labels], names: Sequence[str], photo: Path | None = None
+) -> dict[str, Any]:
+    """All that the page shows, as JSON can hold it. Frames share the source points."""
+    first = matches[0]
+    frames = [_frame(match, label, name, photo) for match, label, name in zip(matches, labels, names, strict=True)]
+    truth = labels[0].truth if len(matches) == 1 else None
+    return {
+        "source": first.source.tolist(),
+        "sourceNames": _names(labels[0].source, len(first.source)),
+        "sourceSide": _side(first.source, _source_title(first), _is_two_images(first)),
+        "frames": frames,
+        "truth": None if truth is None else truth.tolist(),
+        "scale": _scale(frames),
+    }
+
+
+def facts(match: Match) -> list[tuple[str, str]]:
+    """Settings, effort and versions, a line each."""
+    options = match.task.options
+    noise = match.noise
+    used = {
+        "Problem": repr(match.problem),
+        "Points": f"{len(match.source)} source, {len(match.target)} target",
+        "Noise": f"{noise:.4g}" if isinstance(noise, int | float) else "differs by point",
+        "Hyper-edges evaluated": f"{match.hyperedges:,}",
+        "Hyper-edges kept": f"{len(match.tensor.weights):,}",
+        "Solver": "stopped by its own criterion" if match.converged else "stopped at a limit",
+        "Score and margin": f"{match.score:.6g}, {match.margin:.3f}",
+        "Seconds": f"{match.seconds:.3g}",
+        "Seed": str(options.seed),
+        "Options": ", ".join(f"{name}={value!r}" for name, value in _chosen(options).items()) or "defaults",
+        "Versions": ", ".join(
+            [
+                *(f"{name} {version(name)}" for name in ("rootmatch", "numpy", "numba")),
+                f"Python {platform.python_version()}",
+            ]
+        ),
+    }
+    return list(used.items())
+
+
+def _chosen(options: Any) -> dict[str, Any]:
+    """Options of a match that are not the defaults."""
+    default = type(options)()
+    return {
+        name: value
+        for name, value in vars(options).items()
+        if name not in ("seed", "progress") and not name.startswith("_") and value is not getattr(default, name, None)
+        and value != getattr(default, name, None)
+    }  # fmt: skip
+
+
+def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[str, Any]:
+    title = "Image" if _is_projection(match) else "Second image" if _is_two_images(match) else "Target"
+    side = _side(match.target, title, title != "Target")
+    if photo is not None:
+        side["photo"], side["photoSize"] = _embedded(photo)
+        side["extent"] = _joined(side["extent"], [-0.5, -0.5, side["photoSize"][0] - 0.5, side["photoSize"][1] - 0.5])
+    fits = match.problem.least_for_pose > 0
+    named = _names(labels.source, len(match.source)), _names(labels.target, len(match.target))
+    views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
+    poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
+    for rank, ((other, score), fitted) in enumerate(zip(match.alternatives, poses, strict=True), start=1):
+        if rank > ALTERNATIVES:
+            break
+        differs = _difference(other, match.assignment, *named)
+        shown = f"Score {score:.4g} instead of {match.score:.4g}. Differs in: {differs}"
+        views.append(_view(match, other, fitted, f"alternative {rank}", differs=shown))
+    if labels.truth is not None:
+        for view in views:
+            found = np.array(view["assignment"])
+            view["wrong"] = ((found >= 0) & (found != labels.truth)).tolist()
+    return {
+        "name": name,
+        "target": match.target.tolist(),
+        "targetNames": named[1],
+        "side": side,
+        "status": match.status.name.lower(),
+        "summary": f"{match.status.name.lower()}: {summary(match)}",
+        "advice": match.advice.partition(": ")[2] or match.advice,
+        "views": views,
+    }
+
+
+def _view(
+    match: Match,
+    assignment: Integers,
+    poses: Sequence[Pose | None],
+    title: str,
+    *,
+    probability: float | None = None,
+    differs: str = "",
+) -> dict[str, Any]:
+    """One assignment with its poses: what they predict, and how far the detections are from it."""
+    n = len(assignment)
+    motions = np.where(assignment >= 0, match.motions if title == "best" else np.maximum(match.motions, 0), -1)
+    residuals: list[float | None] = [None] * n
+    predicted: list[list[float] | None] = [None] * n
+    sigma = np.broadcast_to(np.asarray(match.task.points.target_noise, dtype=float), (len(match.target),))
+    for label, pose in enumerate(poses):
+        if pose is None or pose.points is None or pose.predicted is None or pose.residuals is None:
+            continue
+        for point, where, distance in zip(
+            pose.points.tolist(), pose.predicted.tolist(), pose.residuals.tolist(), strict=True
+        ):
+            predicted[point] = where
+            residuals[point] = float(distance / sigma[assignment[point]])
+        if label == 0 and _is_projection(match):
+            _predict_unmatched(match, pose, assignment, predicted)
+    weights = match_weights(match)
+    confidence = getattr(match, "confidence", None)
+    return {
+        "title": title,
+        "probability": _finite(probability),
+        "differs": differs,
+        "assignment": assignment.tolist(),
+        "motions": motions.tolist(),
+        "weights": np.nan_to_num(weights / max(float(weights.max(initial=0.0)), 1e-300)).tolist(),
+        "confidence": None if confidence is None or title != "best" else [float(value) for value in confidence],
+        "residuals": residuals,
+        "predicted": predicted,
+        "dimensions": 1 if _is_two_images(match) else match.target.shape[1],
+        "fit": _fit(poses),
+        "poses": [None if pose is None else _pose(match, pose, label) for label, pose in enumerate(poses)],
+    }
+
+
+def _predict_unmatched(match: Match, pose: Pose, assignment: Integers, predicted: list[list[float] | None]) -> None:
+    """Where the points without a match would be, of those in front of the camera that face it."""
+    camera = getattr(match.problem, "camera", None)
+    unmatched = np.flatnonzero(assignment < 0)
+    if camera is None or not len(unmatched) or len({int(m) for m in match.motions if m >= 0}) > 1:
+        return
+    moved = pose.apply(match.source[unmatched])
+    shown = moved[:, 2] > 0.0
+    normals = match.task.points.normals
+    if normals is not None:
+        facing = ((normals[unmatched] @ pose.R.T) * -moved).sum(axis=1)
+        shown &= (facing > 0.0) | ~normals[unmatched].any(axis=1)
+    low, high = match.target.min(axis=0), match.target.max(axis=0)
+    try:
+        pixels = camera.project(moved[shown])
+    except InputError:
+        return  # beyond what the lens can show
+    near = ((pixels > low - (high - low)) & (pixels < high + (high - low))).all(axis=1)
+    for point, pixel in zip(unmatched[shown][near].tolist(), pixels[near].tolist(), strict=True):
+        predicted[point] = pixel
+
+
+def _fit(poses: Sequence[Pose | None]) -> str:
+    """χ² of the fits and how often chance alone exceeds it."""
+    from scipy.stats import chi2 as distribution  # slow to import
+
+    parts = []
+    for label, pose in enumerate(poses):
+        if pose is None or pose.chi2 is None or not pose.freedom:
+            continue
+        tail = float(distribution.sf(pose.chi2, pose.freedom))
+        which = f"Motion {label}: " if len(poses) > 1 else ""
+        parts.append(
+            f"{which}χ² {pose.chi2:.3g} with {pose.freedom} degrees of freedom; "
+            f"noise alone exceeds it in {tail:.1%} of the cases."
+        )
+    return " ".join([*parts, "Dashed: where the noise stated would put the points."])
+
+
+def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
+    """A pose as text, and its camera as a pyramid in the frame of the points."""
+    lines = [f"motion {label}" if match.motions.max(initial=0) > 0 else "pose"]
+    lines += [f"  R {row}  t {value: .6g}" for row, value in zip(_rows(pose.R), pose.t.tolist(), strict=True)]
+    if pose.scale != 1.0:
+        lines.append(f"  scale {pose.scale:.6g}")
+    if pose.focal is not None:
+        lines.append(f"  focal length {pose.focal:.6g} px")
+    if pose.rms is not None:
+        lines.append(f"  RMS {pose.rms:.3g}" + ("" if pose.rms_sigma is None else f", {pose.rms_sigma:.3g} σ"))
+    if pose.covariance is not None:
+        spread = np.sqrt(np.maximum(np.diag(pose.covariance), 0.0))
+        angles = 3 if len(pose.R) == 3 else 1
+        rotation = ", ".join(f"{value:.2g}" for value in np.rad2deg(spread[:angles]).tolist())
+        translation = ", ".join(f"{value:.2g}" for value in spread[angles : angles + len(pose.t)].tolist())
+        lines.append(f"  standard deviations: rotation {rotation}°; translation {translation}")
+    frustum = None
+    if _is_projection(match):
+        centre = -pose.R.T @ pose.t
+        depth = FRUSTUM * max(float(np.linalg.norm(match.source.mean(axis=0) - centre)), 1e-12)
+        corners = (
+            np.array([(x, y, 1.0) for x, y in ((-0.45, -0.33), (0.45, -0.33), (0.45, 0.33), (-0.45, 0.33))]) * depth
+        )
+        frustum = [centre.tolist(), *((corners - pose.t) @ pose.R).tolist()]
+    return {"motion": label, "text": "\n".join(lines), "frustum": frustum}
+
+
+def _rows(R: Floats) -> list[str]:
+    return [" ".join(f"{value: .6f}" for value in row) for row in R.tolist()]
+
+
+def _source_title(match: Match) -> str:
+    return "Model" if _is_projection(match) else "First image" if _is_two_images(match) else "Source"
+
+
+def _is_projection(match: Match) -> bool:
+    """Whether points in space are seen by a camera."""
+    return bool(match.source.shape[1] == 3 and match.target.shape[1] == 2)
+
+
+def _is_two_images(match: Match) -> bool:
+    """Whether both sets are pixels, which bind one another to a line only."""
+    return bool(match.source.shape[1] == 2 and match.problem.name not in ("similarity", "rigid"))
+
+
+def _side(points: Floats, title: str, image: bool) -> dict[str, Any]:
+    """How a point set is drawn."""
+    side: dict[str, Any] = {"title": title, "dimension": points.shape[1], "image": image, "note": ""}
+    if points.shape[1] == 3:
+        side["note"] = "Drag to turn, scroll to zoom. Pyramids are the cameras, not to scale."
+        return side
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = MARGIN * max(float((high - low).max()), 1e-12)
+    side["extent"] = [*(low - margin).tolist(), *(high + margin).tolist()]
+    return side
+
+
+def _joined(one: list[float], other: list[float]) -> list[float]:
+    return [min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])]
+
+
+def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:
+    """A photograph as a data address, and its width and height in pixels."""
+    from PIL import Image, UnidentifiedImageError
+
+    kind = PICTURES.get(photo.suffix.lower())
+    if kind is None:
+        raise InputError(f"photo {photo}: give a {', '.join(PICTURES)} file")
+    try:
+        with Image.open(photo) as picture:
+            size = picture.size
+        content = photo.read_bytes()
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise InputError(f"photo {photo}: cannot be read as a picture ({error})") from None
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}", size
+
+
+def _scale(frames: Sequence[dict[str, Any]]) -> int:
+    """By what residuals are drawn longer than they are: 1, 2, 5, 10 and so on."""
+    ratios = []
+    for frame in frames:
+        view, target = frame["views"][0], frame["target"]
+        lengths = [
+            math.dist(where, target[j])
+            for where, j in zip(view["predicted"], view["assignment"], strict=True)
+            if where is not None and j >= 0
+        ]
+        longest = max(lengths, default=0.0)
+        if longest > 0.0:
+            points = np.array(target)
+            ratios.append(DRAWN * float(np.ptp(points, axis=0).max()) / longest)
+    wanted = min(max(float(np.median(ratios)) if ratios else 1.0, 1.0), 1e6)
+    power = 10 ** math.floor(math.log10(wanted))
+    return int(power * max(step for step in (1, 2, 5) if step * power <= wanted))
+
+
+def _difference(other: Integers, best: Integers, source: Sequence[str], target: Sequence[str]) -> str:
+    changed = np.flatnonzero(other != best).tolist()
+    parts = [f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed[:40]]
+    return ", ".join(parts) + (f" and {len(changed) - 40} more" if len(changed) > 40 else "") + "."
+
+
+def _names(names: Sequence[str] | None, count: int) -> list[str]:
+    return [str(row) for row in range(count)] if names is None else [str(name) for name in names]
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None

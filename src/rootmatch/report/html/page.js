@@ -1,0 +1,254 @@
+"use strict";
+// Draws the report from the JSON in #content. Text that comes from the user's files reaches the page through textContent,
+// or through `plain` where Plotly would read it as markup.
+(() => {
+  const content = JSON.parse(document.getElementById("content").textContent);
+  const at = (id) => document.getElementById(id);
+  const COLOURS = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8c6bb1"];
+  const GREY = "#8a94a0", WRONG = "#D55E00", PICK = "#ff2d8a";
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const config = { responsive: true, displaylogo: false, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage", "sendDataToCloud"] };
+  const quiet = Object.assign({}, config, { displayModeBar: false });
+  const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const figure = (value, digits = 3) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toString());
+  const percent = (p) => (p === null || p === undefined ? null : p > 0.9999 ? "> 99.99 %" : (100 * p).toFixed(p > 0.99 ? 2 : 1) + " %");
+  const state = { frame: 0, view: 0, scale: null, lit: null, timer: null };
+
+  const frame = () => content.frames[state.frame];
+  const view = () => frame().views[state.view];
+  const colourOf = (label) => (label < 0 ? GREY : COLOURS[label % COLOURS.length]);
+  const sourceName = (i) => content.sourceNames[i];
+  const targetName = (j) => (j < 0 ? "unmatched" : frame().targetNames[j]);
+
+  function paper(extra) {
+    const style = getComputedStyle(document.body);
+    const line = style.getPropertyValue("--line"), text = style.getPropertyValue("--text");
+    const axis = { gridcolor: line, zerolinecolor: line, linecolor: line };
+    const layout = Object.assign({
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: line, activecolor: text },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 12 },
+      margin: { l: 48, r: 12, t: 8, b: 40 }, showlegend: false, hovermode: "closest",
+    }, extra);
+    for (const name of ["xaxis", "yaxis"]) layout[name] = Object.assign({}, axis, extra[name]);
+    return layout;
+  }
+
+  function hoverOf(i, j) {
+    const v = view(), parts = [];
+    if (i >= 0) parts.push(`source ${plain(sourceName(i))}`);
+    if (j >= 0) parts.push(`target ${plain(targetName(j))}`); else if (i >= 0) parts.push("unmatched");
+    if (i >= 0 && j >= 0) {
+      if (v.residuals[i] !== null) parts.push(`residual ${figure(v.residuals[i])} σ`);
+      if (v.confidence) parts.push(`confidence ${percent(v.confidence[i])}`);
+    }
+    return parts.join("<br>");
+  }
+
+  // Points of one side; `pairs` are [source or −1, target or −1] per drawn point.
+  function pointTrace(points, pairs, options) {
+    const space = points.length > 0 && points[0].length === 3;
+    const colours = pairs.map(([i, j]) => (i < 0 || j < 0 ? GREY : view().wrong && view().wrong[i] ? WRONG : colourOf(view().motions[i])));
+    const lit = pairs.map(([i, j]) => state.lit && ((i >= 0 && i === state.lit[0]) || (j >= 0 && j === state.lit[1])));
+    const big = space ? 5 : 9;
+    const trace = {
+      x: points.map((p) => p[0]), y: points.map((p) => p[1]), mode: "markers", customdata: pairs,
+      hovertext: pairs.map(([i, j]) => hoverOf(i, j)), hoverinfo: "text",
+      marker: { color: colours.map((c, k) => (lit[k] ? PICK : c)), size: lit.map((on) => (on ? 1.8 * big : big)), symbol: options.symbol, line: { width: options.open ? 2 : 0 } },
+    };
+    if (space) { trace.type = "scatter3d"; trace.z = points.map((p) => p[2]); } else { trace.type = "scatter"; }
+    return trace;
+  }
+
+  function segments(ends, colour, space, width) {
+    const trace = { mode: "lines", type: space ? "scatter3d" : "scatter", hoverinfo: "skip", line: { color: colour, width: width || 2 }, x: [], y: [], connectgaps: false };
+    if (space) trace.z = [];
+    for (const [a, b] of ends) for (const p of [a, b, null]) { trace.x.push(p && p[0]); trace.y.push(p && p[1]); if (space) trace.z.push(p && p[2]); }
+    return trace;
+  }
+
+  function cameraTraces(poses) {
+    const traces = [];
+    for (const pose of poses) {
+      if (!pose || !pose.frustum) continue;
+      const [centre, ...corners] = pose.frustum, ends = [];
+      corners.forEach((corner, k) => { ends.push([centre, corner], [corner, corners[(k + 1) % corners.length]]); });
+      traces.push(segments(ends, colourOf(pose.motion), true, 3));
+    }
+    return traces;
+  }
+
+  function scene(points) {
+    const style = getComputedStyle(document.body), line = style.getPropertyValue("--line");
+    const axis = (title) => ({ title: { text: title }, gridcolor: line, zerolinecolor: line, backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
+    return paper({ margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { aspectmode: "data", xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("z"), camera: state.camera } });
+  }
+
+  function imageLayout(side) {
+    const style = getComputedStyle(document.body), line = style.getPropertyValue("--line");
+    const axis = { gridcolor: line, zeroline: false, linecolor: line };
+    const layout = paper({
+      xaxis: Object.assign({ title: { text: side.image ? "x, px" : "x" }, constrain: "domain" }, axis),
+      yaxis: Object.assign({ title: { text: side.image ? "y, px" : "y" }, scaleanchor: "x", constrain: "domain" }, axis),
+    });
+    if (side.extent) { layout.xaxis.range = [side.extent[0], side.extent[2]]; layout.yaxis.range = side.image ? [side.extent[3], side.extent[1]] : [side.extent[1], side.extent[3]]; }
+    if (side.photo) layout.images = [{ source: side.photo, xref: "x", yref: "y", x: -0.5, y: -0.5, sizex: side.photoSize[0], sizey: side.photoSize[1], sizing: "stretch", layer: "below", opacity: 0.8 }];
+    return layout;
+  }
+
+  function drawSource() {
+    const v = view(), pairs = content.source.map((_, i) => [i, v.assignment[i]]);
+    const traces = [pointTrace(content.source, pairs, { symbol: "circle" })];
+    const space = content.sourceSide.dimension === 3;
+    if (space) traces.push(...cameraTraces(v.poses));
+    if (space && content.frames.length > 1) {
+      const path = content.frames.map((f) => f.views[0].poses[0] && f.views[0].poses[0].frustum && f.views[0].poses[0].frustum[0]).filter(Boolean);
+      if (path.length > 1) traces.push({ type: "scatter3d", mode: "lines", x: path.map((p) => p[0]), y: path.map((p) => p[1]), z: path.map((p) => p[2]), hoverinfo: "skip", line: { color: GREY, width: 3 } });
+    }
+    Plotly.react("source", traces, space ? scene(content.source) : imageLayout(content.sourceSide), config);
+  }
+
+  function drawTarget() {
+    const v = view(), f = frame(), side = f.side, owner = new Array(f.target.length).fill(-1);
+    v.assignment.forEach((j, i) => { if (j >= 0) owner[j] = i; });
+    const pairs = f.target.map((_, j) => [owner[j], j]);
+    const space = side.dimension === 3, traces = [];
+    const predicted = v.predicted || [];
+    const drawn = predicted.map((p, i) => [p, i]).filter(([p]) => p);
+    if (drawn.length) {
+      const vectors = drawn.filter(([, i]) => v.assignment[i] >= 0).map(([p, i]) => {
+        const d = f.target[v.assignment[i]], k = state.scale;
+        return [d, d.map((value, axis) => value + k * (value - p[axis]))]; // detected less predicted
+      });
+      traces.push(segments(vectors, "#d81b60", space, 2));
+      const unseen = drawn.filter(([, i]) => v.assignment[i] < 0);
+      if (unseen.length) traces.push(pointTrace(unseen.map(([p]) => p), unseen.map(([, i]) => [i, -1]), { symbol: space ? "circle-open" : "circle-open", open: true }));
+      traces.push(pointTrace(drawn.map(([p]) => p), drawn.map(([, i]) => [i, v.assignment[i]]), { symbol: space ? "cross" : "cross-thin-open", open: true }));
+    }
+    traces.push(pointTrace(f.target, pairs, { symbol: "circle" }));
+    Plotly.react("target", traces, space ? scene(f.target) : imageLayout(side), config);
+  }
+
+  function drawResiduals() {
+    const v = view();
+    const used = v.residuals.map((r, i) => [r, i]).filter(([r]) => r !== null).sort((a, b) => a[0] - b[0]);
+    const squared = used.map(([r]) => r * r), share = used.map((_, k) => (k + 0.5) / used.length);
+    const end = Math.max(10, ...squared) * 1.05, grid = Array.from({ length: 120 }, (_, k) => (end * k) / 119);
+    const cdf = v.dimensions === 1 ? grid.map((x) => erf(Math.sqrt(x / 2))) : v.dimensions === 3 ? grid.map((x) => erf(Math.sqrt(x / 2)) - Math.sqrt((2 * x) / Math.PI) * Math.exp(-x / 2)) : grid.map((x) => 1 - Math.exp(-x / 2));
+    Plotly.react("residuals", [
+      { x: grid, y: cdf, mode: "lines", type: "scatter", hoverinfo: "skip", line: { color: GREY, dash: "dash" } },
+      { x: squared, y: share, mode: "markers", type: "scatter", customdata: used.map(([, i]) => [i, v.assignment[i]]), hovertext: used.map(([, i]) => hoverOf(i, v.assignment[i])), hoverinfo: "text", marker: { color: used.map(([, i]) => colourOf(v.motions[i])), size: 7 } },
+    ], paper({ xaxis: { title: { text: "squared residual, σ²" }, range: [0, end] }, yaxis: { title: { text: "share of the matches below" }, range: [0, 1.02] } }), quiet);
+    at("residual-note").textContent = used.length ? v.fit : "This problem fits no pose, so there are no residuals of points.";
+  }
+
+  function erf(x) {
+    const t = 1 / (1 + 0.3275911 * Math.abs(x));
+    const y = 1 - (((((1.061405429 * t - 1.453152027) * t) + 1.421413741) * t - 0.284496736) * t + 0.254829592) * t * Math.exp(-x * x);
+    return x < 0 ? -y : y;
+  }
+
+  function drawSupport() {
+    const v = view(), used = v.assignment.map((j, i) => [j, i]).filter(([j]) => j >= 0);
+    const names = used.map(([, i]) => plain(sourceName(i)));
+    const base = { x: used.map((_, k) => k), customdata: used.map(([j, i]) => [i, j]), hovertext: used.map(([j, i]) => hoverOf(i, j)), hoverinfo: "text" };
+    const traces = [Object.assign({ type: "bar", y: used.map(([, i]) => v.weights[i]), marker: { color: used.map(([, i]) => colourOf(v.motions[i])), opacity: 0.75 } }, base)];
+    if (v.confidence) traces.push(Object.assign({ type: "scatter", mode: "markers", y: used.map(([, i]) => v.confidence[i]), marker: { color: "#d81b60", symbol: "diamond", size: 7 } }, base));
+    const step = Math.max(1, Math.ceil(used.length / 24));
+    Plotly.react("support", traces, paper({ xaxis: { tickvals: used.map((_, k) => k).filter((k) => k % step === 0), ticktext: names.filter((_, k) => k % step === 0) }, yaxis: { range: [0, 1.05] } }), quiet);
+  }
+
+  function cell(row, text, kind) { const td = document.createElement("td"); td.textContent = text; if (kind) td.className = kind; row.appendChild(td); }
+
+  function drawTable() {
+    const v = view(), several = new Set(v.motions.filter((m) => m >= 0)).size > 1;
+    const columns = ["source", "target", "residual, σ", "weight"];
+    if (v.confidence) columns.push("confidence");
+    if (several) columns.push("motion");
+    if (content.truth) columns.push("truth");
+    const head = document.createElement("tr");
+    for (const name of columns) { const th = document.createElement("th"); th.scope = "col"; th.textContent = name; head.appendChild(th); }
+    at("table").tHead.replaceChildren(head);
+    const rows = content.source.map((_, i) => {
+      const row = document.createElement("tr"), j = v.assignment[i];
+      row.dataset.source = i; row.dataset.target = j;
+      cell(row, sourceName(i)); cell(row, j < 0 ? "–" : targetName(j)); cell(row, figure(v.residuals[i])); cell(row, j < 0 ? "–" : v.weights[i].toFixed(3));
+      if (v.confidence) cell(row, percent(v.confidence[i]));
+      if (several) cell(row, v.motions[i] < 0 ? "–" : String(v.motions[i]));
+      if (content.truth) {
+        const t = content.truth[i];
+        cell(row, j === t ? (t < 0 ? "hidden" : "right") : t < 0 ? "has no image" : `is ${targetName(t)}`, j >= 0 && j !== t ? "wrong" : "");
+      }
+      row.addEventListener("mouseenter", () => light([i, j]));
+      row.addEventListener("mouseleave", () => light(null));
+      return row;
+    });
+    at("table").tBodies[0].replaceChildren(...rows);
+  }
+
+  function drawPoses() {
+    const texts = view().poses.filter(Boolean).map((pose) => { const pre = document.createElement("pre"); pre.textContent = pose.text; return pre; });
+    if (!texts.length) { const p = document.createElement("p"); p.className = "note"; p.textContent = "No pose: too few matches, or a problem that fits none."; texts.push(p); }
+    at("poses").replaceChildren(...texts);
+  }
+
+  let pending = false;
+  function light(pair) {
+    state.lit = pair;
+    for (const row of at("table").tBodies[0].rows) row.classList.toggle("lit", Boolean(pair) && ((pair[0] >= 0 && Number(row.dataset.source) === pair[0]) || (pair[1] >= 0 && Number(row.dataset.target) === pair[1])));
+    if (pending) return;
+    pending = true;
+    requestAnimationFrame(() => { pending = false; keepCamera(); drawSource(); drawTarget(); });
+  }
+
+  // Plotly keeps the view that the mouse chose in the layout of the element, which `react` would replace.
+  function keepCamera() { const layout = at("source").layout; if (layout && layout.scene && layout.scene.camera) state.camera = layout.scene.camera; }
+
+  function drawHeader() {
+    const f = frame();
+    at("status").textContent = f.summary; at("status").className = `status ${f.status}`;
+    at("advice").textContent = f.advice;
+    at("tabs").replaceChildren(...f.views.map((v, k) => {
+      const button = document.createElement("button");
+      const odds = percent(v.probability);
+      button.type = "button"; button.role = "tab"; button.textContent = odds ? `${v.title} · ${odds}` : v.title;
+      button.setAttribute("aria-selected", String(k === state.view));
+      button.addEventListener("click", () => { state.view = k; draw(); });
+      return button;
+    }));
+    at("tabs").hidden = f.views.length < 2;
+    at("differs").textContent = view().differs;
+    if (content.frames.length > 1) at("frame-label").textContent = `${f.name}: ${f.status}`;
+  }
+
+  function scaleText() { at("scale-label").textContent = state.scale === 0 ? "not at all" : `${state.scale} times`; }
+
+  function draw() {
+    keepCamera(); drawHeader(); drawSource(); drawTarget(); drawResiduals(); drawSupport(); drawTable(); drawPoses();
+  }
+
+  function start() {
+    at("source-title").textContent = content.sourceSide.title; at("target-title").textContent = content.frames[0].side.title;
+    at("source-note").textContent = content.sourceSide.note;
+    state.scale = content.scale; at("scale").value = state.scale; at("scale").max = Math.max(200, 2 * state.scale); scaleText();
+    at("scale-control").hidden = !content.frames.some((f) => f.views.some((v) => (v.predicted || []).some(Boolean)));
+    at("scale").addEventListener("input", () => { state.scale = Number(at("scale").value); scaleText(); drawTarget(); });
+    if (content.frames.length > 1) {
+      at("frames").hidden = false; at("frame").max = content.frames.length - 1;
+      at("frame").addEventListener("input", () => { state.frame = Number(at("frame").value); state.view = 0; draw(); });
+      at("play").addEventListener("click", () => {
+        const playing = state.timer !== null;
+        if (playing) { clearInterval(state.timer); state.timer = null; }
+        else state.timer = setInterval(() => { state.frame = (state.frame + 1) % content.frames.length; state.view = 0; at("frame").value = state.frame; draw(); }, 120);
+        at("play").setAttribute("aria-pressed", String(!playing)); at("play").textContent = playing ? "Play" : "Stop";
+      });
+    }
+    draw();
+    for (const id of ["source", "target", "residuals", "support"]) {
+      at(id).on("plotly_hover", (event) => { const pair = event.points[0] && event.points[0].customdata; if (pair) light(pair); });
+      at(id).on("plotly_unhover", () => light(null));
+    }
+    dark.addEventListener("change", draw);
+    document.body.dataset.ready = "true";
+  }
+  start();
+})();

@@ -1,0 +1,130 @@
+"""The report as one file: template, style, script, content and the drawing library, all inside."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rootmatch.errors import InputError, RootmatchError
+from rootmatch.io import check_output, written_whole
+from rootmatch.report.html.content import Labels, facts, report_content
+
+if TYPE_CHECKING:
+    from rootmatch.result import Match
+
+SUFFIXES = (".html", ".htm")
+
+
+def check_report(path: Path) -> None:
+    """Refuse, before any work, a report that is no HTML file, or for which what it is drawn with is missing.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another.
+    RootmatchError
+        If the extra ``report`` is not installed.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"report {path}: it is written as a page for the browser; name it .html")
+    _libraries()
+
+
+def write_report(
+    match: Match,
+    path: str | Path,
+    *,
+    source_names: Sequence[str] | None = None,
+    target_names: Sequence[str] | None = None,
+    truth: ArrayLike | None = None,
+    photo: str | Path | None = None,
+    title: str = "rootmatch report",
+) -> None:
+    """Write a match as one self-contained HTML file; see `rootmatch.Match.report`."""
+    label = Labels(source_names, target_names, None if truth is None else np.asarray(truth, dtype=np.int64))
+    _write(Path(path), [match], [label], [""], title=title, photo=None if photo is None else Path(photo))
+
+
+def write_sequence_report(
+    matches: Sequence[Match],
+    path: str | Path,
+    *,
+    names: Sequence[str] | None = None,
+    source_names: Sequence[str] | None = None,
+    title: str = "rootmatch report",
+) -> None:
+    """Write the matches of a sequence, all of the same source points, as one HTML file with a slider over the frames.
+
+    Parameters
+    ----------
+    matches : sequence of Match
+    path : path
+        Of the file, ``.html``.
+    names : sequence of str, optional
+        Of the frames; by default their numbers.
+    source_names : sequence of str, optional
+        Of the source points.
+    title : str
+
+    Raises
+    ------
+    InputError
+        If there is no frame, or they are of other source points.
+    """
+    if not matches:
+        raise InputError("report: no frames given, expected at least one match")
+    if any(not np.array_equal(match.source, matches[0].source) for match in matches):
+        raise InputError("report: frames of different source points given; write a report for each")
+    labels = [Labels(source_names)] * len(matches)
+    _write(Path(path), matches, labels, names or [f"frame {k}" for k in range(len(matches))], title=title, photo=None)
+
+
+def _write(
+    path: Path,
+    matches: Sequence[Match],
+    labels: Sequence[Labels],
+    names: Sequence[str],
+    *,
+    title: str,
+    photo: Path | None,
+) -> None:
+    check_report(path)
+    check_output(path, "report", [])
+    page = _page(report_content(matches, labels, names, photo), facts(matches[0]), title)
+    with written_whole(path) as temporary:
+        Path(temporary).write_text(page, encoding="utf-8")
+
+
+def _page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str) -> str:
+    environment, plotly = _libraries()
+    here = files("rootmatch.report.html")
+    template = environment.from_string(here.joinpath("page.html.jinja").read_text(encoding="utf-8"))
+    # within <script> only "<" could end the element or begin a comment
+    data = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    text: str = template.render(
+        title=title,
+        css=here.joinpath("page.css").read_text(encoding="utf-8"),
+        script=here.joinpath("page.js").read_text(encoding="utf-8"),
+        content=data,
+        facts=known,
+        plotly=plotly,
+    )
+    return text
+
+
+def _libraries() -> tuple[Any, str]:
+    """Jinja's environment, which escapes what it is given, and the source of plotly.js."""
+    try:
+        from jinja2 import Environment
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise RootmatchError(
+            f"report: {error.name} is missing; install the extra: pip install 'rootmatch[report]'"
+        ) from None
+    return Environment(autoescape=True), get_plotlyjs()
