@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("matcher", "match", "result", "pipeline"),
+    "matching": ("matcher", "match", "bodies", "result", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -41,6 +41,7 @@ CAPTIONS = {
     "experiments": "the paper's experiments",
     "matcher": "frame after frame",
     "match": "match(), the pipeline",
+    "bodies": "several known bodies",
     "result": "Match",
     "pipeline": "task, sampling, assessment",
     "samplers": "which hyper-edges to evaluate",
