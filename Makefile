@@ -5,6 +5,8 @@ VENV := .venv
 # The oldest versions that pyproject.toml declares have wheels for these two.
 OLDEST_PYTHONS ?= python3.11 python3.12 $(PYTHON)
 OLDEST := .venv-oldest
+FRESH := .venv-wheel
+KERNELS := $(VENV)/numba-cache
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
@@ -17,6 +19,8 @@ help:
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
 	@echo "make fuzz    try ten thousand calls and a hundred thousand files; goes on where it was stopped"
 	@echo "make torture kill a sweep a hundred times, and whatever else takes long to break"
+	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist"
+	@echo "make smoke-wheel  what the README shows, from that wheel in an environment of its own, compiling nothing"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
 	@echo "make lint    ruff, mypy and the import layers"
 	@echo "make docs    build the site into docs/_build/html, its examples run, warnings are errors"
@@ -24,19 +28,31 @@ help:
 	@echo "make clean   remove .venv, caches and what the demonstration wrote"
 
 demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
-	NUMBA_CACHE_DIR=$(VENV)/numba-cache $(BIN)/python examples/board/demo.py --output $(OUTPUT)
+	NUMBA_CACHE_DIR=$(KERNELS) $(BIN)/python examples/board/demo.py --output $(OUTPUT)
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
 
 # Minutes to an hour: .fuzz.json says how far it came. What fails is kept in tests/fuzz/kept and is a test from then on.
 fuzz: $(VENV)/dev.stamp $(VENV)/kernels.stamp
-	NUMBA_CACHE_DIR=$(VENV)/numba-cache $(BIN)/python tests/fuzz/run_cases.py $(ARGS)
+	NUMBA_CACHE_DIR=$(KERNELS) $(BIN)/python tests/fuzz/run_cases.py $(ARGS)
 
 torture: $(VENV)/dev.stamp
 	ROOTMATCH_TORTURE=1 $(BIN)/python -m pytest -n logical --maxprocesses 8 tests/test_torture.py $(ARGS)
 
-# What one version of Numba has compiled is overwritten by another, so each has its own cache.
+# The wheel is built from the sdist, so both are tried.
+wheel: $(VENV)/dev.stamp
+	rm -rf dist
+	ROOTMATCH_PREBUILD=1 $(BIN)/python -m build --outdir dist .
+
+smoke-wheel: wheel
+	rm -rf $(FRESH)
+	$(BIN)/python -m venv --without-pip $(FRESH)
+	$(PIP) --python $(FRESH)/bin/python install -q "$$(ls dist/*.whl)[pose]" pytest
+	cd $(FRESH) && env -u PYTHONPATH NUMBA_CACHE_DIR=numba-cache bin/python -m pytest -p no:cacheprovider --rootdir .. \
+	  ../tests/test_prebuilt.py
+	rm -rf $(FRESH)
+
 smoke-oldest: $(OLDEST)/made.stamp
 	@test ! -x $(OLDEST)/bin/python || NUMBA_CACHE_DIR=$(OLDEST)/numba-cache PYTHONPATH=src \
 	  $(OLDEST)/bin/python -m pytest -n logical --maxprocesses 8 -p no:cacheprovider tests/test_smoke.py
@@ -56,7 +72,7 @@ docs: $(VENV)/docs.stamp $(VENV)/kernels.stamp
 	@echo "The site is in docs/_build/html/index.html"
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(OUTPUT) docs/_build docs/gallery docs/concepts build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) $(FRESH) $(OUTPUT) docs/_build docs/gallery docs/concepts build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Some systems split venv's pip (ensurepip) off their python3; where pip itself is there it can fill the new .venv.
@@ -102,7 +118,8 @@ $(OLDEST)/made.stamp: pyproject.toml .ci/oldest.py
 	echo "Left out: no Python 3.11 or 3.12 here, and the oldest versions declared have no wheels for newer ones." >&2; \
 	rm -rf $(OLDEST)
 
-# Numba finds a compiled driver by the driver's own file, so a kernel edited elsewhere would go unnoticed.
-$(VENV)/kernels.stamp: $(VENV)/made.stamp $(SOURCES)
-	@rm -rf $(VENV)/numba-cache
+# So that the demonstration itself waits for no compiler. What is compiled of other sources is found to be so.
+$(VENV)/kernels.stamp: $(VENV)/runtime.stamp $(SOURCES)
+	@echo "Compiling kernels (once; half a minute on two cores)"
+	NUMBA_CACHE_DIR=$(KERNELS) $(BIN)/rootmatch warmup
 	@touch $@

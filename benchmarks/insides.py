@@ -1,9 +1,10 @@
-"""What each use of Numba's insides and the second process of a first match are worth, in turns with and without.
+"""What each use of Numba's insides is worth, in turns with and without.
 
     python benchmarks/insides.py borrowed --turns 5    # sweeps, whose drivers count no references
     python benchmarks/insides.py internal --turns 3    # a first match; jitted functions have no entries for Python
     python benchmarks/insides.py calls --turns 3       # ... kernels are called without a function in between
-    python benchmarks/insides.py second --turns 3      # ... of the command, helped by a second process
+
+    python benchmarks/insides.py native --turns 5      # kernels for this very processor, not those of a wheel
 
 Each turn is a process of its own. "Without" is what `rootmatch.jit` does where Numba lacks the inside. Times of sweeps
 are nanoseconds for each hyper-edge on one thread; those of first matches are seconds of processor time (user and
@@ -24,15 +25,17 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rootmatch.jit.prebuilt import GENERIC, architecture
+
 GONE = {
     "borrowed": ("numba.core", "datamodel"),
     "internal": ("numba.core.registry", "CPUDispatcher"),
     "calls": ("numba.core.typing.templates", "AbstractTemplate"),
 }
 """What is imported from where by the part of `rootmatch.jit` of that name, and by no other."""
-MATCH = "import sys; from rootmatch.cli.app import main; sys.argv[0] = 'rootmatch'; main()"
-ALONE = "from rootmatch.cli import match; import contextlib; "
-ALONE += "match.compiled_beside = lambda *given: contextlib.nullcontext(); "
+
+SWEPT = ("borrowed", "native")
+"""What is measured by sweeps, not by a first match."""
 
 
 def hide(module: str, name: str) -> None:
@@ -80,12 +83,28 @@ def sweeps() -> dict[str, float]:
     return found
 
 
+def searches() -> dict[str, float]:
+    """Processor nanoseconds of guided matches, the least of fifteen."""
+    import rootmatch as rm
+    from rootmatch.simulation import p3p_scene, up2p_scene
+
+    found = {}
+    for name, scene in (("P3P", p3p_scene(20, 20, 1.0, 1)), ("up2p", up2p_scene(40, 40, 1.0, 1))):
+        times = []
+        for _ in range(16):
+            started = time.process_time()
+            rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided")
+            times.append(time.process_time() - started)
+        found[f"{name} guided match"] = 1e9 * min(times[1:])
+    return found
+
+
 def child(what: str, without: bool) -> None:
     """The work of one process."""
-    if without:
+    if without and what in GONE:
         hide(*GONE[what])
-    if what == "borrowed":
-        print(json.dumps(sweeps()))
+    if what in SWEPT:
+        print(json.dumps({**sweeps(), **(searches() if what == "native" else {})}))
         return
     import rootmatch as rm
     from rootmatch.simulation import p3p_scene
@@ -98,32 +117,16 @@ def measured(what: str, without: bool, folder: Path) -> dict[str, float]:
     """One process: seconds by what was done."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
     program = [sys.executable, __file__, what, "--child", *(["--without"] if without else [])]
-    if what == "borrowed":
+    if what in SWEPT:
         environment["NUMBA_NUM_THREADS"] = "1"
-    if what == "second":
-        scene = folder / "scene"
-        made = [
-            sys.executable,
-            "-m",
-            "rootmatch",
-            "simulate",
-            "p3p",
-            "--points",
-            "10",
-            "--outliers",
-            "5",
-            "--noise",
-            "1",
-        ]
-        subprocess.run([*made, "--output", str(scene)], check=True, capture_output=True)
-        program = [sys.executable, "-c", (ALONE if without else "") + MATCH, "match"]
-        program += [f"{scene}/model.csv", f"{scene}/image.csv", "--problem", "p3p", "--camera", f"{scene}/camera.json"]
+    if what == "native" and without:
+        environment |= {"NUMBA_CPU_NAME": GENERIC[architecture()][0], "NUMBA_CPU_FEATURES": ""}
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1) or (what != "second" and done.returncode):
+    if done.returncode:
         sys.exit(done.stderr)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if what == "borrowed":
+    if what in SWEPT:
         found: dict[str, float] = json.loads(done.stdout)
         return found
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -132,7 +135,7 @@ def measured(what: str, without: bool, folder: Path) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=[*GONE, "second"])
+    parser.add_argument("what", choices=[*GONE, "native"])
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--without", action="store_true", help=argparse.SUPPRESS)
@@ -146,7 +149,7 @@ def main() -> None:
             both = []
             for without in (False, True):
                 # sweeps are timed when all is compiled; a first match begins with nothing
-                folder = Path(base, str(without), "" if given.what == "borrowed" else str(turn))
+                folder = Path(base, str(without), "" if given.what in SWEPT else str(turn))
                 folder.mkdir(parents=True, exist_ok=True)
                 both.append(measured(given.what, without, folder))
             for name in both[0]:
@@ -155,7 +158,7 @@ def main() -> None:
     for name, pairs in rows.items():
         here, there = (statistics.median(side) for side in zip(*pairs, strict=True))
         ratio = statistics.median(b / a for a, b in pairs)
-        unit = "ns" if given.what == "borrowed" else "s"
+        unit = "ns" if given.what in SWEPT else "s"
         load = os.getloadavg()[0]
         print(f"{name}: {here:.3g} {unit} with, {there:.3g} {unit} without, {ratio:.2f} times; load {load:.1f}")
 

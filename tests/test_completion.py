@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.algebra.vector import tangent_bases, tangent_basis
+from rootmatch.algebra.directions import tangent_bases
+from rootmatch.algebra.vector import tangent_basis
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.up2p.hypotheses import predictions

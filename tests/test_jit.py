@@ -115,7 +115,7 @@ builtins.__import__ = importing
 found = {}
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    import rootmatch as rm
+    import rootmatch as rm, rootmatch.match
     from rootmatch.simulation import p3p_scene, up2p_scene
     for make in (p3p_scene, up2p_scene)[-WORK["problems"]:] if WORK else ():
         scene = make(6, 1, 0.5, 1)
@@ -130,7 +130,9 @@ COMPILER = ["numba.core", "compiler"]
 TEMPLATE = ["numba.core.typing.templates", "AbstractTemplate"]
 LOWER = ["numba.extending", "lower_builtin"]
 MODEL = ["numba.core", "datamodel"]
+RUNTIME = ["numba.core.runtime.nrt", "rtsys"]
 INLINED, ENTRIES, BETWEEN, COUNTED = "need not be inlined", "compiled for Python too", "in between", "are counted"
+KEPT = "come with it cannot be used"
 
 
 def without(folder: Path, gone: list[list[str]], changed: list[list[str]] = [], work: object = None) -> dict:  # noqa: B006
@@ -148,8 +150,9 @@ def without(folder: Path, gone: list[list[str]], changed: list[list[str]] = [], 
     ("gone", "changed", "losses"),
     [
         ([], [], []),
-        ([DISPATCHER], [], [ENTRIES]),
-        ([], [DISPATCHER], [ENTRIES]),
+        ([DISPATCHER], [], [ENTRIES, KEPT]),
+        ([], [DISPATCHER], [ENTRIES, KEPT]),
+        ([RUNTIME], [], [KEPT]),
         ([COMPILER], [], [INLINED, ENTRIES]),
         ([TEMPLATE], [], [BETWEEN]),
         ([MODEL], [], [COUNTED]),

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import os
 import pickle
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+
+from rootmatch.jit.cache import SUFFIX
 
 MODULE = """
 from rootmatch.jit.decorators import driver
@@ -27,17 +29,14 @@ class Gone:
 
 
 def of_another_version(data: bytes) -> bytes:
-    """An index that refers to a class of a module which is no more."""
+    """What refers to a class of a module which is no more."""
     Gone.__module__ = "kernels"
     sys.modules["kernels"] = sys.modules[__name__]
     try:
-        gone = pickle.dumps(Gone)
+        return pickle.dumps(Gone)
     finally:
         del sys.modules["kernels"]
         Gone.__module__ = __name__
-    stream = io.BytesIO(data)
-    pickle.load(stream)  # Numba's own version, by itself
-    return data[: stream.tell()] + gone
 
 
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
@@ -48,12 +47,13 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-def run(folder: Path) -> list[str]:
+def run(folder: Path, **more: str) -> list[str]:
     """What the script prints, the compiled code kept in the folder."""
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": str(folder / "cache"),
         "PYTHONPATH": f"{folder}{os.pathsep}{SOURCES}",
+        **more,
     }
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -63,17 +63,53 @@ def run(folder: Path) -> list[str]:
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 
 
-CASES = [(damage, suffix) for damage in DAMAGES for suffix in (".nbi", ".nbc")]
-CASES.remove(("of another version", ".nbc"))  # which refers to nothing by name
+def kept(folder: Path) -> list[Path]:
+    """The files of compiled code."""
+    return sorted((folder / "cache").rglob(f"*{SUFFIX}"))
 
 
-@pytest.mark.parametrize(("damage", "suffix"), CASES)
-def test_a_cache_that_cannot_be_read_is_made_anew(tmp_path: Path, damage: str, suffix: str) -> None:
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_cache_that_cannot_be_read_is_made_anew(tmp_path: Path, damage: str) -> None:
     (tmp_path / "kernels.py").write_text(MODULE)
     assert run(tmp_path) == ["3.0", "0"]
-    if (damage, suffix) == ("of another version", ".nbi"):
+    (path,) = kept(tmp_path)
+    if damage == "of another version":
         assert run(tmp_path) == ["3.0", "1"]
-    (path,) = (tmp_path / "cache").rglob(f"*{suffix}")
     path.write_bytes(DAMAGES[damage](path.read_bytes()))
     assert run(tmp_path) == ["3.0", "0"]
     assert run(tmp_path) == ["3.0", "1"]
+
+
+def test_an_edited_driver_is_compiled_anew_and_nothing_else_is_left(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(MODULE)
+    assert run(tmp_path) == ["3.0", "0"]
+    (tmp_path / "kernels.py").write_text(MODULE.replace("2.0 * x", "2.0 * x + 1.0"))
+    assert run(tmp_path) == ["4.0", "0"]
+    assert run(tmp_path) == ["4.0", "1"]
+    (tmp_path / "kernels.py").write_text(MODULE)
+    assert run(tmp_path) == ["3.0", "1"]
+    assert {path.suffix for path in (tmp_path / "cache").rglob("*") if path.is_file()} == {SUFFIX}
+
+
+def test_what_other_sources_have_left_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(MODULE)
+    assert run(tmp_path) == ["3.0", "0"]
+    (path,) = kept(tmp_path)
+    stem, _, key = path.name.removesuffix(SUFFIX).rsplit(".", 2)
+    path.rename(path.with_name(f"{stem}.{'0' * 16}.{key}{SUFFIX}"))
+    assert run(tmp_path) == ["3.0", "0"]
+    assert kept(tmp_path) == [path]
+
+
+def test_two_processes_compile_once(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(MODULE)
+    with ThreadPoolExecutor(2) as pool:
+        told = sorted(pool.map(run, [tmp_path] * 2))
+    assert told == [["3.0", "0"], ["3.0", "1"]] or os.name == "nt"
+
+
+def test_a_driver_serves_where_no_folder_can_be_written(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(MODULE)
+    (tmp_path / "cache").write_text("a file in the way")
+    (tmp_path / "__pycache__").write_text("another")
+    assert run(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == ["3.0", "0"]

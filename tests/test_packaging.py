@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import kernel_cache_name
+from rootmatch.jit import sources
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKE = shutil.which("make")
@@ -137,7 +137,7 @@ def test_make_says_what_is_missing(tmp_path: Path, refuses: str, advice: str) ->
     assert not (tmp_path / ".venv").exists()
 
 
-def test_kernel_cache_follows_every_source_of_compiled_code(tmp_path: Path) -> None:
+def test_digest_follows_every_source_of_compiled_code(tmp_path: Path) -> None:
     package = tmp_path / "rootmatch"
     (package / "algebra").mkdir(parents=True)
     (package / "driver.py").write_text("from numba import njit\nfrom rootmatch.algebra import kernel\n")
@@ -146,11 +146,11 @@ def test_kernel_cache_follows_every_source_of_compiled_code(tmp_path: Path) -> N
     names = []
     for text in ("b = 1", "b = 2", "b = 1"):
         kernel.write_text(text)
-        names.append(kernel_cache_name(package))
+        names.append(sources.digest(sources.compiled_sources(package), package))
     (package / "apart.py").write_text("import sys\n")
-    names.append(kernel_cache_name(package))
+    names.append(sources.digest(sources.compiled_sources(package), package))
     kernel.rename(package / "kernel.py")
-    names.append(kernel_cache_name(package))
+    names.append(sources.digest(sources.compiled_sources(package), package))
     assert names[0] == names[2] == names[3]
     assert len(set(names)) == 3
 

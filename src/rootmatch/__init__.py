@@ -1,45 +1,74 @@
 """Which point is which, from geometry alone: minimal problems that share a root, matched as a hypergraph."""
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from rootmatch._version import __version__
-from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, RootmatchError
-from rootmatch.hypergraph.affinity import Affinity, Residual
-from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import match, residuals
-from rootmatch.matcher import Matcher
 from rootmatch.problems import MODULES
-from rootmatch.problems.base import Problem
-from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match, Status
-from rootmatch.samplers.guided.sampler import Guided
 
 if TYPE_CHECKING:
+    from rootmatch.cameras.pinhole import Camera
     from rootmatch.derivation.derive import derive
+    from rootmatch.hypergraph.affinity import Affinity, Residual
     from rootmatch.hypergraph.invariants import invariant_affinities, nearest_hyperedges
+    from rootmatch.hypergraph.tensor import AffinityTensor
     from rootmatch.io.calibrations.reading import read_cameras
+    from rootmatch.match import match, residuals
+    from rootmatch.matcher import Matcher
+    from rootmatch.problems.base import Problem
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
     from rootmatch.problems.p3p import P3P as P3P
     from rootmatch.problems.planar_motion import PlanarMotion as PlanarMotion
+    from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.problems.similarity import Rigid as Rigid
     from rootmatch.problems.similarity import Similarity as Similarity
     from rootmatch.problems.three_plus_one import ThreePlusOne as ThreePlusOne
     from rootmatch.problems.up2p import UP2P as UP2P
     from rootmatch.problems.up2pf import UP2PF as UP2PF
+    from rootmatch.result import Match, Status
+    from rootmatch.samplers.guided.sampler import Guided
+    from rootmatch.tracker import Tracker, TrackingState
 
 _LATER = {
     **MODULES,
+    "Affinity": "hypergraph.affinity",
+    "AffinityTensor": "hypergraph.tensor",
     "Bearings": "problems.derived.measurements",
+    "Camera": "cameras.pinhole",
+    "Guided": "samplers.guided.sampler",
+    "Match": "result",
+    "Matcher": "matcher",
     "Points": "problems.derived.measurements",
+    "Pose": "problems.pose_fit.pose",
+    "Problem": "problems.base",
+    "Residual": "hypergraph.affinity",
+    "Status": "result",
+    "Tracker": "tracker",
+    "TrackingState": "tracker",
     "Uncalibrated": "problems.derived.measurements",
-    "invariant_affinities": "hypergraph.invariants",
-    "nearest_hyperedges": "hypergraph.invariants",
     "derive": "derivation.derive",
     "read_cameras": "io.calibrations.reading",
+    "invariant_affinities": "hypergraph.invariants",
+    "match": "match",
+    "nearest_hyperedges": "hypergraph.invariants",
+    "residuals": "match",
 }
-"""Modules that are imported when first asked for: most users need none of them."""
+"""Module of each public name, imported when first asked for: a command that fails early needs none of them, and no
+Numba."""
+
+
+class _Package(ModuleType):
+    """The package, whose `match` is the function also after the module of that name has been imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name == "match" and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:
@@ -70,6 +99,8 @@ __all__ = [
     "Residual",
     "RootmatchError",
     "Status",
+    "Tracker",
+    "TrackingState",
     "Uncalibrated",
     "__version__",
     "derive",

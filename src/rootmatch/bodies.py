@@ -21,6 +21,7 @@ from rootmatch.pipeline.assessment import Status, fits
 from rootmatch.pipeline.body_labels import Label, twin_points
 from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, ranked
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.predicted import direct_match, empty_match
 from rootmatch.result import Match
 from rootmatch.samplers.guided.sampler import Guided, pays
 
@@ -59,6 +60,7 @@ AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
 class _Body:
     """One body in the course of the search."""
 
+    number: int
     label: Label
     points: Integers
     match: Match | None = None
@@ -93,9 +95,11 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     options : BodyOptions
     """
     assert task.bodies is not None
-    bodies = [_Body(label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
+    bodies = [_Body(k, label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
     free = np.ones(task.shape[1], np.bool_)
     evaluated = 0
+    for body in bodies:
+        _predict(task, body, free, options)
     for turn in count():
         budget = int(options.first_budget * options.budget_growth ** min(turn, options.rounds - 1))
         claimed = False
@@ -124,14 +128,29 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     return _joined(task, bodies, evaluated)
 
 
+def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], options: BodyOptions) -> None:
+    """Settle a body whose predicted pose decides among the free detections."""
+    part = task.body(body.number)
+    if part.predicted is None or not free.any():
+        return
+    columns = np.flatnonzero(free)
+    sub = replace(part.subset(np.arange(len(body.points)), columns), predicted=part.predicted)
+    found = direct_match(sub)
+    if found is None or found.status is not Status.MATCHED or (found.probability or 0.0) < options.sure:
+        return
+    body.match = _widened(found, part, columns)
+    body.settled = True
+    free[body.detections] = False
+
+
 def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> Match:
     """The match of one body among some detections, its indices those of all detections."""
-    part = task.body(body.points)
+    part = task.body(body.number)
     if task.deadline.passed():
-        return _nothing(part, "max_seconds were over before it was searched for")
+        return empty_match(part, "max_seconds were over before it was searched for")
     part = replace(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
-        return _nothing(part, f"{len(columns)} detections are left, at least {task.problem.order} needed")
+        return empty_match(part, f"{len(columns)} detections are left, at least {task.problem.order} needed")
     sub = part.subset(np.arange(len(body.points)), columns)
     if sub.options.sampler == "auto" and sub.options.scheduler is None and pays(sub.sampling_task):
         sub = replace(sub, options=replace(sub.options, hyperedges=Guided(budget=budget)))
@@ -144,12 +163,12 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
     A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
     """
     assert body.match is not None
-    own = task.body(body.points)
+    own = task.body(body.number)
     if not fits(own, body.match.assignment):
         return
     here = None
     for other in others:
-        theirs = task.body(other.points)
+        theirs = task.body(other.number)
         twin = twin_points(own.points.source, theirs.points.source, options.alike)
         if twin is None:
             continue
@@ -231,24 +250,4 @@ def _widened(found: Match, task: MatchingTask, columns: Integers) -> Match:
         alternatives=[(of_all(other), score) for other, score in found.alternatives],
         soft=soft,
         tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.prior),
-    )
-
-
-def _nothing(task: MatchingTask, fault: str) -> Match:
-    """The match of a body for which too few detections are left."""
-    n, n_target = task.shape
-    return Match(
-        task=task,
-        assignment=np.full(n, -1, np.int64),
-        score=0.0,
-        margin=0.0,
-        alternatives=[],
-        soft=np.zeros((n, n_target)),
-        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
-        motions=np.full(n, -1, np.int64),
-        status=Status.UNTRUSTED,
-        converged=True,
-        hyperedges=0,
-        seconds=0.0,
-        fault=fault,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -16,14 +17,17 @@ from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.pipeline.assessment import assess
+from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.sampling import affordable, sample
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
+from rootmatch.predicted import match_predicted
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match
 from rootmatch.samplers.base import Sampler
@@ -98,6 +102,7 @@ def match(
     detection: float | None = None,
     candidates: ArrayLike | None = None,
     bodies: ArrayLike | None = None,
+    prior: Pose | Mapping[Label, Pose] | None = None,
     motions: int | Literal["auto"] = 1,
     backend: selection.Name = "auto",
     max_hyperedges: int = 5_000_000,
@@ -151,6 +156,11 @@ def match(
     bodies : (n,) array of whole numbers or strings, optional
         Which rigid body each source point belongs to: each body moves for itself, hyper-edges are within a body, and no
         detection is used twice. `Match.bodies` has the match of each; the whole is as trustworthy as the least of them.
+    prior : Pose or dict, optional
+        A predicted pose with its covariance, ``Pose(R, t, covariance)``: it narrows the candidates and enters the fit
+        as a Gaussian, so three visible points are enough. Where it decides, a match takes about a millisecond. Where it
+        does not, all is searched without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
+        ``bodies`` a dict from labels to poses.
     motions : int or "auto"
         Number of rigid motions to find.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
@@ -209,6 +219,7 @@ def match(
         view_angle=view_angle,
         candidates=candidates,
         bodies=bodies,
+        prior=prior,
         options=options,
         deadline=Deadline(max_seconds, started=started),
     )
@@ -225,6 +236,8 @@ def _solve(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
     if task.bodies is not None:
         return match_bodies(task, _solve)
+    if task.predicted is not None:
+        return match_predicted(task, _solve)
     options = task.options
     sampled = sample(task)
     if options.packs_motions:

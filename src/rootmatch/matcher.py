@@ -4,26 +4,44 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.bodies import match_bodies
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
-from rootmatch.pipeline.body_labels import check_bodies
+from rootmatch.pipeline.body_labels import Label, check_bodies
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
+from rootmatch.predicted import direct_match, empty_match
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, Status
+from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
+
+
+@dataclass(frozen=True)
+class BoundedSearch:
+    """A sampler that spends a bounded number of evaluations, or sweeps where that is cheaper."""
+
+    budget: int
+    sweep: SmallSweep
+
+    def __call__(self, task: SamplingTask) -> SampledTensor:
+        """See `rootmatch.samplers.base.Sampler`."""
+        return Guided(budget=self.budget)(task) if pays(task) else self.sweep(task)
 
 
 class Matcher:
@@ -60,7 +78,7 @@ class Matcher:
         **options: Any,
     ) -> None:
         for name in options:
-            if name in ("target", "candidates"):
+            if name in ("target", "candidates", "prior"):
                 raise InputError(f"Matcher: {name} belongs to a frame; give it to match()")
             if name not in OPTIONS:
                 raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
@@ -85,6 +103,7 @@ class Matcher:
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
+        prior: Pose | Mapping[Label, Pose] | None = None,
         max_seconds: float | None = None,
     ) -> Match:
         """The match of one frame.
@@ -97,6 +116,8 @@ class Matcher:
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, say from the frame before.
+        prior : Pose or dict, optional
+            Predicted pose of this frame, see `rootmatch.match`; `rootmatch.Tracker` makes them.
         max_seconds : float, optional
             Of this frame; see `rootmatch.match`.
 
@@ -113,7 +134,7 @@ class Matcher:
         """
         started = time.perf_counter()
         detections = as_points(target, self.problem.target_dimension, "target")
-        fault = self._fault(detections)
+        fault = self._fault(detections, 1 if prior is not None and self.bodies is None else self.problem.order)
         if fault is not None:
             return self._empty(detections, fault, started)
         options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
@@ -126,6 +147,7 @@ class Matcher:
             view_angle=self.view_angle,
             candidates=candidates,
             bodies=self.bodies,
+            prior=prior,
             options=options,
             deadline=Deadline(options.max_seconds, started=started),
         )
@@ -133,13 +155,57 @@ class Matcher:
             task = replace(task, options=replace(options, hyperedges=self._sweep))
         return solve(task, started)
 
-    def _fault(self, detections: NDArray[np.float64]) -> str | None:
+    def follow(
+        self,
+        target: ArrayLike,
+        prior: Pose | Mapping[Label, Pose] | None,
+        noise: ArrayLike | None = None,
+        max_seconds: float | None = None,
+        searching: bool = True,
+        budget: int | None = None,
+    ) -> Match:
+        """`match` for a tracker, which may bound its search.
+
+        Unless ``searching``, a prediction that does not decide leaves an empty match. ``budget``: evaluations of a
+        guided search.
+        """
+        if searching:
+            before = self.options
+            if budget is not None and before.sampler == "auto" and before.scheduler is None:
+                self.options = replace(before, hyperedges=BoundedSearch(budget, self._sweep))
+            try:
+                return self.match(target, noise=noise, prior=prior, max_seconds=max_seconds)
+            finally:
+                self.options = before
+        started = time.perf_counter()
+        detections = as_points(target, self.problem.target_dimension, "target")
+        fault = self._fault(detections, 1)
+        if fault is not None:
+            return self._empty(detections, fault, started)
+        task = MatchingTask.of(
+            self.problem,
+            self.source,
+            target,
+            noise=self.noise if noise is None else noise,
+            normals=self.normals,
+            view_angle=self.view_angle,
+            bodies=self.bodies,
+            prior=prior,
+            options=self.options,
+        )
+        if self.bodies is not None:
+            found = match_bodies(task, _not_searched)
+        else:
+            found = direct_match(task) or _not_searched(task)
+        return replace(found, seconds=time.perf_counter() - started)
+
+    def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
         if detections.size == 0:
             return f"no detections given, at least {self.problem.order} needed for one hyper-edge"
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:
             return None  # no frame: `rootmatch.match` says what it is
-        if len(detections) < self.problem.order:
+        if len(detections) < least:
             return f"{len(detections)} detections given, at least {self.problem.order} needed for one hyper-edge"
         same = repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
@@ -171,3 +237,7 @@ class Matcher:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
         return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL
+
+
+def _not_searched(task: MatchingTask) -> Match:
+    return empty_match(task, "the prior pose is not confirmed")

@@ -14,6 +14,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import Status, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
+from rootmatch.pipeline.prior import fused_pose
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_assignment
 from rootmatch.problems.base import Problem
@@ -67,6 +68,12 @@ class Match:
         With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole, score
         is their sum, margin and status are those of the least trusted body, probability is the product, and ``motions``
         numbers the bodies in the order in which their labels appear.
+    prior_holds : bool or None
+        With ``prior=`` whether it held: False where another pose was found without it; None where neither is trusted,
+        or without a prior. Where it decides alone nothing is sampled: ``score`` is then the logarithm of the odds
+        against clutter, ``margin`` the lead in those odds, and the tensor is empty.
+    fused_pose : Pose or None
+        Pose of the matches and the prior together, where that held.
     """
 
     task: MatchingTask
@@ -85,6 +92,8 @@ class Match:
     fitted_probability: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
+    prior_holds: bool | None = None
+    fused_pose: Pose | None = None
 
     @cached_property
     def probability(self) -> float | None:
@@ -122,6 +131,8 @@ class Match:
         if self.fault is not None:
             return f"no trustworthy match: {self.fault}"
         advice = self.status.advice(self.problem)
+        if self.prior_holds is False:
+            advice += "; the prior pose was wrong, this one was found without it"
         return f"{advice}; max_seconds ended it before it was done" if self.limited else advice
 
     @cached_property
@@ -130,13 +141,16 @@ class Match:
 
         Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
         motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
-        camera. The covariance is that of the noise, given that the assignment is right.
+        camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
+        of the fit.
 
         Raises
         ------
         InputError
             If the problem fits no poses: derived ones, whose equations do not say what a pose is.
         """
+        if self.prior_holds and self.task.predicted is not None:
+            return [fused_pose(self.task, self.assignment)]
         return self.poses_of(self.assignment)
 
     @cached_property

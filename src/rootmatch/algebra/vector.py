@@ -1,15 +1,9 @@
-"""Vectors in space: component by component for scalar kernels, which have no arrays, and as arrays for NumPy."""
+"""Vectors in space, component by component for scalar kernels, which have no arrays."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
+from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.jit.decorators import scalar
-
-Floats = NDArray[np.float64]
 
 
 @scalar
@@ -48,27 +42,4 @@ def rotated_about_y(c, s, x, y, z):  # type: ignore[no-untyped-def]
     return c * x + s * z, y, c * z - s * x
 
 
-def tangent_basis_of(x: Any, y: Any, z: Any) -> Any:
-    """Two unit vectors orthogonal to a unit vector and to each other, without a branch (Duff et al. 2017).
-
-    The three are right-handed in this order: first × second = (x, y, z). Plain Python, for a single vector;
-    `tangent_basis` is the same as a kernel, `tangent_bases` serves arrays.
-    """
-    sign = 1.0 if z >= 0.0 else -1.0
-    w = -1.0 / (sign + z)
-    v = x * y * w
-    return (1.0 + sign * x * x * w, sign * v, -sign * x), (v, sign + y * y * w, -y)
-
-
 tangent_basis = scalar(tangent_basis_of)
-
-
-def tangent_bases(vectors: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (…, 3) orthogonal to unit vectors (…, 3) and to each other; right-handed like `tangent_basis`.
-
-    Not the same vectors: these begin with the axis to which each vector is least aligned, which NumPy has as a lookup.
-    """
-    axis = np.eye(3)[np.abs(vectors).argmin(axis=-1)]
-    first = np.cross(vectors, axis)
-    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(vectors, first)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.algebra.vector import tangent_basis_of
+from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
 
 ANTIPODE = 1e-12

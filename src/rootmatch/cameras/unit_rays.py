@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.algebra.vector import tangent_bases
+from rootmatch.algebra.directions import tangent_bases
 from rootmatch.cameras.base import CameraModel, Floats
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.errors import InputError

@@ -17,6 +17,7 @@ from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
 from rootmatch.cli.surroundings import let_go_of_output, prepare, terminated
+from rootmatch.cli.warmup import warmup
 from rootmatch.errors import RootmatchError, printable
 
 STOPPED = "no partial output is left"
@@ -26,6 +27,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "simulate": simulate,
     "reproduce": reproduce,
     "benchmark": benchmark,
+    "warmup": warmup,
 }
 """The commands by name. Their modules import heavy packages inside the function, so that help stays instant."""
 

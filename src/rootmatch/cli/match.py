@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from typing import Any
 
 import typer
 
 from rootmatch.cli import match_options as option
-from rootmatch.cli.cold import compiled_beside
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.match_outputs import Outputs, print_match
@@ -107,13 +105,9 @@ def match(
     with (
         option_names_in_errors({"source": str(model), "target": str(image), **subjects}),
         progress_bar("hyper-edges", progress) as show,
-        ExitStack() as beside,
     ):
         from rootmatch.match import match as find
 
-        if solver is None and preset is None:
-            waiting = beside.enter_context(compiled_beside(posed, _motions(motions) != 1))
-            options |= {"solver": waiting} if waiting else {}
         found = find(
             source.points,
             target.points,

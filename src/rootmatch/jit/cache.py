@@ -1,72 +1,260 @@
-"""Compiled code on disk: what Numba has compiled already, and what to do with a cache that cannot be read.
+"""Compiled code on disk: drivers find what is prebuilt, or what an earlier process has compiled, and compile the rest.
 
-Numba unpickles what it finds. A file that an earlier version of the package has left, whose modules have other names
-by now, or one that is cut short, would end the first call with an error from inside pickle. Here it counts as missing.
+Unlike Numba's own cache, a file holds one overload and its name says all that it depends on: types, processor, versions
+and the digest of all sources that compiled code is made of (`rootmatch.jit.sources`), not of the driver's file alone. A
+file that cannot be read counts as missing. Nothing is imported or set up that only a compiler needs: that would take
+longer than to load all kernels of a match.
 """
 
 from __future__ import annotations
 
+import hashlib
+import logging
+import pickle
+import sys
+import uuid
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
+from numba import config, njit
 
+from rootmatch.jit import prebuilt
 from rootmatch.jit.fallback import MISSING, warn_lost
+from rootmatch.jit.locks import FileLock
+
+LOG = logging.getLogger("rootmatch")
+
+HASH_SECRET = b"_numba_hashsecret"
+"""In code that hashes, which needs what Numba sets up for compiling."""
+
+SUFFIX = ".kernel"
 
 
-def is_compiled(kernel: Any) -> bool:
-    """Whether a jitted function with ``cache=True`` has been compiled, for any types.
+class Settings:
+    """Where compiled code is looked for and kept, for a process that compiles ahead of need."""
 
-    True as well where Numba does not tell: who asks would compile ahead of need, which can be left.
-    """
+    into: Path | None = None
+    """The only folder, for what is prebuilt for a generic processor; None: the prebuilt one, and the user's own."""
+    native: bool = False
+    """Whether to do without what is prebuilt, and compile for this very processor."""
+
+
+def _described(kind: Any) -> str:
+    """A type of Numba in words that are the same in every process, and another's in none."""
+    made_of = getattr(kind, "instance_class", None)
+    if made_of is None:
+        return str(kind)
+    parts = ", ".join(_described(part) for part in kind)
+    return f"{made_of.__module__}.{made_of.__qualname__}[{kind}]({parts}){_outside(made_of)}"
+
+
+def _outside(made_of: type) -> str:
+    """Of a class that is none of this package's, a digest of its file, whose kernels `sources` does not know."""
+    if made_of.__module__.partition(".")[0] == "rootmatch":
+        return ""
+    file = getattr(sys.modules.get(made_of.__module__), "__file__", None)
     try:
-        if kernel.signatures:
-            return True
-        folder, file = Path(kernel.stats.cache_path or ""), Path(kernel.py_func.__code__.co_filename)
-        return next(folder.glob(f"{file.stem}.{kernel.__name__}-*.nbi"), None) is not None
-    except MISSING:
-        return True
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+    except OSError:
+        return ""
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _announce(driver: str) -> None:
+    """Say once a process, and in a terminal, why a match takes longer than it will the next time."""
+    if Settings.into is not None or Settings.native or _announce_once:
+        return
+    _announce_once.append(driver)
+    line = (
+        "compiling kernels for this machine, which is done once and takes a minute at most "
+        f"({prebuilt.misfit() or 'a rare one is not prebuilt'}); `rootmatch warmup` does it ahead"
+    )
+    LOG.info(line)
+    if sys.stderr is not None and sys.stderr.isatty():
+        print(f"rootmatch: {line}", file=sys.stderr)
+
+
+_announce_once: list[str] = []
 
 
 try:
-    from numba.core.caching import FunctionCache
+    from numba.core.caching import CompileResultCacheImpl
+    from numba.core.compiler import CompileResult
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.registry import CPUDispatcher
+    from numba.core.runtime.nrt import rtsys
+    from numba.core.serialize import dumps
+    from numba.core.sigutils import normalize_signature
 
-    class TolerantCache(FunctionCache):
-        """The cache of one function, which is compiled anew where the cache cannot be read."""
+    class KernelCache:
+        """The compiled overloads of one driver on disk; the interface is that of Numba's caches."""
+
+        def __init__(self, function: Any) -> None:
+            self.function = function
+            self.locks: list[FileLock] = []
+
+        @cached_property
+        def _numba(self) -> Any:
+            """Numba's part, which knows where a function's compiled code may be kept; None where that is nowhere."""
+            try:
+                made: Any = CompileResultCacheImpl(self.function)  # type: ignore[no-untyped-call]
+            except RuntimeError:  # no folder can be written
+                return None
+            return made
+
+        @property
+        def cache_path(self) -> str | None:
+            """The folder of what is compiled for this machine."""
+            if Settings.into is not None:
+                return str(Settings.into)
+            return str(self._numba.locator.get_cache_path()) if self._numba is not None else None
+
+        def flush(self) -> None:
+            """Forget what is on disk."""
+            if self.cache_path is not None:
+                for path in Path(self.cache_path).glob(f"{self._stem}.*{SUFFIX}"):
+                    path.unlink(missing_ok=True)
+
+        def enable(self) -> None:
+            """As Numba's caches; it always is."""
+
+        def disable(self) -> None:
+            """As Numba's caches; it never is."""
+
+        @cached_property
+        def _stem(self) -> str:
+            """How the names of all files of the driver begin."""
+            return f"{self.function.__module__}.{self.function.__qualname__}".replace("<locals>", "locals")
+
+        @cached_property
+        def _code(self) -> str:
+            """A digest of the driver itself and of what it closes over."""
+            code = self.function.__code__
+            cells = tuple(cell.cell_contents for cell in self.function.__closure__ or ())
+            file = Path(code.co_filename)
+            text = file.read_bytes() if file.is_file() else b""
+            parts = [text, code.co_code, repr(code.co_firstlineno).encode(), dumps(cells) if cells else b""]  # type: ignore[no-untyped-call]
+            return hashlib.sha256(b"\0".join(parts)).hexdigest()
+
+        def _name(self, sig: Any, processor: Any) -> str:
+            """The name of an overload's file: driver, sources, and all else."""
+            arguments, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
+            types = "; ".join(map(_described, arguments))
+            key = _digest(f"{types}\n{processor}\n{prebuilt.interpreter()}\n{self._code}")
+            return f"{self._stem}.{prebuilt.stamp()}.{key}{SUFFIX}"
+
+        def _own(self, sig: Any, codegen: Any) -> Path | None:
+            """The file of an overload compiled on this machine."""
+            if self.cache_path is None:
+                return None
+            processor = "generic" if Settings.into is not None else codegen.magic_tuple()
+            return Path(self.cache_path) / self._name(sig, processor)
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
-            """The compiled function, None where there is none or it cannot be read."""
+            """The compiled function; None where it has to be compiled, which no other process does then."""
+            own = self._own(sig, target_context.codegen())
+            found = self._read(own, target_context)
+            if found is None and Settings.into is None and not Settings.native:
+                shipped = prebuilt.usable_folder()
+                found = self._read(shipped and shipped / self._name(sig, "generic"), target_context)
+            if found is None:
+                _announce(self._stem)
+                if own is not None and (lock := FileLock.taken(own)) is not None:
+                    self.locks.append(lock)
+                    found = self._read(own, target_context)  # which another process has compiled meanwhile
+            return found
+
+        def _read(self, path: Path | None, target_context: Any) -> Any:
+            """The compiled function in a file, None where that cannot be read."""
+            if path is None:
+                return None
             try:
-                return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+                data = path.read_bytes()
+            except OSError:
+                return None
+            try:
+                if HASH_SECRET in data:
+                    target_context.refresh()
+                rtsys.initialize(target_context)
+                return CompileResult._rebuild(target_context, *pickle.loads(data))  # type: ignore[no-untyped-call]
             except Exception:  # pickle runs what it reads: anything can come of a damaged file
-                self.flush()  # type: ignore[no-untyped-call]
                 return None
 
         def save_overload(self, sig: Any, data: Any) -> None:
-            """Keep a compiled function where there is room for it: a full disk ends no match."""
+            """Keep what has been compiled, and remove what is left of other sources."""
+            arguments, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
+            passing = any(isinstance(kind, numba.types.Callable) for kind in arguments)  # which has no lasting name
+            own = self._own(sig, data.codegen)
+            if own is None or passing or not self._numba.check_cachable(data):
+                return
             with suppress(OSError):
-                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+                own.parent.mkdir(parents=True, exist_ok=True)
+                _write(own, dumps(self._numba.reduce(data)))  # type: ignore[no-untyped-call]
+                for other in own.parent.glob(f"{self._stem}.*{SUFFIX}"):
+                    if not other.name.startswith(f"{self._stem}.{prebuilt.stamp()}."):
+                        other.unlink(missing_ok=True)
 
+        def release(self, count: int) -> None:
+            """Give back locks taken beyond a number of them."""
+            while len(self.locks) > count:
+                self.locks.pop().release()
+
+    class DriverDispatcher(CPUDispatcher):
+        """A jitted function that Python calls, kept on disk."""
+
+        _cache: KernelCache
+
+        def __init__(self, py_func: Any, *arguments: Any, **options: Any) -> None:
+            super().__init__(py_func, *arguments, **options)
+            self._cache = KernelCache(py_func)
+
+        def compile(self, sig: Any) -> Any:
+            """Load or compile one overload."""
+            with global_compiler_lock:
+                held = len(self._cache.locks)
+                try:
+                    return super().compile(sig)
+                finally:
+                    self._cache.release(held)
+
+    def _write(path: Path, data: bytes) -> None:
+        """Write a file whole or not at all."""
+        draft = path.with_name(f".draft-{uuid.uuid4().hex}")
+        try:
+            draft.write_bytes(data)
+            draft.replace(path)
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
+
+    DriverDispatcher(lambda: None, targetoptions={"nopython": True, "boundscheck": None})
+    _ = CompileResult._rebuild, CompileResult._reduce, CompileResultCacheImpl.check_cachable
     AVAILABLE = True
 except MISSING as error:
     AVAILABLE = False
-    warn_lost("a damaged cache of compiled code ends a match; delete it then", error)
+    warn_lost("kernels that come with it cannot be used, and a damaged cache of compiled code ends a match", error)
 
 
 def kept_on_disk(options: dict[str, Any]) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit` with ``cache=True``; without a cache where no folder for it can be written."""
 
     def decorated(function: Callable[..., Any]) -> Any:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return function
+        if AVAILABLE:
+            return DriverDispatcher(function, targetoptions={"nopython": True, "boundscheck": None, **options})
         try:
-            made: Any = njit(cache=True, **options)(function)
+            return njit(cache=True, **options)(function)
         except RuntimeError as error:
             if "cannot cache" not in str(error):
                 raise
             return njit(**options)(function)
-        if AVAILABLE and hasattr(made, "_cache"):
-            made._cache = TolerantCache(function)  # type: ignore[no-untyped-call]
-        return made
 
     return decorated

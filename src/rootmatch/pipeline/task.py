@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal, Self
@@ -15,7 +16,7 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import wide_first
-from rootmatch.pipeline.body_labels import BodyLabels, check_bodies
+from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.pipeline.validation import (
     check_callable,
     check_choice,
@@ -30,6 +31,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler, SamplingTask
 from rootmatch.solvers import Solver, get_solver
@@ -147,6 +149,10 @@ class MatchingTask:
         Prior weights of correspondences.
     bodies : BodyLabels, optional
         Which rigid body each source point belongs to, where there are several.
+    predicted : Pose, optional
+        A predicted pose with its covariance.
+    predicted_bodies : dict
+        Those of several bodies, by label.
     deadline : Deadline
         When every stage hands on what it has found.
     """
@@ -160,6 +166,8 @@ class MatchingTask:
     allowed: NDArray[np.bool_] | None = None
     prior: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
+    predicted: Pose | None = None
+    predicted_bodies: dict[Label, Pose] = field(default_factory=dict)
     deadline: Deadline = NEVER
 
     @classmethod
@@ -174,6 +182,7 @@ class MatchingTask:
         view_angle: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
         bodies: ArrayLike | None = None,
+        prior: Pose | Mapping[Label, Pose] | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
     ) -> Self:
@@ -186,15 +195,20 @@ class MatchingTask:
         """
         check_problem(problem)
         options = options or MatchOptions()
+        if prior is not None:
+            Capability.PRIOR.require(problem.takes_prior, problem.name)
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
             noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
-        points = problem.validated(source, target, noise, normals, view_angle)
+        least = None if prior is None else 1
+        points = problem.validated(source, target, noise, normals, view_angle, least_target=least)
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
-        allowed, prior = split_candidates(candidates, *points.shape)
+        allowed, weights = split_candidates(candidates, *points.shape)
         labels = None if bodies is None else check_bodies(bodies, points.shape[0], problem.order)
+        if prior is not None:
+            check_predicted(prior, labels)
         if labels is not None and (options.motions != 1 or estimates):
             raise InputError(
                 "motions: bodies= says which points move together; leave motions out"
@@ -209,8 +223,10 @@ class MatchingTask:
             noise=noise,
             estimates_noise=estimates,
             allowed=allowed,
-            prior=prior,
+            prior=weights,
             bodies=labels,
+            predicted=prior if isinstance(prior, Pose) else None,
+            predicted_bodies=dict(prior) if isinstance(prior, Mapping) else {},
             deadline=deadline,
         )
 
@@ -276,10 +292,13 @@ class MatchingTask:
         points = self.points.with_noise(*parsed)
         return replace(self, points=points, noise=sigma, estimates_noise=False)
 
-    def body(self, points: NDArray[np.int64]) -> Self:
-        """The task of the source points of one body and all detections, with the prior."""
+    def body(self, k: int) -> Self:
+        """The task of one of the bodies and all detections, with its priors."""
+        assert self.bodies is not None
+        points = self.bodies.points_of(k)
         prior = None if self.prior is None else np.ascontiguousarray(self.prior[points])
-        return replace(self.subset(points, np.arange(self.shape[1])), prior=prior)
+        one = self.subset(points, np.arange(self.shape[1]))
+        return replace(one, prior=prior, predicted=self.predicted_bodies.get(self.bodies.names[k]))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
         """The task of some of the points, evaluated in this process, without the prior."""
@@ -291,8 +310,33 @@ class MatchingTask:
             allowed=allowed,
             prior=None,
             bodies=None,
+            predicted=None,
+            predicted_bodies={},
         )
 
 
 OPTIONS = frozenset(option.name for option in fields(MatchOptions))
 """Names of the options of `rootmatch.match` that do not depend on a frame."""
+
+
+def check_predicted(prior: object, labels: BodyLabels | None) -> None:
+    """Refuse anything but one pose with a covariance, or with several bodies some of theirs by label."""
+    if labels is None:
+        check_prior(prior)
+        return
+    if not isinstance(prior, Mapping):
+        raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
+    for label, pose in prior.items():
+        if label not in labels.names:
+            raise InputError(
+                f"prior: no body is labelled {label!r}; the labels are {', '.join(map(str, labels.names))}"
+            )
+        check_prior(pose, f"prior of {label!r}")
+
+
+def check_prior(prior: object, name: str = "prior") -> None:
+    """Refuse anything but a pose in space with a covariance."""
+    if not isinstance(prior, Pose):
+        raise InputError(f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance)")
+    if prior.R.shape != (3, 3) or prior.covariance is None or prior.covariance.shape != (6, 6):
+        raise InputError(f"{name}: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")

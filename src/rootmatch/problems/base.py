@@ -48,6 +48,8 @@ class Problem(ABC):
     """Whether the source is a first image rather than points in space."""
     takes_normals: ClassVar[bool] = False
     """Whether source points are points in space seen by a camera, which normals tell the visible side of."""
+    takes_prior: ClassVar[bool] = False
+    """Whether a pose of its camera can be predicted: source points in space, and ``camera``."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
     fits_groups: ClassVar[bool] = False
@@ -75,6 +77,8 @@ class Problem(ABC):
         noise: ArrayLike = 1.0,
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
+        *,
+        least_target: int | None = None,
     ) -> PointSets:
         """The points, checked once for everything that follows.
 
@@ -92,6 +96,8 @@ class Problem(ABC):
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
             Degrees from its normal within which a point is visible. Default: 90.
+        least_target : int, optional
+            Least number of target points; that of a hyper-edge by default.
 
         Raises
         ------
@@ -101,7 +107,7 @@ class Problem(ABC):
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order)
-        second = check_points(target, self.target_dimension, "target", self.order)
+        second = check_points(target, self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))
         sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)

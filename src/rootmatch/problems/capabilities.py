@@ -16,6 +16,8 @@ class Capability(Enum):
 
     NORMALS = "normals", "does not use them, as its source is not seen by one calibrated camera", "leave them out"
     """Declared by `Problem.takes_normals`."""
+    PRIOR = "prior", "has no camera whose pose could be predicted", "leave it out"
+    """Declared by `Problem.takes_prior`."""
     SOURCE_NOISE = (
         "noise",
         "has exact source points, and a pair (source, target) was given",

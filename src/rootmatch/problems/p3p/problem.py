@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
-from rootmatch.problems.p3p.quartic import quartic_in_ratio
-from rootmatch.problems.p3p.tables import P3PTables
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.absolute import absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+
+if TYPE_CHECKING:
+    from rootmatch.problems.p3p.tables import P3PTables
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class P3P(Problem):
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     paper_rho: ClassVar[float] = 1e-9
     takes_normals: ClassVar[bool] = True
+    takes_prior: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4
 
@@ -59,6 +61,8 @@ class P3P(Problem):
 
     def tables(self, points: PointSets) -> P3PTables:
         """Tables for the kernels; see `Problem.tables`."""
+        from rootmatch.problems.p3p.tables import P3PTables  # takes Numba, which a bad file should not wait for
+
         check_not_collinear(points.source, "source")
         # a common unit keeps polynomials of kilometres and of millimetres alike
         places = points.source - points.source.mean(axis=0)
@@ -91,6 +95,8 @@ class P3P(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
+        from rootmatch.problems.p3p.quartic import quartic_in_ratio
+
         points = np.asarray(source, dtype=float)
         rays = self.camera.bearings(target)
         side = [((points[:, (k + 1) % 3] - points[:, k]) ** 2).sum(axis=1) for k in range(3)]  # ab, bc, ca

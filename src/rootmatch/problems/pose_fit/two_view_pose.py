@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
-from rootmatch.algebra.vector import tangent_bases
 from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
     STEPS,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,9 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.similarity.tables import SimilarityTables
+
+if TYPE_CHECKING:
+    from rootmatch.problems.similarity.tables import SimilarityTables
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,10 @@ class Similarity(Problem):
 
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""
+        from rootmatch.problems.similarity.tables import (
+            SimilarityTables,
+        )  # takes Numba, which a bad file should not wait for
+
         first, second = points.source, points.target
         oriented = self.dimension == 2 and not self.mirror
         return SimilarityTables(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +17,9 @@ from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.relative import Views, relative_fit
 from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
-from rootmatch.problems.three_plus_one.quartic import quartic
-from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
+
+if TYPE_CHECKING:
+    from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ class ThreePlusOne(Problem):
 
     def tables(self, points: PointSets) -> ThreePlusOneTables:
         """Tables for the kernels; see `Problem.tables`."""
+        from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables  # takes Numba: see `P3P`
+
         camera, camera2 = self.cameras
         rotation, rotation2 = self.rotations()
         return ThreePlusOneTables(
@@ -122,6 +125,8 @@ class ThreePlusOne(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
+        from rootmatch.problems.three_plus_one.quartic import quartic
+
         camera, camera2 = self.cameras
         rotation, rotation2 = self.rotations()
         first = (camera.bearings(source) @ rotation.T).tolist()

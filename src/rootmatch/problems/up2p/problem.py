@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,9 @@ from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.up2p.group_fit import upright_chi2, upright_extended, upright_grown
-from rootmatch.problems.up2p.quadratic import quadratic
-from rootmatch.problems.up2p.tables import UP2PTables
+
+if TYPE_CHECKING:
+    from rootmatch.problems.up2p.tables import UP2PTables
 
 FIRST_GATE = 6.0
 """Deviations within which a detection joins a group of three points, whose pose is uncertain; `GATE` for larger ones.
@@ -66,6 +66,7 @@ class UP2P(Problem):
     to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
     takes_normals: ClassVar[bool] = True
+    takes_prior: ClassVar[bool] = True
     fits_groups: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 3
@@ -89,6 +90,8 @@ class UP2P(Problem):
 
     def tables(self, points: PointSets) -> UP2PTables:
         """Tables for the kernels; see `Problem.tables`."""
+        from rootmatch.problems.up2p.tables import UP2PTables  # takes Numba, which a bad file should not wait for
+
         world, camera = self.rotations()
         rays = self.camera.bearings(points.target) @ camera.T
         centred = (points.source - points.source.mean(axis=0)) @ world.T
@@ -119,6 +122,8 @@ class UP2P(Problem):
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² of groups; see `Problem.group_chi2`."""
+        from rootmatch.problems.up2p.group_fit import upright_chi2
+
         variance = tables.variance + tables.tilt_variance
         chi2: NDArray[np.float64] = upright_chi2(tables.points, tables.rays, variance, groups)
         return chi2
@@ -127,6 +132,8 @@ class UP2P(Problem):
         self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
     ) -> NDArray[np.int64]:
         """Groups with what they predict; see `Problem.group_grown`."""
+        from rootmatch.problems.up2p.group_fit import upright_grown
+
         of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
         grown: NDArray[np.int64] = upright_grown(*of, FIRST_GATE**2, GATE**2, _mask(allowed))
         return grown
@@ -135,6 +142,8 @@ class UP2P(Problem):
         self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
     ) -> NDArray[np.int64]:
         """Groups with one more; see `Problem.group_extended`."""
+        from rootmatch.problems.up2p.group_fit import upright_extended
+
         of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
         rows = 4 * len(groups)
         while True:
@@ -153,6 +162,8 @@ class UP2P(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
+        from rootmatch.problems.up2p.quadratic import quadratic
+
         world, camera = self.rotations()
         rays = self.camera.bearings(target) @ camera.T
         points = np.asarray(source, dtype=float)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.vector import tangent_basis_of
+from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import scalar
 from rootmatch.options import Options, option

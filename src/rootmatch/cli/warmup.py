@@ -1,0 +1,28 @@
+"""The command ``rootmatch warmup``: kernels compiled ahead of the first match."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def warmup(
+    everything: Annotated[
+        bool, typer.Option("--all", help="Every problem, kind of residual and solver; several minutes.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+) -> None:
+    """Compile the kernels of usual matches for this machine, on all cores.
+
+    The kernels that come with a wheel are for any processor of its kind; those compiled here are for this very one, and
+    are used from then on. Needed once for each version of rootmatch, Numba and Python. Without a wheel it spares the
+    first match the wait.
+
+    Exit code 0: compiled; 130: interrupted, what is compiled is kept.
+    """
+    from rootmatch.cli.progress import progress_bar
+    from rootmatch.warmup import warm_up
+
+    with progress_bar("kernels", not quiet) as progress:
+        warm_up("all" if everything else "first", progress)

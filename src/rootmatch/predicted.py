@@ -1,0 +1,154 @@
+"""Matching with a predicted pose: at once where the prediction decides, otherwise without it, and it is then judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.assessment import TRUST, Status
+from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
+from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.problems.pose_fit.absolute import AbsoluteFit
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.result import Match
+
+VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
+"""Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
+
+
+def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) -> Match:
+    """The match of a task with a predicted pose.
+
+    Where the prediction and the detections do not agree on an assignment that is beyond chance, all is searched without
+    the prediction; `Match.prior_holds` says what came of it.
+    """
+    direct = direct_match(task)
+    if direct is not None:
+        return direct
+    without = replace(task, predicted=None)
+    if task.shape[1] < task.problem.order:
+        return empty_match(
+            without,
+            f"the prior pose is not confirmed, and {task.shape[1]} detections are given where a search without it "
+            f"needs {task.problem.order}",
+        )
+    return _judged(task, solve(without))
+
+
+def direct_match(task: MatchingTask) -> Match | None:
+    """The match that a prediction decides; None where it does not."""
+    assert task.predicted is not None
+    found = match_with_prior(task, prior_of(task))
+    if found is None or not found.believed:
+        return None
+    return _match(task, found)
+
+
+def _match(task: MatchingTask, found: Found) -> Match:
+    n, n_target = task.shape
+    matched = found.assignment >= 0
+    soft = np.zeros((n, n_target))
+    soft[matched, found.assignment[matched]] = found.probability
+    best = found.alternatives[0][1] - found.log_odds if found.alternatives else -math.inf
+    return Match(
+        task=task,
+        assignment=found.assignment,
+        score=found.log_odds,
+        margin=1.0 - math.exp(min(best, 0.0)),
+        alternatives=found.alternatives[: TRUST.alternatives],
+        soft=soft,
+        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
+        motions=np.where(matched, 0, -1),
+        status=Status.MATCHED if found.probability >= TRUST.probability else Status.AMBIGUOUS,
+        converged=True,
+        hyperedges=0,
+        seconds=0.0,
+        fitted_probability=found.probability,
+        prior_holds=True,
+        fused_pose=found.pose,
+    )
+
+
+def _judged(task: MatchingTask, found: Match) -> Match:
+    """A match found without the prediction, and whether that held; it decides between what else is equally good."""
+    if found.status is Status.UNTRUSTED:
+        return replace(found, prior_holds=None)
+    every = [found.assignment, *(other for other, _ in found.alternatives)]
+    every = [one for one in every if (one >= 0).sum() > task.problem.minimal]
+    frame = PriorFrame(task, prior_of(task))
+    fits = [frame.fitted(one, *pose) for one, pose in zip(every, _poses(task, every), strict=True)]
+    near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
+    if not near:
+        return replace(found, prior_holds=False)
+    if found.status is Status.MATCHED:
+        own = fits[0]
+        held = own in near
+        return replace(found, task=task, prior_holds=held, fused_pose=_pose(own) if held else None)
+    near.sort(key=lambda fit: -fit.log_odds)
+    best, others = near[0], near[1:]
+    share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))
+    probability = share / (1.0 + frame.neighbours(best))
+    return replace(
+        found,
+        task=task,
+        assignment=best.assignment,
+        alternatives=[(one, score) for one, score in [(found.assignment, found.score), *found.alternatives]
+                      if not np.array_equal(one, best.assignment)],
+        motions=np.where(best.assignment >= 0, 0, -1),
+        status=Status.MATCHED if probability >= TRUST.probability else Status.AMBIGUOUS,
+        fitted_probability=probability,
+        prior_holds=True,
+        fused_pose=_pose(best),
+    )  # fmt: skip
+
+
+def _pose(fit: PriorFit) -> Pose:
+    return Pose(fit.R, fit.t, fit.covariance)
+
+
+def _poses(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[tuple[NDArray[np.float64], ...]]:
+    """Rotation and translation that fit each assignment, in the caller's frame and unit."""
+    if not assignments:
+        return []
+    fit = task.problem.fitted(task.points, np.array(assignments))
+    assert isinstance(fit, AbsoluteFit)
+    centre = task.points.source.mean(axis=0)
+    unit = math.sqrt(float(((task.points.source - centre) ** 2).mean()))
+    return [(R, unit * t - R @ centre) for R, t in zip(fit.rotation, fit.translation, strict=True)]
+
+
+def empty_match(task: MatchingTask, fault: str) -> Match:
+    """The match of a task that leaves nothing to match."""
+    n, n_target = task.shape
+    return Match(
+        task=task,
+        assignment=np.full(n, -1, np.int64),
+        score=0.0,
+        margin=0.0,
+        alternatives=[],
+        soft=np.zeros((n, n_target)),
+        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
+        motions=np.full(n, -1, np.int64),
+        status=Status.UNTRUSTED,
+        converged=True,
+        hyperedges=0,
+        seconds=0.0,
+        fault=fault,
+    )
+
+
+def free_pose(match: Match) -> Pose:
+    """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
+    if (match.assignment >= 0).sum() <= match.problem.minimal and match.fused_pose is not None:
+        return match.fused_pose
+    task = match.task
+    ((R, t),) = _poses(task, [match.assignment])
+    size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
+    vague = Pose(R, t, np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + float(np.linalg.norm(t)))], 3) ** 2))
+    return _pose(PriorFrame(task, vague).fitted(match.assignment, R, t))

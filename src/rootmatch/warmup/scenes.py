@@ -1,0 +1,75 @@
+"""A small scene of every problem that the package exports; what is compiled depends on types, not on the points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.problems import problem_class
+from rootmatch.problems.base import Problem
+from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+
+CAMERA = Camera(1000.0, 1000.0, 320.0, 240.0)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Points of two sets, and their problem."""
+
+    source: NDArray[np.float64]
+    target: NDArray[np.float64]
+    problem: Problem
+    noise: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> Sample:
+        """A simulated scene."""
+        return cls(scene.source, scene.target, scene.problem, scene.noise)
+
+
+def simulated(name: str, points: int, outliers: int, **more: Any) -> Sample:
+    """A scene of the paper."""
+    make = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}[name]
+    return Sample.of(make(points, outliers, 0.5, 1, **more))
+
+
+def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points turned about the second axis."""
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    return np.asarray(points @ np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]]))
+
+
+def _planar() -> Sample:
+    points = np.random.default_rng(1).uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 14.0), (7, 3))
+    seen = CAMERA.project(points), CAMERA.project(_rotated(points) + np.array([-2.0, 0.0, 1.0]))
+    return Sample(*seen, problem_class("planar")(CAMERA), 0.1)
+
+
+def _unknown_zoom() -> Sample:
+    points = np.random.default_rng(2).uniform(-2.0, 2.0, (7, 3))
+    seen = CAMERA.project(_rotated(points) + np.array([0.3, -0.2, 9.0]))
+    return Sample(points, seen, problem_class("up2pf")((320.0, 240.0)), 0.1)
+
+
+def _point_set(name: str, dimension: int) -> Sample:
+    points = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3))
+    return Sample(points[:, :dimension], _rotated(points)[:, :dimension], problem_class(name)(dimension), 0.01)
+
+
+OWN: dict[str, Callable[[], Sample]] = {
+    "planar": _planar,
+    "up2pf": _unknown_zoom,
+    "similarity": lambda: _point_set("similarity", 2),
+    "rigid": lambda: _point_set("rigid", 2),
+}
+"""Scenes of the problems that the paper has not."""
+
+
+def sample(name: str) -> Sample:
+    """A small scene of the problem of that name."""
+    return OWN[name]() if name in OWN else simulated(name, 8, 2)

@@ -1,0 +1,123 @@
+"""What is done to have kernels compiled: calls of the public functions, as a user makes them.
+
+Kernels are not listed. What a call needs is compiled by it, so a new kernel, problem, residual or solver is covered as
+soon as a call here reaches it; `tests/test_prebuilt.py` finds what none reaches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from rootmatch.hypergraph.affinity import KINDS
+from rootmatch.hypergraph.random_tuples import permuted_tuples
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.match import match, residuals
+from rootmatch.matcher import Matcher
+from rootmatch.problems import PROBLEMS
+from rootmatch.problems.residual_dispatch import kinds_of
+from rootmatch.solvers import SOLVERS
+from rootmatch.warmup.scenes import Sample, sample, simulated
+
+Step = Callable[[], object]
+PAPER = ("p3p", "up2p", "3p1")
+SEARCHED = ("p3p", "up2p")
+"""Problems of the paper, and those with a guided search and several motions."""
+
+
+def matched(scene: Sample, **options: Any) -> None:
+    """A match as a user asks for it."""
+    match(scene.source, scene.target, scene.problem, **{"noise": scene.noise, **options})
+
+
+def listed(scene: Sample, kind: str) -> None:
+    """Residuals of one hyper-edge."""
+    index = np.arange(scene.problem.order)[None]
+    residuals(
+        scene.source, scene.target, scene.problem, source_index=index, target_index=index, kind=kind, noise=scene.noise
+    )
+
+
+def tracked(scene: Sample) -> None:
+    """Two frames."""
+    matcher = Matcher(scene.source, scene.problem, noise=scene.noise)
+    for _ in range(2):
+        matcher.match(scene.target)
+
+
+@cache
+def tensor(order: int) -> AffinityTensor:
+    """Random hyper-edges, a few of which agree."""
+    rng = np.random.default_rng(0)
+    shape, count = (6, 7), 2000
+    sources = permuted_tuples(rng, count, shape[0], order)
+    targets = permuted_tuples(rng, count, shape[1], order)
+    return AffinityTensor.unchecked((sources * shape[1] + targets).astype(np.int32), rng.random(count), shape)
+
+
+def solved(solver: str, order: int) -> None:
+    """A tensor solved."""
+    SOLVERS[solver](tensor(order))
+
+
+def _has(name: str, kind: str) -> bool:
+    scene = sample(name)
+    tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
+    return KINDS[kind] in kinds_of(tables)
+
+
+def first_steps() -> dict[str, Step]:
+    """What a first match of most users needs: the problems of the paper, guided, and with several motions.
+
+    What takes long and shares little comes first, so that workers do not wait for one another.
+    """
+    steps: dict[str, Step] = {"solver ascent, order 4": partial(solved, "ascent", 4)}
+    steps |= {f"match {name}": partial(matched, sample(name)) for name in PAPER}
+    for name in SEARCHED:
+        scene = simulated(name, 12, 8)
+        steps[f"guided {name}"] = partial(matched, scene, hyperedges="guided")
+        steps[f"motions {name}"] = partial(matched, simulated(name, 10, 2, motions=2), motions=2)
+    return steps
+
+
+def prebuilt_steps() -> dict[str, Step]:
+    """What comes with a wheel: all of `first_steps`, every problem and solver, and the paper's preset."""
+    steps = first_steps()
+    steps |= {f"match {name}": partial(matched, sample(name)) for name in PROBLEMS if name not in PAPER}
+    steps |= {f"solver {name}, order {order}": partial(solved, name, order) for name in SOLVERS for order in (4, 3)}
+    for name in PAPER:
+        steps[f"paper {name}"] = partial(matched, simulated(name, 8, 0), preset="paper", samples=2000)
+    for name in PROBLEMS:
+        steps[f"residuals {name}"] = partial(listed, sample(name), "joint")
+    for name in SEARCHED:
+        scene = simulated(name, 12, 8)
+        facing = scene.source - scene.source.mean(axis=0)
+        steps[f"guided {name} with normals"] = partial(matched, scene, hyperedges="guided", normals=facing)
+        steps[f"frames {name}"] = partial(tracked, sample(name))
+    everything = np.ones((8, 10), dtype=bool)
+    steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")
+    steps["candidates of p3p"] = partial(matched, sample("p3p"), candidates=everything)
+    steps["motions of up2p counted"] = partial(matched, simulated("up2p", 10, 2, motions=2), motions="auto")
+    return steps
+
+
+def all_steps() -> dict[str, Step]:
+    """All of `prebuilt_steps`, and every kind of residual of every problem, exhaustive and of a list."""
+    steps = prebuilt_steps()
+    for name in PROBLEMS:
+        for kind in KINDS:
+            if kind != "joint" and _has(name, kind):
+                steps[f"match {name} by {kind}"] = partial(matched, sample(name), residual=kind)
+                steps[f"residuals {name}, {kind}"] = partial(listed, sample(name), kind)
+    return steps
+
+
+STEPS: dict[str, Callable[[], dict[str, Step]]] = {
+    "first": first_steps,
+    "prebuilt": prebuilt_steps,
+    "all": all_steps,
+}
+"""Sets of steps by name."""

@@ -1,0 +1,160 @@
+"""A predicted pose: what it decides alone, what contradicts it, and its fit against a slow one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.pipeline.prior import with_vertical
+from rootmatch.pipeline.prior_frame import PriorFrame
+from rootmatch.pipeline.task import MatchingTask
+
+CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
+SPREAD = np.diag([0.02**2] * 3 + [0.02**2] * 3)
+T = np.array([0.1, -0.2, 3.0])
+
+
+def scene(seed: int, points: int = 8, clutter: int = 3, noise: float = 0.3) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(random_state=seed).as_matrix()
+    source = rng.uniform(-0.5, 0.5, (points, 3))
+    pixels = CAMERA.project(source @ R.T + T) + rng.normal(0.0, noise, (points, 2))
+    target = np.concatenate([pixels, rng.uniform((0.0, 0.0), (640.0, 480.0), (clutter, 2))])
+    order = rng.permutation(len(target))
+    return {"source": source, "target": target[order], "truth": np.argsort(order)[:points], "R": R, "noise": noise}
+
+
+def predicted(made: dict[str, Any], seed: int, scale: float = 1.0, covariance: Any = SPREAD) -> rm.Pose:
+    error = np.random.default_rng([seed, 1]).multivariate_normal(np.zeros(6), covariance) * scale
+    return rm.Pose(Rotation.from_rotvec(error[:3]).as_matrix() @ made["R"], T + error[3:], covariance)
+
+
+def matched(made: dict[str, Any], prior: Any, **options: Any) -> rm.Match:
+    return rm.match(made["source"], made["target"], rm.P3P(CAMERA), noise=made["noise"], prior=prior, **options)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_right_prior_decides(seed: int) -> None:
+    made = scene(seed)
+    match = matched(made, predicted(made, seed))
+    assert match.status is rm.Status.MATCHED
+    assert match.prior_holds
+    assert np.array_equal(match.assignment, made["truth"])
+    assert match.hyperedges == 0
+    assert match.probability is not None
+    assert match.probability > 0.9
+    pose = match.fused_pose
+    assert pose is not None
+    assert pose.covariance is not None
+    off = np.concatenate([Rotation.from_matrix(made["R"] @ pose.R.T).as_rotvec(), T - pose.t])
+    assert off @ np.linalg.solve(pose.covariance, off) < 30.0
+    (whole,) = match.poses  # fitted by other code, to the bottom
+    assert whole is not None
+    assert whole.covariance is not None
+    np.testing.assert_allclose(whole.t, pose.t, atol=1e-3)
+    np.testing.assert_allclose(np.diag(whole.covariance), np.diag(pose.covariance), rtol=0.05)
+
+
+def test_three_detections_are_enough() -> None:
+    made = scene(5, points=6, clutter=0)
+    seen = np.array([0, 2, 5])
+    target = made["target"][made["truth"][seen]]
+    match = rm.match(
+        made["source"], target, rm.P3P(CAMERA), noise=0.3, prior=predicted(made, 5, covariance=SPREAD / 16)
+    )
+    assert match.status is rm.Status.MATCHED
+    assert np.array_equal(match.assignment, [0, -1, 1, -1, -1, 2])
+    nothing = rm.match(made["source"], target, rm.P3P(CAMERA), noise=0.3, prior=predicted(made, 5, scale=40.0))
+    assert nothing.status is rm.Status.UNTRUSTED
+    assert "the prior pose is not confirmed" in nothing.advice
+
+
+def test_a_wrong_prior_is_noticed() -> None:
+    made = scene(2)
+    match = matched(made, predicted(made, 2, scale=20.0))
+    assert match.status is rm.Status.MATCHED
+    assert match.prior_holds is False
+    assert "the prior pose was wrong" in match.advice
+    assert np.array_equal(match.assignment, made["truth"])
+
+
+def test_the_fit_is_the_least_of_all_deviations() -> None:
+    """Against SciPy on the same cost, and the covariance against its Jacobian."""
+    made = scene(3)
+    covariance = SPREAD + 1e-4 * np.outer(np.arange(6.0), np.arange(6.0)) * 0.1
+    prior = predicted(made, 3, covariance=covariance)
+    task = MatchingTask.of(rm.P3P(CAMERA), made["source"], made["target"], noise=0.3)
+    frame = PriorFrame(task, prior)
+    fit = frame.fitted(made["truth"], prior.R, prior.t)
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).T
+
+    def residuals(step: Any) -> Any:
+        R = Rotation.from_rotvec(step[:3]).as_matrix() @ prior.R
+        off = CAMERA.project(made["source"] @ R.T + prior.t + step[3:]) - made["target"][made["truth"]]
+        return np.concatenate([off.ravel() / 0.3, root @ step])
+
+    slow = least_squares(residuals, np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    assert fit.chi2 + fit.chi2_prior == pytest.approx(2.0 * slow.cost, rel=1e-5)
+    expected = np.linalg.inv(slow.jac.T @ slow.jac)
+    assert np.abs(fit.covariance / expected - 1.0).max() < 0.1
+    np.testing.assert_allclose(fit.R, Rotation.from_rotvec(slow.x[:3]).as_matrix() @ prior.R, atol=1e-5)
+    # the evidence: the prior's density times that of the detections, integrated over the pose by Laplace's method
+    rate = frame.rate(made["truth"], fit.at)
+    clutter = 1.5 * (3 + 0.5) / frame.area
+    by_hand = 8 * np.log(rate / clutter / (2.0 * np.pi * 0.3**2)) - slow.cost
+    by_hand += 0.5 * np.linalg.slogdet(expected)[1] - 0.5 * np.linalg.slogdet(covariance)[1]
+    assert fit.log_odds == pytest.approx(by_hand, abs=0.05)
+
+
+def test_a_vertical_narrows_a_prediction() -> None:
+    made = scene(4)
+    down = np.array([0.0, 2.0, 0.0])
+    prior = predicted(made, 4, covariance=SPREAD * 25.0)
+    together = with_vertical(prior, down, made["R"] @ down, 0.001)
+    assert together.covariance is not None
+    assert prior.covariance is not None
+    assert np.linalg.norm(np.cross(together.R @ down, made["R"] @ down)) < 0.02
+    assert np.linalg.slogdet(together.covariance)[1] < np.linalg.slogdet(prior.covariance)[1] - 5.0
+    problem = rm.UP2P(CAMERA, made["R"] @ down, down)
+    match = rm.match(made["source"], made["target"], problem, noise=0.3, prior=predicted(made, 4))
+    assert match.prior_holds
+    assert np.array_equal(match.assignment, made["truth"])
+
+
+@pytest.mark.parametrize(
+    ("prior", "text"),
+    [
+        (np.eye(4), "prior: ndarray given"),
+        (rm.Pose(np.eye(3), T), "with a covariance"),
+        (rm.Pose(np.eye(2), T[:2], np.eye(3)), "in space"),
+        ({"a": rm.Pose(np.eye(3), T, SPREAD)}, "prior: dict given"),
+    ],
+)
+def test_priors_that_cannot_be_used(prior: Any, text: str) -> None:
+    with pytest.raises(rm.InputError, match=text):
+        matched(scene(0), prior)
+
+
+def test_problems_without_a_camera_refuse_a_prior() -> None:
+    points = np.random.default_rng(0).normal(size=(6, 2))
+    with pytest.raises(rm.InputError, match="prior: similarity"):
+        rm.match(points, points, rm.Similarity(2), prior=rm.Pose(np.eye(3), T, SPREAD))
+
+
+def test_priors_of_bodies() -> None:
+    made, other = scene(1), np.random.default_rng(9).uniform(-0.5, 0.5, (5, 3))
+    source, labels = np.concatenate([made["source"], other]), ["hmd"] * 8 + ["left"] * 5
+    prior = {"hmd": predicted(made, 1)}
+    match = rm.match(source, made["target"], rm.P3P(CAMERA), noise=0.3, bodies=labels, prior=prior)
+    assert match.bodies is not None
+    assert match.bodies["hmd"].prior_holds
+    assert np.array_equal(match.bodies["hmd"].assignment, made["truth"])
+    with pytest.raises(rm.InputError, match="no body is labelled 'right'"):
+        rm.match(source, made["target"], rm.P3P(CAMERA), bodies=labels, prior={"right": prior["hmd"]})
+    with pytest.raises(rm.InputError, match="give a dict"):
+        rm.match(source, made["target"], rm.P3P(CAMERA), bodies=labels, prior=prior["hmd"])

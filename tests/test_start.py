@@ -1,0 +1,86 @@
+"""What a start does not load, and kernels compiled ahead of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rootmatch.errors import RootmatchError
+from rootmatch.warmup import warm_up, workers
+from rootmatch.warmup.steps import STEPS
+
+CALL = """
+import json, sys
+from rootmatch.cli import main
+sys.argv = ["rootmatch", *json.loads(sys.argv[1])]
+code = 0
+try:
+    main()
+except SystemExit as end:
+    code = end.code
+print()
+print(json.dumps([code, "numba" in sys.modules]))
+"""
+MATCH = ["match", "model.csv", "image.csv", "--problem", "p3p", "--camera"]
+
+COUNTED = """
+from numba.core import event
+import rootmatch as rm
+from rootmatch.simulation import up2p_scene
+compiled = event.RecordingListener()
+event.register("numba:compile", compiled)
+scene = up2p_scene(8, 2, 0.5, 3)
+rm.match(scene.source, scene.target, scene.problem, noise=0.5)
+assert not compiled.buffer, compiled.buffer
+"""
+
+
+def called(folder: Path, *words: str) -> list[object]:
+    """The exit code of a command, and whether it has imported Numba."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    program = [sys.executable, "-c", CALL, json.dumps(words)]
+    done = subprocess.run(program, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found: list[object] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def test_help_scenes_and_bad_input_take_no_numba(tmp_path: Path) -> None:
+    assert called(tmp_path, "--help") == [0, False]
+    assert called(tmp_path, "match", "--help") == [0, False]
+    for name in ("p3p", "up2p", "3p1"):
+        assert called(tmp_path, "simulate", name, "--points", "6", "--output", name) == [0, False]
+    scene = tmp_path / "p3p"
+    assert called(scene, *MATCH, "camera.json", "--seed", "none") == [2, False]
+    assert called(scene, *MATCH, "absent.json") == [2, False]
+    (scene / "image.csv").write_text("x,y\n1,none\n")
+    for name in ("p3p", "up2p", "3p1", "similarity"):
+        words = ["--problem", name, *(() if name == "similarity" else ("--camera", "camera.json"))]
+        model = "image.csv" if name in ("3p1", "similarity") else "model.csv"
+        assert called(scene, "match", model, "image.csv", *words) == [2, False]
+
+
+def test_match_is_the_function_after_its_module_was_imported() -> None:
+    code = "import rootmatch.match, rootmatch; assert type(rootmatch.match).__name__ == 'function'"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_after_a_warm_up_a_match_compiles_nothing() -> None:
+    told: list[tuple[int, int]] = []
+    warm_up(progress=lambda done, total: told.append((done, total)))
+    count = len(STEPS["first"]())
+    assert told[0] == (0, count)
+    assert told[-1] == (count, count)
+    done = subprocess.run([sys.executable, "-c", COUNTED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_step_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(workers.STEPS, "first", lambda: {"no such step": lambda: None})
+    with pytest.raises(RootmatchError, match=r"warm-up, no such step: .*KeyError"):
+        warm_up(workers=1)

@@ -1,0 +1,161 @@
+"""Frame after frame: predictions, occlusions, and what a tracker says of itself."""
+
+from __future__ import annotations
+
+import gc
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.pipeline.motion_filter import MotionFilter
+from rootmatch.tracker import TrackingOptions
+
+CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
+BODY = np.random.default_rng(4).uniform(-0.3, 0.3, (7, 3)) + np.array([1.0, 0.0, 0.0])
+INTERVAL = 1.0 / 60.0
+
+
+def pose(seconds: float, start: int = 1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    turn = Rotation.from_rotvec([0.5 * np.sin(2.0 * seconds), 0.8 * seconds, 0.1])
+    R = (turn * Rotation.random(random_state=start)).as_matrix()
+    return R, np.array([0.3 * np.sin(3.0 * seconds), 0.2, 3.0]) - R @ BODY.mean(axis=0)
+
+
+def frame(k: int, hidden: bool = False, noise: float = 0.2) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    rng = np.random.default_rng(k)
+    R, t = pose(k * INTERVAL)
+    shown = np.array([], int) if hidden else np.arange(len(BODY))
+    pixels = CAMERA.project(BODY @ R.T + t)[shown] + rng.normal(0.0, noise, (len(shown), 2))
+    target = np.concatenate([pixels, rng.uniform((0.0, 0.0), (640.0, 480.0), (2, 2))])
+    order = rng.permutation(len(target))
+    truth = np.full(len(BODY), -1)
+    truth[shown] = np.argsort(order)[: len(shown)]
+    return target[order], truth
+
+
+def tracker(**options: Any) -> rm.Tracker:
+    return rm.Tracker(BODY, rm.P3P(CAMERA), noise=0.2, **options)
+
+
+def test_a_flight_with_an_occlusion() -> None:
+    one = tracker()
+    assert one.state is rm.TrackingState.LOST
+    assert one.predicted() == {}
+    searched = 0
+    for k in range(60):
+        hidden = 30 <= k < 40
+        target, truth = frame(k, hidden)
+        match = one.match(target)
+        searched += match.hyperedges > 0
+        if hidden:
+            assert one.state is rm.TrackingState.COASTING
+            assert match.status is rm.Status.UNTRUSTED
+            continue
+        assert one.state is rm.TrackingState.TRACKING
+        assert np.array_equal(match.assignment, truth)
+        if k > 0:
+            assert match.prior_holds
+            assert match.fused_pose is not None
+            R, _ = pose(k * INTERVAL)
+            assert np.degrees(Rotation.from_matrix(match.fused_pose.R @ R.T).magnitude()) < 1.0
+    assert searched == 1
+
+
+def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
+    one = tracker(tracking=TrackingOptions(coasting=0.1))
+    for k in range(5):
+        one.match(frame(k)[0])
+    states = []
+    for k in range(70, 74):  # as if a second were missing
+        target, truth = frame(k)
+        match = one.match(target)
+        states.append(one.state)
+    assert states[-1] is rm.TrackingState.TRACKING
+    assert np.array_equal(match.assignment, truth)
+    for k in range(74, 84):
+        one.match(frame(k, hidden=True)[0])
+    assert one.state is rm.TrackingState.LOST
+    assert str(one.state).startswith("lost")
+    assert one.match(np.empty((0, 2))).fault is not None
+    one.match(frame(90)[0])
+    assert one.state is rm.TrackingState.TRACKING
+    one.reset()
+    assert one.state is rm.TrackingState.LOST
+
+
+def test_times_go_forward() -> None:
+    one = tracker()
+    one.match(frame(0)[0], time=2.0)
+    one.match(frame(3)[0], time=2.0 + 3 * INTERVAL)
+    with pytest.raises(rm.InputError, match="give frames in order"):
+        one.match(frame(4)[0], time=2.0)
+    with pytest.raises(rm.InputError, match="time: nan given"):
+        one.match(frame(4)[0], time=float("nan"))
+    with pytest.raises(rm.InputError, match="noise: 'auto'"):
+        rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
+    with pytest.raises(rm.InputError, match="prior: similarity"):
+        rm.Tracker(BODY[:, :2], rm.Similarity(2))
+
+
+def test_a_callers_prior_counts_instead() -> None:
+    one = tracker()
+    R, t = pose(0.0)
+    known = rm.Pose(R, t, np.diag([1e-3] * 6))
+    match = one.match(frame(0)[0], prior=known)
+    assert match.prior_holds
+    assert match.hyperedges == 0
+    assert one.state is rm.TrackingState.TRACKING
+
+
+def test_several_bodies() -> None:
+    other = np.random.default_rng(8).uniform(-0.3, 0.3, (6, 3))
+    both, labels = np.concatenate([BODY, other]), ["hmd"] * 7 + ["left"] * 6
+    one = rm.Tracker(both, rm.P3P(CAMERA), noise=0.2, bodies=labels)
+    R2, t2 = Rotation.random(random_state=3).as_matrix(), np.array([-0.6, -0.2, 3.0])
+    second = CAMERA.project(other @ R2.T + t2)
+    for k in range(4):
+        target, truth = frame(k)
+        there = k != 2
+        match = one.match(np.concatenate([target, second]) if there else target)
+        assert match.bodies is not None
+        assert np.array_equal(match.bodies["hmd"].assignment, truth)
+        if there:
+            assert np.array_equal(match.bodies["left"].assignment, len(target) + np.arange(6))
+        state = rm.TrackingState.TRACKING if there else rm.TrackingState.COASTING
+        assert one.states == {"hmd": rm.TrackingState.TRACKING, "left": state}
+        assert one.state is rm.TrackingState.TRACKING
+
+
+def test_the_filter_is_that_of_kalman() -> None:
+    """A pose fused by hand is the textbook's update of position and velocity."""
+    R, t = pose(0.0)
+    one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)
+    before_R, before_t, P = one._at(0.1)
+    noise = 4e-4 * np.eye(6)
+    H = np.eye(6, 12)
+    measured = np.array([0.01, -0.02, 0.005, 0.003, 0.002, -0.004])
+    gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
+    step, expected = gain @ measured, P - gain @ H @ P
+    fused = one._given(Rotation.from_rotvec(step[:3]).as_matrix() @ before_R, before_t + step[3:6], expected[:6, :6])
+    one.update(fused, 0.1)
+    np.testing.assert_allclose(one.velocity, step[6:], atol=1e-9)
+    np.testing.assert_allclose(one.P, expected, atol=1e-9 * np.abs(expected).max())
+    assert one.predicted(0.1).covariance == pytest.approx(fused.covariance, abs=1e-9)
+
+
+def test_nothing_is_kept_from_frame_to_frame() -> None:
+    one = tracker()
+    one.match(frame(0)[0])
+
+    def objects(frames: range) -> int:
+        for k in frames:
+            one.match(frame(k)[0])
+        gc.collect()
+        return len(gc.get_objects())
+
+    first = objects(range(1, 15))
+    assert objects(range(15, 55)) <= first + 20
