@@ -83,6 +83,7 @@ class Matcher:
             if name not in OPTIONS:
                 raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
         check_problem(problem)
+        problem = problem.for_points(source)
         self.source = check_points(source, problem.source_dimension, "source", problem.order).copy()
         self.problem = problem
         self.noise = noise

@@ -81,8 +81,9 @@ def match(
     posed = build_problem(str(problem), problem_options)
     from rootmatch import io
 
-    source = io.read_points(model, posed.source_dimension, posed.order)
-    target = io.read_points(image, posed.target_dimension, posed.order)
+    # 0 where the points say it
+    source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
+    target = io.read_points(image, posed.target_dimension or source.points.shape[1], posed.order)
     true = io.read_truth(truth, source, target) if truth else None
     options: dict[str, Any] = {
         "view_angle": view_angle,
@@ -136,10 +137,13 @@ def _motions(text: str) -> Any:
 
 
 def _noise(text: str) -> Any:
-    """A number of pixels, or "auto"."""
+    """A number of pixels, two of them (source and target), or "auto"."""
     if text == "auto":
         return text
     try:
-        return float(text)
+        source, *target = (float(part) for part in text.split(",", maxsplit=1))
+        return (source, target[0]) if target else source
     except ValueError:
-        raise InputError(f"noise: {quoted(text)} given; give a number of pixels, or auto") from None
+        raise InputError(
+            f"noise: {quoted(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
+        ) from None

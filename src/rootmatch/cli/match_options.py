@@ -36,8 +36,8 @@ Camera = Annotated[
 Noise = Annotated[
     str,
     typer.Option(
-        metavar="PX|auto",
-        help="Standard deviation of a pixel coordinate, or auto to estimate it.",
+        metavar="PX|SOURCE,TARGET|auto",
+        help="Standard deviation of a pixel coordinate (3p1, planar, similarity, rigid: of either set), or auto.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -104,7 +104,10 @@ Centre = Annotated[
 Dimension = Annotated[
     int | None,
     typer.Option(
-        metavar="2|3", help="similarity, rigid: dimension of the points.", show_default="2", rich_help_panel=INPUT
+        metavar="2|3",
+        help="similarity, rigid: dimension of the points.",
+        show_default="3 with a column z",
+        rich_help_panel=INPUT,
     ),
 ]
 Normals = Annotated[
@@ -148,7 +151,7 @@ Hyperedges = Annotated[
     str | None,
     typer.Option(
         metavar="WHICH",
-        help="Which to evaluate: auto, exhaustive, random, or (p3p, up2p) guided.",
+        help="Which to evaluate: auto, exhaustive, random, or guided.",
         show_default="auto",
         rich_help_panel=METHOD,
     ),

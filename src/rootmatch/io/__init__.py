@@ -13,7 +13,15 @@ from rootmatch.io.camera_files import (
     write_camera,
 )
 from rootmatch.io.csv_tables import write_table
-from rootmatch.io.point_files import PointSet, read_candidates, read_points, read_truth, write_matches, write_points
+from rootmatch.io.point_files import (
+    PointSet,
+    point_dimension,
+    read_candidates,
+    read_points,
+    read_truth,
+    write_matches,
+    write_points,
+)
 from rootmatch.io.pose_files import PoseFormat, pose_format, pose_record, write_poses
 
 __all__ = [
@@ -27,6 +35,7 @@ __all__ = [
     "parse_camera",
     "parse_direction",
     "parse_numbers",
+    "point_dimension",
     "pose_format",
     "pose_record",
     "read_camera",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.csv_tables import number, read_table, refuse_repeats, write_table
+from rootmatch.io.csv_tables import number, read_table, read_text, refuse_repeats, write_table
 
 COORDINATES = ("x", "y", "z")
 NORMALS = ("nx", "ny", "nz")
@@ -39,6 +39,18 @@ class PointSet:
     def names(self) -> tuple[str, ...]:
         """The ids, or zero-based row numbers where there are none."""
         return self.ids if self.ids is not None else tuple(str(row) for row in range(len(self.points)))
+
+
+def point_dimension(path: Path) -> int:
+    """3 where the header of a file of points has a column ``z``, else 2.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    header = next((line for line in read_text(path).splitlines() if line.strip(" ,\t")), "")
+    return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
 
 
 def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:

@@ -201,6 +201,7 @@ class MatchingTask:
         if estimates:
             check_choice("noise", noise, ("auto",))
             noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
+        problem = problem.for_points(source)
         least = None if prior is None else 1
         points = problem.validated(source, target, noise, normals, view_angle, least_target=least)
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
@@ -284,6 +285,7 @@ class MatchingTask:
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,
             deadline=self.deadline.part(SAMPLED, RESERVE),
+            clouds=self.problem.point_clouds(self.ordered_points),
         )
 
     def with_noise(self, sigma: float) -> Self:

@@ -14,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import check_normals, check_points, check_view_angle
 from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
@@ -138,11 +139,22 @@ class Problem(ABC):
             self.__dict__.update(source_dimension=camera.dimension)
         self.__dict__.update(target_dimension=(camera2 or camera).dimension)
 
+    def for_points(self, source: ArrayLike) -> Problem:
+        """The problem with what it left open, such as the dimension of `Similarity`, settled by the source points.
+
+        Raises
+        ------
+        InputError
+            If the points do not settle it.
+        """
+        return self
+
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
     ) -> Any:
         """Tables for the kernels of points as they are given; see `validated` and `tables`."""
-        return self.tables(self.validated(source, target, noise, normals))
+        settled = self.for_points(source)
+        return settled.tables(settled.validated(source, target, noise, normals))
 
     @abstractmethod
     def tables(self, points: PointSets) -> Any:
@@ -164,6 +176,10 @@ class Problem(ABC):
         Every assignment needs ``minimal + 1`` matches.
         """
         raise NotImplementedError(f"{self.name} cannot fit answers")
+
+    def point_clouds(self, points: PointSets) -> PointClouds | None:
+        """Both point sets as the search for the motion between them reads them; None where it is none of one space."""
+        return None
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """The most likely pose of each assignment (K, n), with its covariance; None where none is possible.

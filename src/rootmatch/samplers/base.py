@@ -14,6 +14,7 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
+from rootmatch.problems.point_clouds import PointClouds
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,8 @@ class SamplingTask:
     """Called now and then with (done, total), in units of the sampler's own."""
     view_cosine: NDArray[np.float64] | None = None
     """(n,) least cosine between normal and direction to the camera at which a point is visible, where given."""
+    clouds: PointClouds | None = None
+    """Both point sets, where the problem is the motion between two of one space."""
     deadline: Deadline = NEVER
     """When to return what was found until then."""
     problem: str = "the problem"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
+from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
 from rootmatch.problems.pose_fit.pose import Pose
@@ -27,8 +28,8 @@ class Similarity(Problem):
 
     Parameters
     ----------
-    dimension : int
-        2 or 3, of both sets.
+    dimension : int, optional
+        2 or 3, of both sets; by default that of the source points which are matched.
     mirror : bool
         In a plane: whether a mirrored set matches too. In space three points have no handedness, so a mirrored set
         matches always.
@@ -42,11 +43,19 @@ class Similarity(Problem):
     The pose is the most likely motion of the source onto the target. In space it is a rotation, which does not fit a
     mirrored set.
 
+    Beyond two million hyper-edges the guided search takes triples of source points, finds the targets' triangles like
+    them and judges the motion of each by all points: 100 points against 100 take a quarter of a second.
+
+    Fiducials of a plan (CT), exact, against what a tracker reports with 0.2 mm, with missing markers and stray ones::
+
+        match = rm.match(plan, measured, rm.Rigid(), noise=(0.0, 0.2))
+        (pose,) = match.poses  # R, t from plan to tracker, 6 × 6 covariance, RMS in mm
+
     Degenerate: three points on a line (their three equations depend; a large residual: nothing is said), two points
     nearer than the noise; symmetric sets, which match in several ways.
     """
 
-    dimension: int = 2
+    dimension: int | None = None
     mirror: bool = False
     name: ClassVar[str] = "similarity"
     order: ClassVar[int] = 3
@@ -60,9 +69,35 @@ class Similarity(Problem):
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
-        if self.dimension not in (2, 3):
+        if self.dimension not in (None, 2, 3):
             raise InputError(f"dimension: {self.dimension!r} given; 2 or 3 expected")
-        self.__dict__.update(source_dimension=self.dimension, target_dimension=self.dimension)
+        # 0 until `for_points` settles it
+        self.__dict__.update(source_dimension=self.dimension or 0, target_dimension=self.dimension or 0)
+
+    def for_points(self, source: ArrayLike) -> Similarity:
+        """See `Problem.for_points`."""
+        if self.dimension is not None:
+            return self
+        try:
+            shape = np.shape(source)
+        except ValueError:
+            shape = ()
+        if len(shape) < 2 or shape[-1] not in (2, 3):
+            raise InputError(f"source: shape {shape} given, (m, 2) or (m, 3) expected")
+        return replace(self, dimension=int(shape[-1]))
+
+    def validated(
+        self,
+        source: ArrayLike,
+        target: ArrayLike,
+        noise: ArrayLike = 1.0,
+        normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
+    ) -> PointSets:
+        """See `Problem.validated`."""
+        if self.dimension is None:
+            return self.for_points(source).validated(source, target, noise, normals, view_angle)
+        return super().validated(source, target, noise, normals, view_angle)
 
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""
@@ -71,7 +106,7 @@ class Similarity(Problem):
         )  # takes Numba, which a bad file should not wait for
 
         first, second = points.source, points.target
-        oriented = self.dimension == 2 and not self.mirror
+        oriented = first.shape[1] == 2 and not self.mirror
         return SimilarityTables(
             source=distances(first),
             target=distances(second),
@@ -82,12 +117,23 @@ class Similarity(Problem):
             scale=np.array([self.scale]),
         )
 
+    def point_clouds(self, points: PointSets) -> PointClouds:
+        """See `Problem.point_clouds`."""
+        return PointClouds(
+            source=points.source,
+            target=points.target,
+            source_variance=points.source_noise**2,
+            target_variance=points.target_noise**2,
+            scaled=self.scale == 0.0,
+            mirror=self.mirror and points.source.shape[1] == 2,
+        )
+
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Motions of the source onto the target; see `Problem.poses`.
 
         Covariances are 6 × 6 in space and 3 × 3 in a plane, with one row and column more for an unknown scale.
         """
-        mirror = self.mirror and self.dimension == 2
+        mirror = self.mirror and points.source.shape[1] == 2
         return [point_set_pose(points, one, scaled=self.scale == 0.0, mirror=mirror) for one in assignments]
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
 from rootmatch.samplers.guided.stopping import StoppingOptions
 from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.samplers.guided.visibility import VisibilityOptions
+from rootmatch.samplers.point_sets.options import PointSetOptions
 
 __all__ = [
     "BatchOptions",
@@ -19,6 +20,7 @@ __all__ = [
     "GridOptions",
     "GuidedOptions",
     "MinimalSetOptions",
+    "PointSetOptions",
     "RefinementOptions",
     "SequentialTestOptions",
     "StoppingOptions",
@@ -105,6 +107,8 @@ class GuidedOptions(Options):
         Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond; not tuned.
     stopping, test, sets, verification, clustering, refinement, batches, grid, visibility
         Options of the parts; see their classes.
+    point_sets : PointSetOptions
+        Options of the search between two point sets of one space, which takes the place of all parts above.
     """
 
     budget: int = option(500_000_000, above=0)
@@ -125,3 +129,4 @@ class GuidedOptions(Options):
     batches: BatchOptions = option(BatchOptions())
     grid: GridOptions = option(GridOptions())
     visibility: VisibilityOptions = option(VisibilityOptions())
+    point_sets: PointSetOptions = option(PointSetOptions())

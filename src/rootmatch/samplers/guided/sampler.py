@@ -13,6 +13,7 @@ from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.limits import LIMITS
+from rootmatch.samplers.point_sets.sampler import point_set_tensor
 
 SEARCHED, RESERVE, WEIGHED = 0.8, 0.2, 0.5
 """Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of the hyper-edges of
@@ -24,7 +25,8 @@ SECONDS_PER_EDGE = 4e-7
 def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
-    return has_hypotheses(type(task.tables)) and task.hyperedge_count > most
+    possible = task.clouds is not None or has_hypotheses(type(task.tables))
+    return possible and task.hyperedge_count > most
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Guided(GuidedOptions):
             If the problem's minimal sets make no hypotheses.
         """
         tables, affinity = task.tables, task.affinity
+        if task.clouds is not None:
+            return point_set_tensor(task, task.clouds, self)
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
         search = Search(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()

@@ -1,0 +1,57 @@
+"""Motions between matched points, many at once, and how well they suit all points (NumPy)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.point_clouds import PointClouds
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Motions(NamedTuple):
+    """H motions x' = A x + t, A = scale · R."""
+
+    linear: Floats
+    """(H, k, k)."""
+    shift: Floats
+    """(H, k)."""
+    scale: Floats
+    """(H,)."""
+
+    def take(self, which: NDArray[np.integer]) -> Motions:
+        """Some of them."""
+        return Motions(self.linear[which], self.shift[which], self.scale[which])
+
+    def squares(self, clouds: PointClouds) -> tuple[Floats, Floats]:
+        """Squared distances (H, n, n') of targets from moved source points, and variances of a coordinate of these."""
+        moved = clouds.source @ self.linear.swapaxes(-1, -2) + self.shift[:, None]
+        centre = clouds.target.mean(axis=0)
+        first, second = moved - centre, clouds.target - centre
+        squared = (first**2).sum(axis=-1)[..., None] - 2.0 * first @ second.T + (second**2).sum(axis=-1)
+        variance = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
+        return np.maximum(squared, 0.0), variance
+
+
+def fitted_motions(source: Floats, target: Floats, scaled: bool, mirror: bool, weight: Floats | None = None) -> Motions:
+    """Least-squares motions of points (H, m, k) onto points (H, m, k), with weights (H, m) if any (Umeyama 1991)."""
+    share = np.full(source.shape[:2], 1.0 / source.shape[1])
+    if weight is not None:
+        share = weight / weight.sum(axis=1, keepdims=True)
+    centre, centre2 = (np.einsum("hm,hmk->hk", share, points) for points in (source, target))
+    first, second = source - centre[:, None], target - centre2[:, None]
+    u, values, vt = np.linalg.svd(np.einsum("hmi,hmj->hij", second * share[..., None], first))
+    signs = np.ones(values.shape)
+    if not mirror:
+        signs[:, -1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    rotation = (u * signs[:, None]) @ vt
+    scale = np.ones(len(source))
+    if scaled:
+        spread = np.einsum("hm,hmk->h", share, first**2)
+        scale = (values * signs).sum(axis=1) / np.maximum(spread, 1e-300)
+    linear = scale[:, None, None] * rotation
+    return Motions(linear, centre2 - np.einsum("hij,hj->hi", linear, centre), scale)

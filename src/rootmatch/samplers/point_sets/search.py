@@ -1,0 +1,236 @@
+"""The search for motions between two point sets: triples of source points, and the triples of targets like them.
+
+Three points give the motion. A wide triple of source points is compared with the triangles of the targets: pairs of
+targets as far apart as its first two points are looked up in a sorted list, third ones are those at the right distances
+from both. Few triangles are alike by chance; the motion of each is judged by how many of all points it explains.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import Deadline
+from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.hypotheses import HypothesisClusters
+from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
+from rootmatch.samplers.point_sets.options import PointSetOptions
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+ROUNDS = 4
+"""Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
+BLOCK = 64
+"""Motions that are judged together."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionHypothesis:
+    """A motion that was refined on the points which it explains."""
+
+    evidence: float
+    """Log-likelihood ratio of its matches against chance, without those of three of them."""
+    assignment: Integers
+    """(n,) target of each source point, −1 for none."""
+    ratios: Floats
+    """(n, n') logarithm of the likelihood of each correspondence over that by chance; −∞ beyond the gate."""
+
+
+class MotionSearch:
+    """Motions between the point sets of a task, the highest evidence first."""
+
+    def __init__(self, task: SamplingTask, clouds: PointClouds, options: PointSetOptions, deadline: Deadline) -> None:
+        self.clouds, self.options, self.deadline, self.task = clouds, options, deadline, task
+        self.rng = np.random.default_rng(task.seed)
+        self.n, self.n_target = task.shape
+        self.dimension = clouds.source.shape[1]
+        self.near = _distances(clouds.source)
+        self.far = _distances(clouds.target)
+        self.allowed = task.candidates
+        first, second = np.triu_indices(self.n_target, 1)
+        order = np.argsort(self.far[first, second], kind="stable")
+        self.pairs = np.stack([first[order], second[order]], axis=1)
+        self.lengths = self.far[self.pairs[:, 0], self.pairs[:, 1]]
+        variance = clouds.target_variance
+        self.widest = math.sqrt(2.0 * float(variance.max()) + 2.0 * float(clouds.source_variance.max()))
+        # the density of detections that chance spreads over the box of the targets
+        box = np.ptp(clouds.target, axis=0)
+        box = np.maximum(box * (self.n_target + 1) / (self.n_target - 1), 2.0 * np.sqrt(2.0 * np.pi * variance.max()))
+        self.log_density = math.log(self.n_target) - float(np.log(box).sum())
+        self.hypotheses: list[MotionHypothesis] = []
+        self.evaluated = self.judged = self.tried = 0
+
+    @property
+    def level(self) -> float:
+        """Evidence that chance may reach."""
+        return math.log(self.judged + 1.0) + self.options.beyond
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the best motion is beyond chance."""
+        return bool(self.hypotheses) and self.hypotheses[0].evidence > self.level
+
+    def run(self) -> None:
+        """Try triples until a motion as good as the best one can hardly have been missed."""
+        while self.tried < self.options.triples and not self.deadline.passed():
+            if self.tried >= self.options.least and self._finished():
+                return
+            triple = self._triple()
+            self._take(triple, self._alike(triple))
+            self.tried += 1
+            if self.task.progress is not None and self.tried % BLOCK == 0:
+                self.task.progress(self.tried, self.options.triples)
+
+    def _finished(self) -> bool:
+        """Whether a motion that explains as many points would have been found, at least once, by now."""
+        if self.task.motions != 1 or not self.conclusive:
+            return False
+        matched = float((self.hypotheses[0].assignment >= 0).mean())
+        return self.tried * math.log1p(-min(matched**3, 1.0 - 1e-12)) < math.log(self.options.missed)
+
+    def _triple(self) -> Integers:
+        """The widest of some random triples, by area."""
+        drawn = self.rng.integers(0, self.n, (self.options.draws, 3))
+        a, b, c = drawn.T
+        sides = np.sort(np.stack([self.near[a, b], self.near[b, c], self.near[a, c]]), axis=0)
+        # Heron: 16 times the squared area, 0 for a point drawn twice
+        low, middle, high = sides
+        area = (low + middle + high) * (low + middle - high) * (high + low - middle) * (high + middle - low)
+        return np.asarray(drawn[int(np.argmax(area))], dtype=np.int64)
+
+    def _alike(self, triple: Integers) -> Integers:
+        """Triples of targets (H, 3) whose triangle is that of the source points, up to noise."""
+        a, b, c = triple.tolist()
+        if len({a, b, c}) < 3:
+            return np.empty((0, 3), np.int64)
+        options, clouds = self.options, self.clouds
+        ab, ac, bc = self.near[a, b], self.near[a, c], self.near[b, c]
+        pairs = self.pairs
+        if not clouds.scaled:
+            window = options.gate * self.widest
+            low, high = np.searchsorted(self.lengths, [ab - window, ab + window])
+            pairs = pairs[low:high]
+        if len(pairs) > options.pairs:
+            pairs = pairs[np.sort(self.rng.permutation(len(pairs))[: options.pairs])]
+        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+        if self.allowed is not None:
+            pairs = pairs[self.allowed[a, pairs[:, 0]] & self.allowed[b, pairs[:, 1]]]
+        self.evaluated += len(pairs) * self.n_target
+        u, v = clouds.source_variance, clouds.target_variance
+        k, l = pairs.T  # noqa: E741
+        length = self.far[k, l]
+        scale = length / ab if clouds.scaled else np.ones(len(pairs))
+        own = v[k] + v[l] + scale**2 * (u[a] + u[b])
+        alike = np.abs(length - scale * ab) <= options.gate * np.sqrt(own)
+        k, l, scale, own = k[alike], l[alike], scale[alike, None], own[alike, None]  # noqa: E741
+        # an unknown scale has the noise of the side that it is taken from
+        of_scale = own / ab**2 if clouds.scaled else np.zeros_like(own)
+        third = np.ones((len(k), self.n_target), np.bool_)
+        for corner, image, side in ((a, k, ac), (b, l, bc)):
+            variance = v[image][:, None] + v + scale**2 * (u[corner] + u[c]) + of_scale * side**2
+            third &= (self.far[image] - scale * side) ** 2 <= options.gate**2 * variance
+        if self.allowed is not None:
+            third &= self.allowed[c]
+        row, m = np.nonzero(third)
+        k, l = k[row], l[row]  # noqa: E741
+        distinct = (m != k) & (m != l)
+        found: Integers = np.stack([k, l, m], axis=1)[distinct]
+        if self.dimension == 2 and not clouds.mirror:
+            turns = _turn(clouds.target[found]) * _turn(clouds.source[triple][None])
+            found = found[turns > 0.0]
+        return found
+
+    def _take(self, triple: Integers, images: Integers) -> None:
+        """Judge the motions that take the triple onto its images; refine and keep the best."""
+        clouds, options = self.clouds, self.options
+        if not len(images):
+            return
+        source = np.broadcast_to(clouds.source[triple], (len(images), 3, self.dimension))
+        motions = fitted_motions(source, clouds.target[images], clouds.scaled, clouds.mirror)
+        counts = np.empty(len(images))
+        for start in range(0, len(images), BLOCK):
+            part = np.arange(start, min(start + BLOCK, len(images)))
+            squared, variance = motions.take(part).squares(clouds)
+            close = squared <= options.wide_gate**2 * variance
+            if self.allowed is not None:
+                close &= self.allowed
+            # as many as have one, of either set
+            counts[part] = np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1))
+        self.judged += len(images)
+        self.evaluated += len(images) * self.n
+        for one in np.argsort(-counts, kind="stable")[: options.refined].tolist():
+            if counts[one] > 3:
+                self._refine(motions.take(np.array([one])))
+
+    def _refine(self, motion: Motions) -> None:
+        """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""
+        clouds, options = self.clouds, self.options
+        gates = np.geomspace(options.wide_gate, options.gate, ROUNDS)
+        for gate in gates.tolist():
+            squared, variance = (part[0] for part in motion.squares(clouds))
+            ratios = self._ratios(squared, variance, gate)
+            members, images = _mutual(ratios)
+            if len(members) <= 3:
+                return
+            weight = 1.0 / variance[members, images]
+            motion = fitted_motions(
+                clouds.source[members][None], clouds.target[images][None], clouds.scaled, clouds.mirror, weight[None]
+            )
+        squared, variance = (part[0] for part in motion.squares(clouds))
+        ratios = self._ratios(squared, variance, options.gate)
+        members, images = _mutual(ratios)
+        worth = np.sort(ratios[members, images])
+        assignment = np.full(self.n, -1, np.int64)
+        assignment[members] = images
+        evidence = float(worth[:-3].sum())
+        if any(np.array_equal(assignment, other.assignment) for other in self.hypotheses):
+            return
+        self.hypotheses.append(MotionHypothesis(evidence, assignment, ratios))
+        self.hypotheses.sort(key=lambda one: -one.evidence)
+        del self.hypotheses[options.kept :]
+
+    def _ratios(self, squared: Floats, variance: Floats, gate: float) -> Floats:
+        """Log-likelihood ratios (n, n') of correspondences against chance; −∞ beyond the gate."""
+        with np.errstate(divide="ignore"):
+            log = -0.5 * (squared / variance + self.dimension * np.log(2.0 * np.pi * variance)) - self.log_density
+        possible = squared <= gate**2 * variance
+        if self.allowed is not None:
+            possible &= self.allowed
+        # where chance puts targets as near, a match says nothing, and nothing against the motion
+        return np.where(possible, np.maximum(log, 0.0), -np.inf)
+
+    def clusters(self) -> HypothesisClusters:
+        """The motions that are kept, each with the targets that its points may have."""
+        width = min(self.options.candidates, self.n_target)
+        lists = np.full((len(self.hypotheses), self.n, width), -1, np.int64)
+        for g, one in enumerate(self.hypotheses):
+            order = np.argsort(-one.ratios, axis=1, kind="stable")[:, :width]
+            lists[g] = np.where(np.isfinite(np.take_along_axis(one.ratios, order, axis=1)), order, -1)
+        evidence = np.array([one.evidence for one in self.hypotheses])
+        return HypothesisClusters(lists, evidence, self.level)
+
+    def assignments(self) -> Integers:
+        """Assignments (K, n) of the motions, the highest evidence first."""
+        return np.array([one.assignment for one in self.hypotheses], np.int64).reshape(-1, self.n)
+
+
+def _distances(points: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(points[:, None] - points, axis=-1))
+
+
+def _turn(corners: Floats) -> Floats:
+    """Twice the signed areas (H,) of triangles (H, 3, 2)."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
+def _mutual(ratios: Floats) -> tuple[Integers, Integers]:
+    """Correspondences that are the best of both of their points."""
+    forward, back = ratios.argmax(axis=1), ratios.argmax(axis=0)
+    members = np.flatnonzero((back[forward] == np.arange(len(ratios))) & np.isfinite(ratios.max(axis=1)))
+    return members, forward[members]

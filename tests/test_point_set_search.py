@@ -1,0 +1,170 @@
+"""The search for the motion between two point sets: its triangles and motions against loops over all of them."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.deadline import NEVER
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.samplers.point_sets.motions import fitted_motions
+from rootmatch.samplers.point_sets.options import PointSetOptions
+from rootmatch.samplers.point_sets.search import MotionSearch
+
+PROBLEMS = [rm.Rigid(2), rm.Rigid(3), rm.Similarity(2), rm.Similarity(3), rm.Similarity(2, mirror=True)]
+
+
+def fiducials(
+    problem: rm.Similarity, seed: int, n: int, matched: int, stray: int, sigma: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Plan (n, k), what a tracker reports (matched + stray, k), and the truth (n,)."""
+    rng = np.random.default_rng(seed)
+    k = problem.dimension
+    assert k is not None
+    plan = rng.uniform(-1.0, 1.0, (n, k))
+    R = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-3.0, 3.0)] if k == 2 else rng.normal(size=3)).as_matrix()[:k, :k]
+    if problem.mirror:
+        R = R @ np.diag([-1.0, 1.0])
+    moved = (1.0 if isinstance(problem, rm.Rigid) else 1.6) * plan @ R.T + rng.normal(size=k)
+    seen = rng.permutation(n)[:matched]
+    reported = np.vstack(
+        [moved[seen] + sigma * rng.normal(size=(matched, k)), rng.uniform(moved.min(0), moved.max(0), (stray, k))]
+    )
+    order = rng.permutation(len(reported))
+    truth = np.full(n, -1)
+    truth[seen] = np.argsort(order)[:matched]
+    return plan, reported[order], truth
+
+
+def search_of(
+    problem: rm.Similarity, source: np.ndarray, target: np.ndarray, sigma: float, **options: object
+) -> MotionSearch:
+    task = MatchingTask.of(problem, source, target, noise=(0.0, sigma), **options).sampling_task  # type: ignore[arg-type]
+    assert task.clouds is not None
+    return MotionSearch(task, task.clouds, PointSetOptions(), NEVER)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("masked", [False, True])
+def test_triangles_that_are_alike(problem: rm.Similarity, masked: bool) -> None:
+    """Against loops over all triples of targets, each judged by the lengths of its sides and its turn."""
+    sigma, gate = 0.02, PointSetOptions().gate
+    source, target, _ = fiducials(problem, 1, 8, 8, 3, sigma)
+    allowed = np.random.default_rng(0).random((8, 11)) < 0.7 if masked else None
+    search = search_of(problem, source, target, sigma, candidates=allowed)
+    clouds, allowed = search.clouds, search.allowed
+    side = lambda points, i, j: float(np.linalg.norm(points[i] - points[j]))  # noqa: E731
+    exact, noisy = 1e-6, sigma**2  # variance 0 is taken as (1e-6)²
+    for a, b, c in ((0, 1, 2), (5, 3, 7)):
+        expected = []
+        for k, l, m in itertools.permutations(range(11), 3):  # noqa: E741
+            if allowed is not None and not (allowed[a, k] and allowed[b, l] and allowed[c, m]):
+                continue
+            ab, kl = side(clouds.source, a, b), side(clouds.target, k, l)
+            s = kl / ab if clouds.scaled else 1.0
+            first = 2.0 * noisy + 2.0 * s * s * exact**2
+            if not clouds.scaled and abs(kl - ab) > gate * np.sqrt(first):
+                continue
+            of_scale = first / ab**2 if clouds.scaled else 0.0
+            close = True
+            for p, q in ((a, k), (b, l)):
+                length = side(clouds.source, p, c)
+                spread = 2.0 * noisy + 2.0 * s * s * exact**2 + of_scale * length**2
+                close &= abs(side(clouds.target, q, m) - s * length) <= gate * np.sqrt(spread)
+            if close and problem.dimension == 2 and not problem.mirror:
+                corners = clouds.source[[a, b, c]], clouds.target[[k, l, m]]
+                turns = [np.linalg.det(np.stack([x[1] - x[0], x[2] - x[0]])) for x in corners]
+                close = turns[0] * turns[1] > 0.0
+            if close:
+                expected.append((k, l, m))
+        found = search._alike(np.array([a, b, c]))
+        assert sorted(map(tuple, found.tolist())) == sorted(expected)
+
+
+def test_motions_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(0)
+    source, weight = rng.normal(size=(4, 6, 3)), rng.uniform(0.5, 2.0, (4, 6))
+    target = source @ Rotation.random(rng=rng).as_matrix().T + 0.1 * rng.normal(size=(4, 6, 3)) + 3.0
+    motions = fitted_motions(source, target, False, False, weight)
+    for k in range(4):
+        middle, middle2 = (np.average(points[k], axis=0, weights=weight[k]) for points in (source, target))
+        expected, _ = Rotation.align_vectors(target[k] - middle2, source[k] - middle, weight[k])
+        np.testing.assert_allclose(motions.linear[k], expected.as_matrix(), atol=1e-9)
+        np.testing.assert_allclose(motions.shift[k], middle2 - expected.as_matrix() @ middle, atol=1e-9)
+
+
+def most_explained(source: np.ndarray, target: np.ndarray, within: float) -> int:
+    """Points that the best of all motions explains: every triple on every triple of targets, by scipy."""
+    best = 0
+    for i in itertools.combinations(range(len(source)), 3):
+        for j in itertools.permutations(range(len(target)), 3):
+            first, second = source[list(i)], target[list(j)]
+            sides = [np.linalg.norm(x - np.roll(x, 1, 0), axis=1) for x in (first, second)]
+            if np.abs(sides[0] - sides[1]).max() > 2.0 * within:
+                continue
+            R, _ = Rotation.align_vectors(second - second.mean(axis=0), first - first.mean(axis=0))
+            moved = R.apply(source - first.mean(axis=0)) + second.mean(axis=0)
+            best = max(best, int((np.linalg.norm(moved[:, None] - target, axis=-1).min(axis=1) < within).sum()))
+    return best
+
+
+def test_the_best_motion_of_all_is_found() -> None:
+    for seed in range(6):
+        source, target, truth = fiducials(rm.Rigid(3), seed, 8, 6, 3, 0.005)
+        search = search_of(rm.Rigid(3), source, target, 0.005)
+        search.run()
+        explained = int((search.hypotheses[0].assignment >= 0).sum())
+        assert explained >= most_explained(source, target, 3.0 * 0.005)
+        assert explained >= (truth >= 0).sum()
+
+
+@pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_hundred_against_a_hundred(problem: rm.Similarity, dimension: int) -> None:
+    """Half of the markers are missing, half of what is reported is stray; the dimension is that of the points."""
+    settled = type(problem)(dimension)
+    for seed in range(2):
+        plan, reported, truth = fiducials(settled, seed, 100, 50, 50, 0.001)
+        match = rm.match(plan, reported, problem, noise=(0.0, 0.001))
+        assert match.status is rm.Status.MATCHED
+        matched = match.assignment >= 0
+        assert matched.sum() >= 48
+        # in a plane a stray point may lie as near as the right one
+        assert (match.assignment == truth)[matched].mean() >= 0.95
+        (pose,) = match.poses
+        assert pose is not None
+        assert pose.covariance is not None
+        assert pose.rms_sigma == pytest.approx(1.0, abs=0.3)
+        assert len(pose.R) == dimension
+
+
+def test_a_fifth_is_enough() -> None:
+    plan, reported, truth = fiducials(rm.Rigid(3), 3, 100, 20, 80, 0.002)
+    match = rm.match(plan, reported, rm.Rigid(), noise=(0.0, 0.002))
+    assert match.status is rm.Status.MATCHED
+    assert (match.assignment == truth).mean() > 0.97
+
+
+def test_unrelated_points_are_not_trusted() -> None:
+    rng = np.random.default_rng(1)
+    match = rm.match(rng.uniform(-1, 1, (40, 3)), rng.uniform(-1, 1, (40, 3)), rm.Rigid(), noise=(0.0, 0.01))
+    assert match.status is rm.Status.UNTRUSTED
+
+
+def test_markers_that_look_alike_turned_by_half_are_ambiguous() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.uniform(-1.0, 1.0, (12, 3))
+    plan = np.vstack([half, half * [-1.0, -1.0, 1.0]])
+    reported = plan[rng.permutation(24)] @ Rotation.from_rotvec([0.3, 0.2, 0.5]).as_matrix().T
+    match = rm.match(plan, reported + 0.001 * rng.normal(size=(24, 3)), rm.Rigid(), noise=(0.0, 0.001))
+    assert match.status is rm.Status.AMBIGUOUS
+
+
+@pytest.mark.parametrize("source", [np.zeros((5, 4)), np.zeros(5), [[1, 2], [3]]])
+def test_points_that_settle_no_dimension_are_refused(source: object) -> None:
+    with pytest.raises(rm.InputError, match="source"):
+        rm.match(source, np.eye(3), rm.Rigid())  # type: ignore[arg-type]
