@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rootmatch.backends import cpu
+from rootmatch.deadline import Deadline
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.exhaustive import given_tensor
@@ -16,8 +17,11 @@ SEARCHED = 0.7
 
 def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that motions name; see `rootmatch.Guided`."""
-    search = MotionSearch(task, clouds, options.point_sets, task.deadline.part(SEARCHED))
-    search.run()
+    deadline = task.deadline.part(SEARCHED)
+    if options.max_seconds is not None and options.max_seconds < deadline.left():
+        deadline = Deadline(options.max_seconds)
+    search = MotionSearch(task, clouds, options.point_sets, deadline)
+    search.run(options.budget)
     source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, options, search.rng)
     tensor = given_tensor(task, source, target)
     samples = options.point_sets.chance_samples

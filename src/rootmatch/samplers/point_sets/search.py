@@ -75,9 +75,9 @@ class MotionSearch:
         """Whether the best motion is beyond chance."""
         return bool(self.hypotheses) and self.hypotheses[0].evidence > self.level
 
-    def run(self) -> None:
-        """Try triples until a motion as good as the best one can hardly have been missed."""
-        while self.tried < self.options.triples and not self.deadline.passed():
+    def run(self, budget: int = 500_000_000) -> None:
+        """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent."""
+        while self.tried < self.options.triples and self.evaluated < budget and not self.deadline.passed():
             if self.tried >= self.options.least and self._finished():
                 return
             triple = self._triple()
