@@ -105,6 +105,9 @@ class Problem(ABC):
         InputError
             If the points cannot be used; the text says why.
         """
+        settled = self.for_points(source)
+        if settled is not self:
+            return settled.validated(source, target, noise, normals, view_angle, least_target=least_target)
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order)

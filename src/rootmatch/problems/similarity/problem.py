@@ -86,19 +86,6 @@ class Similarity(Problem):
             raise InputError(f"source: shape {shape} given, (m, 2) or (m, 3) expected")
         return replace(self, dimension=int(shape[-1]))
 
-    def validated(
-        self,
-        source: ArrayLike,
-        target: ArrayLike,
-        noise: ArrayLike = 1.0,
-        normals: ArrayLike | None = None,
-        view_angle: ArrayLike | None = None,
-    ) -> PointSets:
-        """See `Problem.validated`."""
-        if self.dimension is None:
-            return self.for_points(source).validated(source, target, noise, normals, view_angle)
-        return super().validated(source, target, noise, normals, view_angle)
-
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""
         from rootmatch.problems.similarity.tables import (
