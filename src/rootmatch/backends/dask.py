@@ -4,6 +4,9 @@ What is kept depends neither on the blocks nor on the order in which they come b
 residual not on its block, so the tensor is the same to the last bit as that of one process, as long as the workers run
 the same compiled code. On one machine they do: they find it on disk. Two machines that compile each for itself may
 round differently, in the fourteenth digit: give them one folder in ``NUMBA_CACHE_DIR`` if that matters.
+
+Work and results travel as pickles: who controls the scheduler, a worker or the connection can run anything; see
+SECURITY.md.
 """
 
 from __future__ import annotations

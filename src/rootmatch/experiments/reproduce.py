@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -18,6 +17,7 @@ from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Evaluate, Plan, check_jobs, run, units
 from rootmatch.experiments.unit import evaluate
+from rootmatch.experiments.whole_files import put
 
 STORE_NAME = "results.sqlite"
 
@@ -94,12 +94,9 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
     """Write figures, curves and claims; a file that is being replaced stays whole until the new one is."""
     files: list[Path] = []
 
-    def put(name: str, content: bytes) -> None:
-        path = output / name
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(content)
-        os.replace(part, path)
-        files.append(path)
+    def add(name: str, content: bytes) -> None:
+        put(output / name, content)
+        files.append(output / name)
 
     import matplotlib as mpl
 
@@ -119,9 +116,9 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
             for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 buffer = BytesIO()
                 figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-                put(f"{stem}.{kind}", buffer.getvalue())
+                add(f"{stem}.{kind}", buffer.getvalue())
     for problem in table.problems:
-        put(f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode())
-    put("rho-scan.csv", scan_csv(table.rhos).encode())
-    put("claims.md", claims.encode())
+        add(f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode())
+    add("rho-scan.csv", scan_csv(table.rhos).encode())
+    add("claims.md", claims.encode())
     return tuple(files)

@@ -11,12 +11,15 @@ from dataclasses import astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
 from rootmatch.experiments.settings import Method, Setting
 
 SCHEMA_VERSION = 1
+WAITS = 60.0
+"""Seconds for which a run waits for another one that is writing."""
 
 _SCHEMA = """
 CREATE TABLE settings (
@@ -95,29 +98,50 @@ class Store:
     Raises
     ------
     InputError
-        If the file is no such store, or one of another layout.
+        If the file is no such store, damaged, locked, or one of another layout; later, where it cannot be written any
+        more, as on a full disk. What was written before is kept.
     """
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
-        # Transactions are begun and ended here by hand, not by the module.
-        self._connection = sqlite3.connect(path, timeout=60.0, isolation_level=None)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path.parent}: cannot be made ({error.strerror}); name another output folder") from None
+        # Transactions are begun and ended here by hand, not by the module.
+        with self._said():
+            self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        """Lay out a new file, or make sure that an old one is whole and of this layout."""
+        with self._said():
+            # before anything is written: a database of somebody else is left as it is
+            tables = self._connection.execute("SELECT 1 FROM sqlite_master").fetchone()
+            (found,) = self._connection.execute("PRAGMA user_version").fetchone()
+            if found == 0 and tables:
+                raise InputError(f"{self.path}: not a store of results, but another database; name another folder")
+            if found not in (0, SCHEMA_VERSION):
+                raise InputError(
+                    f"{self.path}: layout {found}, expected {SCHEMA_VERSION}; name another output folder, or go on "
+                    "with the version of rootmatch that made it"
+                )
+            for (line,) in self._connection.execute("PRAGMA quick_check(1)"):
+                if line != "ok":
+                    raise sqlite3.DatabaseError(str(line))
             self._connection.execute("PRAGMA journal_mode=WAL")
             self._connection.execute("PRAGMA synchronous=NORMAL")
             with self._transaction():
+                # another run may have laid it out in the meantime
                 (found,) = self._connection.execute("PRAGMA user_version").fetchone()
                 if found == 0:
                     for statement in _SCHEMA.split(";\n"):
                         self._connection.execute(statement)
                     self._connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
-        except sqlite3.DatabaseError as error:
-            self.close()
-            raise InputError(f"{path}: not a store of results ({error}); name another output folder") from None
-        if found not in (0, SCHEMA_VERSION):
-            self.close()
-            raise InputError(f"{path}: layout {found}, expected {SCHEMA_VERSION}; name another output folder")
 
     def __enter__(self) -> Store:
         return self
@@ -133,13 +157,39 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        self._connection.execute("BEGIN IMMEDIATE")
+        with self._said():
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:  # a full disk may have ended it
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    @contextmanager
+    def _said(self) -> Iterator[None]:
+        """Errors of SQLite as one line that says what to do."""
         try:
             yield
-        except BaseException:
-            self._connection.execute("ROLLBACK")
-            raise
-        self._connection.execute("COMMIT")
+        except sqlite3.OperationalError as error:
+            text = str(error)
+            if "locked" in text:
+                text = f"another program has held it for {WAITS:g} s; end that one"
+            elif "full" in text or "disk I/O" in text:
+                text = f"{text}; free some room, what is done is kept and the same command goes on"
+            else:
+                text = f"{text}; check its permissions, or name another output folder"
+            raise InputError(f"{self.path}: cannot be used: {text}") from None
+        except sqlite3.DatabaseError as error:
+            raise InputError(
+                f"{self.path}: damaged, or not a store of results ({error}); move it away, or name another folder"
+            ) from None
+
+    def _fetched(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
+        """The lines of a query."""
+        with self._said():
+            return self._connection.execute(query, values).fetchall()
 
     def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:
         """Number of a line of a table, added when absent."""
@@ -176,16 +226,16 @@ class Store:
     def done(self) -> dict[tuple[Setting, Method, int], set[int]]:
         """The sample sizes that are there, for each setting, method and seed."""
         there: dict[tuple[Setting, Method, int], set[int]] = {}
-        settings = {i: Setting(*rest) for i, *rest in self._connection.execute("SELECT * FROM settings")}
-        methods = {i: Method(*rest) for i, *rest in self._connection.execute("SELECT * FROM methods")}
-        for s, m, seed, samples in self._connection.execute("SELECT setting, method, seed, samples FROM results"):
+        settings = {i: Setting(*rest) for i, *rest in self._fetched("SELECT * FROM settings")}
+        methods = {i: Method(*rest) for i, *rest in self._fetched("SELECT * FROM methods")}
+        for s, m, seed, samples in self._fetched("SELECT setting, method, seed, samples FROM results"):
             there.setdefault((settings[s], methods[m], seed), set()).add(samples)
         return there
 
     def rows(self) -> list[tuple[object, ...]]:
         """All rows of the view ``rows``, in an order that does not depend on when they were written."""
         key = "problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples"
-        return self._connection.execute(f"SELECT * FROM rows ORDER BY {key}").fetchall()
+        return self._fetched(f"SELECT * FROM rows ORDER BY {key}")
 
     def accuracies(self, setting: Setting, method: Method, seeds: range) -> dict[int, dict[int, float]]:
         """Accuracy by sample size and seed."""
@@ -196,15 +246,15 @@ class Store:
             WHERE problem = ? AND outliers = ? AND noise = ? AND baseline = ? AND motions = ?
               AND residual = ? AND solver = ? AND rho = ? AND seed >= ? AND seed < ? ORDER BY samples, seed"""
         values = (*astuple(setting), *astuple(method), seeds.start, seeds.stop)
-        for samples, seed, accuracy in self._connection.execute(query, values):
+        for samples, seed, accuracy in self._fetched(query, values):
             found.setdefault(samples, {})[seed] = accuracy
         return found
 
     def versions(self) -> list[str]:
         """The versions under which the rows were worked out."""
-        return [text for (text,) in self._connection.execute("SELECT text FROM versions ORDER BY id")]
+        return [text for (text,) in self._fetched("SELECT text FROM versions ORDER BY id")]
 
     def seconds(self) -> float:
         """Processor time spent on all the rows, over all runs."""
-        (total,) = self._connection.execute("SELECT COALESCE(SUM(seconds), 0) FROM work").fetchone()
+        ((total,),) = self._fetched("SELECT COALESCE(SUM(seconds), 0) FROM work")
         return float(total)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from rootmatch.experiments.hypergraph.protocol import DEFORMATION, POINTS
 from rootmatch.experiments.hypergraph.published import ACCURACY, METHODS, MILLISECONDS
 from rootmatch.experiments.settings import Setting
 from rootmatch.experiments.statistics import Estimate, estimate
+from rootmatch.experiments.whole_files import put
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,9 +178,6 @@ def write(results: Results, output: Path) -> tuple[Path, ...]:
             contents[f"hypergraph.{kind}"] = buffer.getvalue()
     files = []
     for name, content in contents.items():
-        path = output / name
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(content)
-        os.replace(part, path)
-        files.append(path)
+        put(output / name, content)
+        files.append(output / name)
     return tuple(files)

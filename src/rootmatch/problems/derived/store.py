@@ -4,7 +4,7 @@ A generated module holds one literal (the plan) and functions of plain arithmeti
 is compiled its syntax tree is held against a short list of what may occur: no import, attribute, subscript, loop,
 comparison, or call of anything but a few functions of numbers. What passes can only compute numbers; whether they are
 the right ones is checked numerically afterwards, at every load. The folder is created for its owner alone, and a file
-that others could have written is not read.
+that others could have written is not read. SECURITY.md says the same.
 """
 
 from __future__ import annotations

@@ -92,7 +92,10 @@ class UP2PF(Problem):
 
     def tables(self, points: PointSets) -> DerivedTables:
         """Tables for the kernels; see `Problem.tables`."""
-        return self.derived.tables(replace(points, source=self._rotated(points.source)))
+        # a common unit and origin keep polynomials of kilometres and of millimetres alike
+        centred = points.source - points.source.mean(axis=0)
+        centred /= np.sqrt((centred**2).mean())
+        return self.derived.tables(replace(points, source=self._rotated(centred)))
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Poses with focal lengths; see `Problem.poses`.
