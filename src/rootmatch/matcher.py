@@ -84,7 +84,8 @@ class Matcher:
                 raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
         check_problem(problem)
         problem = problem.for_points(source)
-        self.source = check_points(source, problem.source_dimension, "source", problem.order).copy()
+        alone = bodies is None
+        self.source = check_points(source, problem.source_dimension, "source", problem.order, distinct=alone).copy()
         self.problem = problem
         self.noise = noise
         if normals is not None:
@@ -93,7 +94,7 @@ class Matcher:
         check_view_angle(view_angle, normals, len(self.source))
         self.view_angle = view_angle
         if bodies is not None:
-            check_bodies(bodies, len(self.source), problem.order)
+            check_bodies(bodies, self.source, problem.order)
         self.bodies = bodies
         self.options = MatchOptions(**options)
         self._sweep = SmallSweep()

@@ -108,7 +108,7 @@ class Tracker:
         self.time: float | None = None
         labels = self.matcher.bodies
         self.labels: BodyLabels | None = (
-            None if labels is None else check_bodies(labels, len(self.matcher.source), problem.order)
+            None if labels is None else check_bodies(labels, self.matcher.source, problem.order)
         )
         self._frame = 0
         self._bodies: dict[Label | None, _Followed] = {}

@@ -17,6 +17,7 @@ from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
 from rootmatch.cli.surroundings import let_go_of_output, prepare, terminated
+from rootmatch.cli.track import track
 from rootmatch.cli.warmup import warmup
 from rootmatch.errors import RootmatchError, printable
 
@@ -24,6 +25,7 @@ STOPPED = "no partial output is left"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "match": match,
+    "track": track,
     "simulate": simulate,
     "reproduce": reproduce,
     "benchmark": benchmark,

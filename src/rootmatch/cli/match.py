@@ -9,10 +9,12 @@ import typer
 from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
+from rootmatch.cli.frames import FrameOutputs, Job, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.frame_files import has_frames
 
 
 def match(
@@ -33,6 +35,7 @@ def match(
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection: option.Detection = None,
+    prior: option.Prior = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",
     preset: option.Preset = None,
@@ -46,6 +49,7 @@ def match(
     max_seconds: option.MaxSeconds = None,
     backend: option.Backend = None,
     scheduler: option.Scheduler = None,
+    jobs: option.Jobs = None,
     seed: option.Seed = 0,
     output: option.Output = None,
     poses: option.Poses = None,
@@ -55,9 +59,12 @@ def match(
     photo: option.Photo = None,
     as_json: option.AsJson = False,
     truth: option.Truth = None,
+    resume: option.Resume = False,
     progress: option.Progress = None,
 ) -> None:
     """Match points to image detections by geometry alone.
+
+    An image file with a column frame is many images: each is matched for itself, and a row a frame is written.
 
     Image x points right and y down; points are raw pixels where the camera file has the lens. The camera looks along z.
 
@@ -76,16 +83,30 @@ def match(
         "centre": centre,
         "dimension": dimension,
     }
+    if has_frames(image):
+        lone = {"candidates": candidates, "plot": plot, "photo": photo, "truth": truth, "pose_format": pose_format}
+        lone |= {"prior": prior, "report": report}
+        refused = [name for name, value in lone.items() if value is not None]
+        if refused:
+            raise InputError(f"{flag(refused[0])}: it is of one image, and {image} has a column frame; leave it out")
+        if str(image) == "-":
+            raise InputError("-: standard input is read by `rootmatch track`; give a file")
+    elif jobs is not None or resume:
+        raise InputError(f"{'--jobs' if jobs else '--resume'}: {image} is one image; many have a column frame")
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
-    outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo) if path)])
+    many = FrameOutputs(output, poses, as_json, resume)
+    if has_frames(image):
+        many.check([model, image])
+    else:
+        outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo, prior) if path)])
     posed = build_problem(str(problem), problem_options)
     from rootmatch import io
 
     # 0 where the points say it
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
-    target = io.read_points(image, posed.target_dimension or source.points.shape[1], posed.order)
-    true = io.read_truth(truth, source, target) if truth else None
-    options: dict[str, Any] = {
+    if source.bodies is not None and motions != "1":
+        raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
+    plain: dict[str, Any] = {
         "view_angle": view_angle,
         "detection": detection,
         "hyperedges": hyperedges,
@@ -97,14 +118,34 @@ def match(
         "max_hyperedges": max_hyperedges,
         "max_seconds": max_seconds,
         "backend": backend,
+        "preset": preset.value if preset else None,
+        "bodies": source.bodies,
+    }
+    plain = {name: value for name, value in plain.items() if value is not None}
+    if has_frames(image):
+        settings = {
+            "noise": _noise(noise),
+            "seed": seed,
+            "motions": _motions(motions),
+            "normals": source.normals if normals else None,
+        }
+        subjects = {name: flag(name) for name in (*plain, *settings)} | {"source": str(model), "bodies": str(model)}
+        with option_names_in_errors(subjects):
+            job = Job(source, posed, plain | settings)
+            if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
+                raise typer.Exit(NOT_TRUSTED)
+        return
+    target = io.read_points(image, posed.target_dimension or source.points.shape[1], posed.order)
+    true = io.read_truth(truth, source, target) if truth else None
+    options = plain | {
         "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
-        "preset": preset.value if preset else None,
+        "prior": io.read_prior(prior, source.bodies is not None) if prior else None,
     }
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (
-        option_names_in_errors({"source": str(model), "target": str(image), **subjects}),
+        option_names_in_errors({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
         progress_bar("hyper-edges", progress) as show,
     ):
         from rootmatch.match import match as find

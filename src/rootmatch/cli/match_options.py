@@ -23,7 +23,10 @@ Model = Annotated[
     Path,
     typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
 ]
-Image = Annotated[Path, typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels.")]
+Image = Annotated[
+    Path,
+    typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y of many images."),
+]
 Problem = Annotated[ProblemName, typer.Option(help="Which minimal problem.", rich_help_panel=INPUT)]
 Camera = Annotated[
     str | None,
@@ -131,6 +134,24 @@ Detection = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+Prior = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="JSON",
+        help="p3p, up2p: predicted pose, R, t and covariance; with several bodies by label.",
+        rich_help_panel=INPUT,
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Many frames: processes, -1 for all cores.", show_default="1", rich_help_panel=METHOD
+    ),
+]
+Resume = Annotated[
+    bool,
+    typer.Option("--resume", help="Many frames: continue the files of a run that stopped.", rich_help_panel=OUTPUT),
+]
 Candidates = Annotated[
     Path | None,
     typer.Option(
@@ -223,7 +244,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT.",
+        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT; many frames: match there.",
         rich_help_panel=METHOD,
     ),
 ]

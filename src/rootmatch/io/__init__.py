@@ -22,7 +22,7 @@ from rootmatch.io.point_files import (
     write_matches,
     write_points,
 )
-from rootmatch.io.pose_files import PoseFormat, pose_format, pose_record, write_poses
+from rootmatch.io.pose_files import PoseFormat, pose_format, pose_record, read_prior, write_poses
 
 __all__ = [
     "DIRECTIONS",
@@ -41,6 +41,7 @@ __all__ = [
     "read_camera",
     "read_candidates",
     "read_points",
+    "read_prior",
     "read_truth",
     "write_camera",
     "write_matches",

@@ -55,7 +55,7 @@ def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[
                 continue
             if header is None:
                 header = [cell.lower() for cell in cells]
-                _check_header(path, reader.line_num, header, needed, known)
+                check_header(path, reader.line_num, header, needed, known)
             elif len(cells) != len(header):
                 raise InputError(
                     f"{path}, row {reader.line_num}: {len(cells)} values given, {len(header)} expected "
@@ -103,7 +103,7 @@ def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str
         first[value] = row
 
 
-def _check_header(path: Path, row: int, header: list[str], needed: Sequence[str], known: Sequence[str]) -> None:
+def check_header(path: Path, row: int, header: list[str], needed: Sequence[str], known: Sequence[str]) -> None:
     """Refuse a header with missing, unknown or repeated columns, and suggest what was probably meant."""
     where = f"{path}, row {row}"
     expected = ",".join(needed)

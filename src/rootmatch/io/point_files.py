@@ -29,11 +29,14 @@ class PointSet:
         Names of the points, where the file has a column ``id``.
     normals : (m, 3) array, optional
         Outward normals, where the file has columns ``nx,ny,nz``.
+    bodies : tuple of str, optional
+        Labels of the rigid bodies, where the file has a column ``body``.
     """
 
     points: NDArray[np.float64]
     ids: tuple[str, ...] | None = None
     normals: NDArray[np.float64] | None = None
+    bodies: tuple[str, ...] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -54,7 +57,7 @@ def point_dimension(path: Path) -> int:
 
 
 def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
-    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id`` and, in space, optional ``nx,ny,nz``.
+    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id`` and, in space, optional ``nx,ny,nz,body``.
 
     Parameters
     ----------
@@ -71,7 +74,7 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
         If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = COORDINATES[:dimension]
-    known = ("id", *needed, *(NORMALS if dimension == 3 else ()))
+    known = ("id", *needed, *((*NORMALS, "body") if dimension == 3 else ()))
     rows = read_table(path, needed, known)
     with_normals = [name for name in NORMALS if name in rows[0][1]]
     if with_normals and len(with_normals) < 3:
@@ -80,7 +83,15 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
             f"{path}: the column {missing} is missing although {with_normals[0]} is given; give nx,ny,nz or none"
         )
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
-    refuse_repeats(path, [(row, tuple(point)) for (row, _), point in zip(rows, points.tolist(), strict=True)], "point")
+    bodies = None
+    if "body" in rows[0][1]:
+        for row, cells in rows:
+            if not cells["body"]:
+                raise InputError(f"{path}, row {row}: the body is empty; label every point, or leave the column out")
+        bodies = tuple(cells["body"] for _, cells in rows)
+    owners = bodies or ("",) * len(rows)
+    each = zip(rows, points.tolist(), owners, strict=True)
+    refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
     normals = None
     if with_normals:
         normals = np.array([[number(path, row, name, cells[name]) for name in NORMALS] for row, cells in rows])
@@ -100,7 +111,7 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
         ids = tuple(cells["id"] for _, cells in rows)
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
-    return PointSet(points, ids, normals)
+    return PointSet(points, ids, normals, bodies)
 
 
 def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int64]:
@@ -165,6 +176,9 @@ def write_points(path: Path, points: PointSet) -> None:
     if points.normals is not None:
         header += NORMALS
         columns += points.normals.T.tolist()
+    if points.bodies is not None:
+        header.append("body")
+        columns.append(points.bodies)
     write_table(path, header, zip(*columns, strict=True))
 
 

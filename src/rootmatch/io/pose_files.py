@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.io.csv_tables import write_table
+from rootmatch.io.csv_tables import read_text, write_table
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "tum"]
@@ -65,6 +65,42 @@ def pose_record(pose: Pose) -> dict[str, Any]:
         "residuals": None if pose.residuals is None else pose.residuals.tolist(),
         "inliers": None if pose.inliers is None else pose.inliers.tolist(),
     }
+
+
+def read_prior(path: Path, labelled: bool) -> Pose | dict[str, Pose]:
+    """A predicted pose of a JSON file: an object with ``R``, ``t`` and ``covariance``, or a list of one as written.
+
+    Parameters
+    ----------
+    path : path
+    labelled : bool
+        Whether there are several bodies: then an object from labels to such objects.
+
+    Raises
+    ------
+    InputError
+        If the file is not of that form or a pose cannot be used.
+    """
+    expected = "give an object with R, t and covariance"
+    try:
+        content = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not JSON ({error}); {expected}") from None
+    if not labelled:
+        return _read_pose(path, content[0] if isinstance(content, list) and len(content) == 1 else content)
+    if not isinstance(content, dict) or "R" in content:
+        raise InputError(f"{path}: one pose, and there are several bodies; give an object from labels to poses")
+    return {label: _read_pose(path, record) for label, record in content.items()}
+
+
+def _read_pose(path: Path, record: Any) -> Pose:
+    missing = [name for name in ("R", "t", "covariance") if not isinstance(record, dict) or record.get(name) is None]
+    if missing:
+        raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
+    try:
+        return Pose(record["R"], record["t"], record["covariance"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.problems.checks import repeated
 
 Label = int | str
 
@@ -33,14 +34,16 @@ class BodyLabels:
         return np.flatnonzero(self.index == k)
 
 
-def check_bodies(labels: Any, count: int, least: int) -> BodyLabels:
-    """Labels of ``count`` source points, at least ``least`` of which belong to each body.
+def check_bodies(labels: Any, source: NDArray[np.float64], least: int) -> BodyLabels:
+    """Labels of source points (n, k), at least ``least`` of which belong to each body.
 
     Raises
     ------
     InputError
-        If they are neither whole numbers nor strings, not one for each point, or too few points share one.
+        If they are neither whole numbers nor strings, not one for each point, or too few points share one; if two
+        points of one body are the same.
     """
+    count = len(source)
     expected = f"give a whole number or a name for each of {count} source points"
     try:
         array = np.asarray(labels)
@@ -62,6 +65,11 @@ def check_bodies(labels: Any, count: int, least: int) -> BodyLabels:
         points = int((index == k).sum())
         if points < least:
             raise InputError(f"bodies: body {name!r} has too few points, {points}; give it at least {least}")
+        own = np.flatnonzero(index == k)
+        same = repeated(source[own])
+        if same is not None:
+            i, j = own[list(same)]
+            raise InputError(f"source: points {i} and {j} of body {name!r} are the same; remove repeated points")
     return BodyLabels(names, index)
 
 

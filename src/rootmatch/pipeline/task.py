@@ -203,11 +203,13 @@ class MatchingTask:
             noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
         problem = problem.for_points(source)
         least = None if prior is None else 1
-        points = problem.validated(source, target, noise, normals, view_angle, least_target=least)
+        points = problem.validated(
+            source, target, noise, normals, view_angle, least_target=least, distinct=bodies is None
+        )
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
         weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
         allowed, weights = split_candidates(candidates, *points.shape)
-        labels = None if bodies is None else check_bodies(bodies, points.shape[0], problem.order)
+        labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
         if prior is not None:
             check_predicted(prior, labels)
         if labels is not None and (options.motions != 1 or estimates):

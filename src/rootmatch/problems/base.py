@@ -80,6 +80,7 @@ class Problem(ABC):
         view_angle: ArrayLike | None = None,
         *,
         least_target: int | None = None,
+        distinct: bool = True,
     ) -> PointSets:
         """The points, checked once for everything that follows.
 
@@ -99,6 +100,8 @@ class Problem(ABC):
             Degrees from its normal within which a point is visible. Default: 90.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
+        distinct : bool
+            Whether no two source points may be the same: those of different bodies may.
 
         Raises
         ------
@@ -110,7 +113,7 @@ class Problem(ABC):
             return settled.validated(source, target, noise, normals, view_angle, least_target=least_target)
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
-        first = check_points(source, self.source_dimension, "source", self.order)
+        first = check_points(source, self.source_dimension, "source", self.order, distinct)
         second = check_points(target, self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))

@@ -28,7 +28,9 @@ def as_floats(value: ArrayLike, name: str, expected: str) -> NDArray[np.float64]
     return array
 
 
-def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> NDArray[np.float64]:
+def check_points(
+    points: ArrayLike, dimension: int, name: str, least: int, distinct: bool = True
+) -> NDArray[np.float64]:
     """Points as a contiguous float array, or one clear error that says what is wrong with them.
 
     Parameters
@@ -40,6 +42,8 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
         ``"source"`` or ``"target"``, for the message.
     least : int
         How many points the problem needs.
+    distinct : bool
+        Whether no two may be the same.
     """
     array = as_points(points, dimension, name)
     if array.ndim != 2 or array.shape[1] != dimension:
@@ -54,7 +58,7 @@ def check_points(points: ArrayLike, dimension: int, name: str, least: int) -> ND
         raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
         raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
-    same = repeated(array)
+    same = repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
     if len(array) > 1 and np.ptp(array, axis=0).max() < LEAST:
