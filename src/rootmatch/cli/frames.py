@@ -79,7 +79,8 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
             for flag, path in outputs.paths.items()
         }
         done = set.intersection(*(file.done for file in open_files.values())) if open_files else set[int]()
-        frames = (frame for frame in read_frames(image, job.problem.target_dimension or job.source.points.shape[1]) if frame.number not in done)
+        dimension = job.problem.target_dimension or job.source.points.shape[1]
+        frames = (frame for frame in read_frames(image, dimension) if frame.number not in done)
         for number, status, rows, record in _results(job, frames, jobs, scheduler):
             for flag, file in open_files.items():
                 if number not in file.done:
