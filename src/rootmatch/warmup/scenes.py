@@ -56,16 +56,17 @@ def _unknown_zoom() -> Sample:
     return Sample(points, seen, problem_class("up2pf")((320.0, 240.0)), 0.1)
 
 
-def _point_set(name: str, dimension: int) -> Sample:
+def _point_set(name: str) -> Sample:
     points = np.random.default_rng(3).uniform(-1.0, 1.0, (8, 3))
-    return Sample(points[:, :dimension], _rotated(points)[:, :dimension], problem_class(name)(dimension), 0.01)
+    plane = [0, 2]  # in which `_rotated` rotates
+    return Sample(points[:, plane], _rotated(points)[:, plane], problem_class(name)(2), 0.01)
 
 
 OWN: dict[str, Callable[[], Sample]] = {
     "planar": _planar,
     "up2pf": _unknown_zoom,
-    "similarity": lambda: _point_set("similarity", 2),
-    "rigid": lambda: _point_set("rigid", 2),
+    "similarity": lambda: _point_set("similarity"),
+    "rigid": lambda: _point_set("rigid"),
 }
 """Scenes of the problems that the paper has not."""
 

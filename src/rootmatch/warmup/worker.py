@@ -6,7 +6,6 @@ in the user's cache.
 
 from __future__ import annotations
 
-import gc
 import sys
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from rootmatch.warmup.steps import STEPS
 
 def work(chosen: str, folder: str | None = None) -> None:
     """Run the steps of a set as they are named."""
-    gc.disable()  # a compiler makes millions of objects and few cycles: a tenth of the time
     cache.Settings.into = Path(folder) if folder else None
     cache.Settings.native = not folder
     steps = STEPS[chosen]()

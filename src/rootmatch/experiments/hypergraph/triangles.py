@@ -39,7 +39,6 @@ def all_triangles(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return index, sines
 
 
-@driver(error_model="numpy")
 def most_alike(
     asked: NDArray[Any], sines: NDArray[Any], norm: NDArray[Any], count: int
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -70,44 +69,54 @@ def most_alike(
     distance = np.empty((len(asked), count))
     code, square = np.empty(0, np.int64), np.empty(0)
     radius = 0.02
-    for row in range(len(asked)):
-        x, y, z = asked[row]
-        length = math.sqrt(x * x + y * y + z * z)
-        found = 0
+    for row, sought in enumerate(np.ascontiguousarray(asked)):
+        length = float(np.linalg.norm(sought))
         while True:
-            low = np.searchsorted(norm, length - radius)
-            high = np.searchsorted(norm, length + radius, side="right")
+            low = int(norm.searchsorted(length - radius))
+            high = int(norm.searchsorted(length + radius, side="right"))
             if 6 * (high - low) >= code.size:
                 code, square = np.empty(12 * (high - low) + 6, np.int64), np.empty(12 * (high - low) + 6)
-            found = 0
-            for t in range(low, high):
-                a, b, c = sines[t]
-                # as in ORDERS; each is written and kept only if near, which has no branch
-                code[found], square[found] = 6 * t, (a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2
-                found += square[found] <= radius * radius
-                code[found], square[found] = 6 * t + 1, (b - x) ** 2 + (c - y) ** 2 + (a - z) ** 2
-                found += square[found] <= radius * radius
-                code[found], square[found] = 6 * t + 2, (c - x) ** 2 + (a - y) ** 2 + (b - z) ** 2
-                found += square[found] <= radius * radius
-                code[found], square[found] = 6 * t + 3, (a + x) ** 2 + (c + y) ** 2 + (b + z) ** 2
-                found += square[found] <= radius * radius
-                code[found], square[found] = 6 * t + 4, (c + x) ** 2 + (b + y) ** 2 + (a + z) ** 2
-                found += square[found] <= radius * radius
-                code[found], square[found] = 6 * t + 5, (b + x) ** 2 + (a + y) ** 2 + (c + z) ** 2
-                found += square[found] <= radius * radius
+            found = _near(sought, sines, np.array([low, high]), radius * radius, code, square)
             if found >= count:
                 break
             radius *= 1.4
-        limit = np.partition(square[:found], count - 1)[count - 1]
-        kept = 0
+        codes, squares = code[:found], square[:found]
+        limit = np.partition(squares, count - 1)[count - 1]
         # those nearer than the last one, then as many as near as it that there is room for
-        for ties in range(2):
-            for e in range(found):
-                if kept < count and (square[e] == limit if ties else square[e] < limit):
-                    triangle[row, kept], order[row, kept] = code[e] // 6, code[e] % 6
-                    distance[row, kept] = math.sqrt(square[e])
-                    kept += 1
+        kept = np.concatenate([np.flatnonzero(squares < limit), np.flatnonzero(squares == limit)])[:count]
+        triangle[row], order[row] = np.divmod(codes[kept], 6)
+        distance[row] = np.sqrt(squares[kept])
         if found > 2 * count:
             # the found grow with the square of the radius
             radius *= math.sqrt(1.3 * count / found)
     return triangle, order, distance
+
+
+@driver(error_model="numpy")
+def _near(
+    asked: NDArray[Any],
+    sines: NDArray[Any],
+    rows: NDArray[np.int64],
+    limit: float,
+    code: NDArray[np.int64],
+    square: NDArray[Any],
+) -> int:
+    """How many of the orders of triangles rows[0] … rows[1] − 1 are within √limit: 6 · row + order, and the square."""
+    x, y, z = asked[0], asked[1], asked[2]
+    found = 0
+    for t in range(rows[0], rows[1]):
+        a, b, c = sines[t, 0], sines[t, 1], sines[t, 2]
+        # as in ORDERS; each is written and kept only if near, which has no branch
+        code[found], square[found] = 6 * t, (a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2
+        found += square[found] <= limit
+        code[found], square[found] = 6 * t + 1, (b - x) ** 2 + (c - y) ** 2 + (a - z) ** 2
+        found += square[found] <= limit
+        code[found], square[found] = 6 * t + 2, (c - x) ** 2 + (a - y) ** 2 + (b - z) ** 2
+        found += square[found] <= limit
+        code[found], square[found] = 6 * t + 3, (a + x) ** 2 + (c + y) ** 2 + (b + z) ** 2
+        found += square[found] <= limit
+        code[found], square[found] = 6 * t + 4, (c + x) ** 2 + (b + y) ** 2 + (a + z) ** 2
+        found += square[found] <= limit
+        code[found], square[found] = 6 * t + 5, (b + x) ** 2 + (a + y) ** 2 + (c + z) ** 2
+        found += square[found] <= limit
+    return found
