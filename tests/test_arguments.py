@@ -67,6 +67,11 @@ def test_a_sampler_that_returns_nothing_is_named() -> None:
         rm.match(SCENE.source, SCENE.target, SCENE.problem, hyperedges=lambda task: None)
 
 
+def test_a_solver_that_returns_nothing_is_named() -> None:
+    with pytest.raises(InputError, match=r"solver: .* returned NoneType; a solver returns a Solution"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, solver=lambda tensor, seed: None)
+
+
 @pytest.mark.parametrize("samples", [1_000_000_000, 99_999_999_999_999_999_999])
 def test_samples_beyond_the_limit_are_refused_beforehand(samples: int) -> None:
     with pytest.raises(InputError, match=r"samples: .* above the limit"):

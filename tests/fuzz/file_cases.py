@@ -84,7 +84,7 @@ KINDS: dict[str, tuple[str, bytes, Reader]] = {
     "opencv yaml": ("calibration.yml", OPENCV_YAML, rm.read_cameras),
     "opencv xml": ("calibration.xml", OPENCV_XML, rm.read_cameras),
     "kalibr": ("camchain.yaml", KALIBR, rm.read_cameras),
-    "kalibr, one": ("camchain.yaml", KALIBR, read_camera),
+    "kalibr, one": ("camchain.yaml", KALIBR, lambda path: read_camera(path, "cam1")),
     "ros": ("ros.yaml", ROS, rm.read_cameras),
     "colmap": ("cameras.txt", COLMAP, rm.read_cameras),
     "colmap binary": ("cameras.bin", COLMAP_BINARY, rm.read_cameras),

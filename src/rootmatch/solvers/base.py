@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline
+from rootmatch.errors import InputError, quoted
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
 
@@ -77,10 +78,13 @@ class Solver(Protocol):
 
 def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline = NEVER) -> Solution:
     """The solution of a tensor, by the deadline if the solver can keep to one."""
-    if not deadline.is_set or "deadline" not in signature(solver).parameters:
-        return solver(tensor, seed=seed)
     bounded: Any = solver
-    solution: Solution = bounded(tensor, seed=seed, deadline=deadline)
+    if not deadline.is_set or "deadline" not in signature(solver).parameters:
+        solution = bounded(tensor, seed=seed)
+    else:
+        solution = bounded(tensor, seed=seed, deadline=deadline)
+    if not isinstance(solution, Solution):
+        raise InputError(f"solver: {quoted(solver)} returned {type(solution).__name__}; a solver returns a Solution")
     return solution
 
 
