@@ -15,7 +15,15 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.absolute import Upright
-from rootmatch.problems.pose_fit.descent import ROUGH_STEPS, Floats, State, covariance_of, descended, lowest_of
+from rootmatch.problems.pose_fit.descent import (
+    ROUGH_STEPS,
+    Floats,
+    State,
+    covariance_of,
+    descended,
+    lowest_of,
+    polished,
+)
 from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
@@ -92,6 +100,7 @@ def camera_poses(
         )
         kept += 1
     state, chi2 = lowest_of(*descended(model(kept), state), count)
+    state, chi2 = polished(model, state, chi2, len(axes) + 3)
     found = _Found(state, chi2, covariance_of(model(1), state), axes, centre, unit)
     measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     return [
