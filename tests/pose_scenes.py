@@ -157,7 +157,8 @@ def seen_by(camera: CameraModel, seed: int, noise: float, spread: float = 2.0, n
     positions = positions[camera.sees(positions) & (np.linalg.norm(positions, axis=1) > 1.0)]
     image = camera.project(positions)
     if camera.dimension == 2:
-        inside = (np.abs(image - [320.0, 240.0]) < [320.0, 240.0]).all(axis=1)
+        away = np.abs(image - [320.0, 240.0])
+        inside = (away < [320.0, 240.0]).all(axis=1) & (np.linalg.norm(away, axis=1) < 350.0)  # the fisheye ends at 376
         positions, image = positions[inside], image[inside]
     positions, image = positions[:n], image[:n]
     sigma = noise * rng.uniform(0.5, 2.0, n)

@@ -27,18 +27,18 @@ truth[visible] = np.arange(6)
 
 # %%
 # An exact plan and a tracker with 0.3 mm per coordinate: a pair as ``noise`` gives both.
-match = rm.match(planned, measured, rm.Rigid(3), noise=(0.0, 0.3))
+match = rm.match(planned, measured, rm.Rigid(), noise=(0.0, 0.3))
 print(match.advice)
 print("assignment:", match.assignment, "  truth:", truth)
 
 # %%
-# The motion that takes the plan to the tracker, and how well it fits at each marker (the target is not one of them).
-pose = match.pose()[0]
-matched = match.assignment >= 0
-errors = np.linalg.norm(planned[matched] @ pose.R.T + pose.t - measured[match.assignment[matched]], axis=1)
-print(f"fiducial registration error {np.sqrt(np.mean(errors**2)):.2f} mm over {matched.sum()} markers")
+# The motion that takes the plan to the tracker, how well it fits at the markers, and how well it is known.
+(pose,) = match.poses
+sigma = np.sqrt(np.diag(pose.covariance))
+print(f"fiducial registration error {pose.rms:.2f} mm over {len(pose.points)} markers, {pose.rms_sigma:.2f} σ")
+print("σ of the rotation (degrees):", np.rad2deg(sigma[:3]).round(3), "  of the translation (mm):", sigma[3:].round(2))
 
 # %%
-figure = match_figure(planned, measured, match.assignment, truth=truth, unit="mm")
+figure = match_figure(planned, measured, match.assignment, truth=truth, poses=match.poses, unit="mm")
 plt.figure(figure)
 plt.show()
