@@ -374,7 +374,7 @@ def test_paper_preset(case: Case) -> None:
 def test_guided(case: Case) -> None:
     searched = case.kernels.hypotheses or case.problem.point_clouds(case.problem.validated(case.source, case.target))
     works_or_is_refused(searched, "hyperedges", case, lambda: case.match(hyperedges="guided"))
-    if not case.kernels.hypotheses:
+    if not searched:
         refused("hyperedges", case, lambda: case.match(hyperedges=rm.Guided()))
 
 

@@ -104,6 +104,7 @@ def match(
 
     # 0 where the points say it
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
+    posed = posed.for_points(source.points)
     if source.bodies is not None and motions != "1":
         raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
     plain: dict[str, Any] = {
@@ -135,7 +136,7 @@ def match(
             if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
-    target = io.read_points(image, posed.target_dimension or source.points.shape[1], posed.order)
+    target = io.read_points(image, posed.target_dimension, posed.order)
     true = io.read_truth(truth, source, target) if truth else None
     options = plain | {
         "scheduler": scheduler,

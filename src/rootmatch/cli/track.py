@@ -83,7 +83,8 @@ def track(
     from rootmatch.io.frame_files import read_frames
     from rootmatch.tracker import Tracker
 
-    source = io.read_points(model, posed.source_dimension, posed.order)
+    source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
+    posed = posed.for_points(source.points)
     options: dict[str, Any] = {
         "normals": source.normals if normals else None,
         "view_angle": view_angle,
