@@ -245,7 +245,7 @@ def _solve(task: MatchingTask) -> Match:
     else:
         deadline = task.deadline.part(SOLVED)
         tensor = affordable(sampled.tensor, deadline)
-        solution = solved(options.chosen_solver, tensor, options.seed, deadline)
+        solution = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
     assessed = assess(task, solution, sampled)
     return Match(
         task=task,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.hypergraph.contraction import inside
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.decorators import driver
 
 
 def drop_unsupported(
@@ -38,29 +39,51 @@ def drop_unsupported(
     scores : (K,) array
         As `AffinityTensor.score`.
     """
-    count, n = assignments.shape
     kept = assignments.copy()
-    which, edges, a, i = _inside(tensor, kept)
-    held = tensor.weights[edges]
-    # positions in `kept` of the points of each hyper-edge inside
-    points = which[:, None] * n + tensor.indices[edges] // tensor.shape[1]
-    prior = np.zeros((count, n))
-    if tensor.unary is not None:
-        prior[a, i] = tensor.unary[i, kept[a, i]]
-    while True:
-        matched = kept >= 0
-        prior[~matched] = 0.0
-        within = matched.ravel()[points].all(axis=1)
-        which, held, points = which[within], held[within], points[within]
-        scores = prior.sum(axis=1) + np.bincount(which, held, count)
-        gains = prior + np.bincount(points.ravel(), np.repeat(held, points.shape[1]), count * n).reshape(count, n)
-        ordered = np.sort(np.where(matched, gains, np.inf), axis=1)
-        size, every = matched.sum(axis=1), np.arange(count)
-        median = np.where(size > 0, 0.5 * (ordered[every, (size - 1) // 2] + ordered[every, size // 2 % n]), 0.0)
-        weak = matched & ((gains < fraction * median[:, None]) | (gains <= 0.0))
-        if not weak.any():
-            return kept, scores
-        kept[weak] = -1
+    scores, edges = np.zeros(len(kept)), np.empty(len(tensor.indices), np.int64)
+    unary = np.empty((0, 0)) if tensor.unary is None else tensor.unary
+    _drop(tensor.indices, tensor.weights, unary, tensor.shape[1], float(fraction), edges, kept, scores)
+    return kept, scores
+
+
+@driver(nogil=True)
+def _drop(indices, weights, unary, n_target, fraction, edges, kept, scores):  # type: ignore[no-untyped-def]
+    """Unmatch in place, and fill in the scores; ``edges`` (E,) is scratch."""
+    n = kept.shape[1]
+    gains = np.empty(n)
+    for row in range(kept.shape[0]):
+        assignment = kept[row]
+        count = indices.shape[0]
+        for e in range(count):
+            edges[e] = e
+        weak = True
+        while weak:
+            score = 0.0
+            for i in range(n):
+                gains[i] = unary[i, assignment[i]] if unary.size > 0 and assignment[i] >= 0 else 0.0
+                score += gains[i]
+            inside = 0
+            for place in range(count):
+                e = edges[place]
+                p = 0
+                while p < indices.shape[1] and assignment[indices[e, p] // n_target] == indices[e, p] % n_target:
+                    p += 1
+                if p == indices.shape[1]:
+                    edges[inside] = e
+                    inside += 1
+                    score += weights[e]
+                    for q in range(indices.shape[1]):
+                        gains[indices[e, q] // n_target] += weights[e]
+            count = inside
+            scores[row] = score
+            matched = np.sort(gains[assignment >= 0])
+            weak = False
+            if matched.size > 0:
+                median = 0.5 * (matched[(matched.size - 1) // 2] + matched[matched.size // 2])
+                for i in range(n):
+                    if assignment[i] >= 0 and (gains[i] < fraction * median or gains[i] <= 0.0):
+                        assignment[i] = -1
+                        weak = True
 
 
 def scores_of(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray[np.float64]:

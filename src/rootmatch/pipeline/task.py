@@ -34,9 +34,12 @@ from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler, SamplingTask
-from rootmatch.solvers import Solver, get_solver
+from rootmatch.solvers import MultiStartAscent, Solver, get_solver
 
 Hyperedges = Literal["auto", "exhaustive", "random", "guided"]
+AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
+"""Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
+accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
 EXACT_RADIANS = 1e-5
@@ -111,6 +114,10 @@ class MatchOptions:
     def chosen_solver(self) -> Solver:
         """The solver of one group of points."""
         return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
+
+    def solver_after(self, searched: bool) -> Solver:
+        """The solver; fewer starts of the default one where a search has named the assignments worth starting from."""
+        return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
 
     @property
     def packs_motions(self) -> bool:

@@ -49,6 +49,25 @@ class ResidualKernels:
 
 
 @dataclass(frozen=True)
+class ListedKernels:
+    """What the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`).
+
+    Parameters
+    ----------
+    gather : ``(tables, grid, a, b, c, block, k)``
+        Fill column k of ``block`` (12, B) with an image triple: its bearings in the grid's basis, then what is needed.
+    solve : ``(tables, i, block, count, scratch)``
+        Solve the set ``i`` with the first ``count`` of them; ``scratch`` (8, B).
+    frame : ``(tables, i, block, k, scratch, root)`` → (bool, 12 numbers)
+        As `HypothesisKernels.frame`, of column k.
+    """
+
+    gather: Kernel
+    solve: Kernel
+    frame: Kernel
+
+
+@dataclass(frozen=True)
 class HypothesisKernels:
     """What the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',).
 
@@ -68,6 +87,8 @@ class HypothesisKernels:
     predict : ``(tables, i, j, root, out)`` → bool
         Fill ``out`` (13, n) with the predicted bearing of every source point, two axes across it, the covariance along
         them (s11, s12, s22), and whether it can be visible (1 or 0).
+    listed : ListedKernels, optional
+        For triples of points with normals.
     """
 
     coordinates: Kernel
@@ -75,6 +96,7 @@ class HypothesisKernels:
     known: Kernel
     frame: Kernel
     predict: Kernel
+    listed: ListedKernels | None = None
 
 
 @dataclass(frozen=True)

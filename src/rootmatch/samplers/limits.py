@@ -18,7 +18,7 @@ class SamplingLimits:
     random : int
         Most random hyper-edges drawn unasked: about half a minute on two cores.
     per_searched : int
-        Such a search spends one evaluation for so many hyper-edges, about half of the time of the sweep: the
+        Such a search spends one evaluation for so many hyper-edges, about the time of the sweep: the
         evaluations of a sweep are far cheaper.
     guided, guided_multi_motion : int
         Up to here an exhaustive sweep takes no longer than a search, for one motion and for several
@@ -31,7 +31,7 @@ class SamplingLimits:
     exhaustive_on_device: int = 100_000_000_000
     affordable: int = 500_000_000
     random: int = 200_000_000
-    per_searched: int = 20
+    per_searched: int = 8
     guided: int = 2_000_000
     guided_multi_motion: int = 200_000_000
     cheap_on_device: int = 1_000_000_000

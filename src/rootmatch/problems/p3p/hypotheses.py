@@ -78,6 +78,43 @@ def hypothesis(t, grid, before, last, scratch, root):  # type: ignore[no-untyped
     )  # fmt: skip
 
 
+@scalar
+def gather(t, grid, a, b, c, block, k):  # type: ignore[no-untyped-def]
+    """Bearings of an image triple in the grid's basis, and the versines between them, into column k."""
+    u, h = grid.rays, t.versine
+    block[0, k], block[1, k], block[2, k] = u[0, a], u[1, a], u[2, a]
+    block[3, k], block[4, k], block[5, k] = u[0, b], u[1, b], u[2, b]
+    block[6, k], block[7, k], block[8, k] = u[0, c], u[1, c], u[2, c]
+    block[9, k], block[10, k], block[11, k] = h[a, b], h[b, c], h[a, c]
+
+
+@part
+def solve_gathered(t, i, block, count, scratch):  # type: ignore[no-untyped-def]
+    """Depth ratios at the four roots for each of some gathered image triples."""
+    s = t.distance2
+    A, B, C = s[i[0], i[1]], s[i[1], i[2]], s[i[0], i[2]]
+    for k in range(count):
+        (
+            scratch[0, k], scratch[1, k], scratch[2, k], scratch[3, k],
+            scratch[4, k], scratch[5, k], scratch[6, k], scratch[7, k],
+        ) = ratio_pairs(A, B, C, block[9, k], block[10, k], block[11, k])  # fmt: skip
+
+
+@scalar
+def gathered_frame(t, i, block, k, scratch, root):  # type: ignore[no-untyped-def]
+    """As `hypothesis`, of a gathered image triple."""
+    x, y = scratch[2 * root, k], scratch[2 * root + 1, k]
+    ax, ay, az = block[0, k], block[1, k], block[2, k]
+    depth, _, _, (ex, ey, ez), (fx, fy, fz) = camera_triangle(
+        t.distance2[i[0], i[1]], block[9, k], x, y,
+        (ax, ay, az), (block[3, k], block[4, k], block[5, k]), (block[6, k], block[7, k], block[8, k]),
+    )  # fmt: skip
+    gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
+    return (x > 0.0) & (y > 0.0), (
+        depth * ax, depth * ay, depth * az, ex, ey, ez, fx, fy, fz, gx, gy, gz,
+    )  # fmt: skip
+
+
 @part
 def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
     """Where every source point is predicted, its covariance, and whether it can be visible."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.problems.kernels import HypothesisKernels, ProblemKernels, ResidualKernels
+from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, ProblemKernels, ResidualKernels
 from rootmatch.problems.p3p import (
     hypotheses,
     joint_residual,
@@ -45,6 +45,9 @@ KERNELS = ProblemKernels(
         known=hypotheses.known,
         frame=hypotheses.hypothesis,
         predict=hypotheses.predictions,
+        listed=ListedKernels(
+            gather=hypotheses.gather, solve=hypotheses.solve_gathered, frame=hypotheses.gathered_frame
+        ),
     ),
     target_fields=("rays", "versine", "variance"),
 )

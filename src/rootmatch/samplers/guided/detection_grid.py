@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
-from rootmatch.jit.decorators import scalar
+from rootmatch.jit.decorators import driver, scalar
 from rootmatch.options import Options, option
 
 NOBODY = -1
@@ -107,22 +107,8 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
     corner = low - margin - size
     width, height = ((high - corner + margin) / size).astype(np.int64) + 2
     cells = np.full((height, width), NOBODY, np.int16)
-    nearest = np.full((height, width), np.inf)
-    for k, (reach, longer) in enumerate(zip(reaches.tolist(), stretch.tolist(), strict=True)):
-        about = int(reach * longer / size) + 1
-        u, v = ((positions[:, k] - corner) / size).tolist()
-        rows = slice(max(0, int(v) - about), int(v) + about + 1)
-        columns = slice(max(0, int(u) - about), int(u) + about + 1)
-        window = nearest[rows, columns]
-        du = (np.arange(columns.start, columns.start + window.shape[1]) + 0.5 - u) * size
-        dv = (np.arange(rows.start, rows.start + window.shape[0]) + 0.5 - v) * size
-        if whole:
-            distance2 = _squared_chord(positions[0, k] + du, (positions[1, k] + dv)[:, None], rotated[:, k])
-        else:
-            distance2 = du * du + (dv * dv)[:, None]
-        nearer = (distance2 <= reach * reach) & (distance2 < window)
-        window[nearer] = distance2[nearer]
-        cells[rows, columns][nearer] = k
+    nearest = np.empty((height, width))
+    _fill(cells, nearest, positions, rotated, reaches, stretch, corner, float(size), whole)
     return DetectionGrid(
         cells, positions, rotated, basis, corner,
         scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate, options.neighbours),
@@ -139,12 +125,29 @@ def _equal_area(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(rays[:2] * np.sqrt(2.0 / np.maximum(1.0 + rays[2], 1e-300)))
 
 
-def _squared_chord(u: NDArray[np.float64], v: NDArray[np.float64], ray: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Squared distance on the unit sphere from a unit vector (3,) to what the map has at (u, v), NaN for nothing."""
-    quarter = 0.25 * (u * u + v * v)
-    with np.errstate(invalid="ignore"):
-        across = np.sqrt(1.0 - quarter)
-    return np.asarray(2.0 - 2.0 * (across * (u * ray[0] + v * ray[1]) + (1.0 - 2.0 * quarter) * ray[2]))
+@driver(nogil=True, error_model="numpy")
+def _fill(cells, nearest, positions, rays, reaches, stretch, corner, size, whole):  # type: ignore[no-untyped-def]
+    """Name the nearest detection in each cell; ``nearest``, its squared distance, is written where there is one."""
+    height, width = cells.shape
+    for k in range(reaches.size):
+        reach2 = reaches[k] * reaches[k]
+        about = int(reaches[k] * stretch[k] / size) + 1
+        u, v = (positions[0, k] - corner[0]) / size, (positions[1, k] - corner[1]) / size
+        for row in range(max(0, int(v) - about), min(height, int(v) + about + 1)):
+            for column in range(max(0, int(u) - about), min(width, int(u) + about + 1)):
+                du, dv = (column + 0.5 - u) * size, (row + 0.5 - v) * size
+                if whole:
+                    # squared distance on the unit sphere, NaN for nothing
+                    x, y = positions[0, k] + du, positions[1, k] + dv
+                    quarter = 0.25 * (x * x + y * y)
+                    across = np.sqrt(1.0 - quarter) if quarter <= 1.0 else np.nan
+                    along = across * (x * rays[0, k] + y * rays[1, k]) + (1.0 - 2.0 * quarter) * rays[2, k]
+                    distance2 = 2.0 - 2.0 * along
+                else:
+                    distance2 = du * du + dv * dv
+                if distance2 <= reach2 and (cells[row, column] == NOBODY or distance2 < nearest[row, column]):
+                    nearest[row, column] = distance2
+                    cells[row, column] = k
 
 
 TREE_FROM = 600

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rootmatch.jit.dispatch import calls
-from rootmatch.problems.kernels import HypothesisKernels, kernels_of
+from rootmatch.problems.kernels import HypothesisKernels, ListedKernels, kernels_of
 
 
 def hypothesis_kernels(tables: Any) -> HypothesisKernels:
@@ -23,6 +23,20 @@ def hypothesis_kernels(tables: Any) -> HypothesisKernels:
 def has_hypotheses(tables: type) -> bool:
     """Whether a type of tables has the kernels for a guided search."""
     return kernels_of(tables).hypotheses is not None
+
+
+def listed_kernels(tables: Any) -> ListedKernels:
+    """The kernels for listed image triples, which must be there."""
+    kernels = hypothesis_kernels(tables).listed
+    if kernels is None:
+        raise TypeError(f"{tables}: no kernels for listed image triples; ask has_listed() first")
+    return kernels
+
+
+def has_listed(tables: type) -> bool:
+    """Whether a type of tables has the kernels for listed image triples."""
+    kernels = kernels_of(tables).hypotheses
+    return kernels is not None and kernels.listed is not None
 
 
 def set_coordinates(tables: Any, sets: Any, others: Any) -> Any:
@@ -48,6 +62,36 @@ def set_frame(tables: Any, grid: Any, known: Any, last: Any, scratch: Any, root:
 def predict_set(tables: Any, i: Any, j: Any, root: Any, out: Any) -> Any:
     """Prediction of every point at one root; see `HypothesisKernels`."""
     return hypothesis_kernels(tables).predict(tables, i, j, root, out)
+
+
+def gather_listed(tables: Any, grid: Any, a: Any, b: Any, c: Any, block: Any, k: Any) -> Any:
+    """Fill a column with an image triple; see `ListedKernels`."""
+    listed_kernels(tables).gather(tables, grid, a, b, c, block, k)
+
+
+def solve_listed(tables: Any, i: Any, block: Any, count: Any, scratch: Any) -> Any:
+    """Solutions of a set for listed image triples; see `ListedKernels`."""
+    listed_kernels(tables).solve(tables, i, block, count, scratch)
+
+
+def listed_frame(tables: Any, i: Any, block: Any, k: Any, scratch: Any, root: Any) -> Any:
+    """Frame of a set at one root of a listed image triple; see `ListedKernels`."""
+    return listed_kernels(tables).frame(tables, i, block, k, scratch, root)
+
+
+@calls(gather_listed)
+def _gather_choice(tables: Any, grid: Any, a: Any, b: Any, c: Any, block: Any, k: Any) -> Callable[..., Any]:
+    return listed_kernels(tables).gather
+
+
+@calls(solve_listed)
+def _solve_listed_choice(tables: Any, i: Any, block: Any, count: Any, scratch: Any) -> Callable[..., Any]:
+    return listed_kernels(tables).solve
+
+
+@calls(listed_frame)
+def _listed_frame_choice(tables: Any, i: Any, block: Any, k: Any, scratch: Any, root: Any) -> Callable[..., Any]:
+    return listed_kernels(tables).frame
 
 
 @calls(solve_set)

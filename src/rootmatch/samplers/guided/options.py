@@ -50,6 +50,9 @@ class BatchOptions(Options):
     """Survivors of a batch that are verified, at least, for one motion. A round value, not tuned."""
     sets_per_verified: int = option(500, least=1)
     """Minimal sets solved for each further one, for one motion. A round value, not tuned."""
+    sets_per_verified_with_normals: int = option(2_000, least=1)
+    """Minimal sets, those not solved for their shape among them, for each further one where normals tell more. A round
+    value."""
     least_verified_of_many: int = option(1_024, least=1)
     """Survivors that are verified with several motions, whose few points hardly stand out before. Not tuned."""
     sets_per_verified_of_many: int = option(20, least=1)
@@ -73,6 +76,9 @@ class RefinementOptions(Options):
     rival_sets: float = option(3.0, least=0.0)
     """Minimal sets, all of them visible, for which the detections of the best hypothesis are tried in every other
     arrangement: an object that looks like itself has rivals. A round value; `tests/test_guided.py` has such objects."""
+    lag: float = option(15.0, above=0.0)
+    """Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
+    benchmarks/constellations.py what turned out the most probable lagged by at most 7."""
     rival_evidence: float = option(0.5, least=0.0, most=1.0)
     """Fraction of the highest evidence from which another hypothesis is a rival. A round value, not tuned."""
 
@@ -95,8 +101,8 @@ class GuidedOptions(Options):
         Distance from a prediction, in σ, within which a detection counts while minimal sets are tried; wide, as it
         also covers the errors of the minimal set. A round value; what is found: benchmarks/guided.py.
     subsets : int
-        Most d-subsets of source points whose hyper-edges are evaluated; a seeded selection of more. A round value,
-        not tuned.
+        Most d-subsets of source points whose hyper-edges are evaluated; a seeded selection of more: every point of a
+        hundred is still in 150 to 200 of them. A round value; the accuracy with it: benchmarks/matches.py.
     edges : int
         Most hyper-edges that are evaluated, those of the strongest clusters. A round value, not tuned.
     surplus : float
@@ -115,7 +121,7 @@ class GuidedOptions(Options):
     max_seconds: float | None = option(None, least=0.0)
     groups: int = option(1000, above=0)
     gate: float = option(8.0, above=0.0)
-    subsets: int = option(20_000, above=0)
+    subsets: int = option(5_000, above=0)
     edges: int = option(300_000, above=0)
     surplus: float = option(1.5, least=1.0)
     hypotheses: int = option(200, least=1)

@@ -11,7 +11,7 @@ from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, random_hyperedges
 from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.search import Search
+from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
 
@@ -52,7 +52,7 @@ class Guided(GuidedOptions):
         if task.clouds is not None:
             return point_set_tensor(task, task.clouds, self)
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
-        search = Search(task, self, task.deadline.part(SEARCHED, RESERVE))
+        search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()
         search.refine()
         few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))

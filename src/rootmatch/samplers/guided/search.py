@@ -30,7 +30,7 @@ from rootmatch.samplers.guided.sequential_test import (
 )
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.verification import verify
-from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points
+from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
 
 Integers = NDArray[np.int64]
 
@@ -77,7 +77,7 @@ class Search:
         arrangements = self.rng.permutation(enumeration.target_arrangements(self.n_target, self.minimal - 1))
         batch = options.first
         pace = Pace(self.deadline, options.chunks)
-        tried = self._tried()
+        tried, sets_done = self._tried(), 0
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
@@ -97,9 +97,11 @@ class Search:
                     self.conclusive = True
                     self._try_rivals()
                     return
-                if done == tasks and tried is not None:
-                    tried.add(points)
-                    if tried.suffice(self._most_matched()):
+                if done == tasks:
+                    sets_done += len(points)
+                    if tried is not None:
+                        tried.add(points)
+                    if self._none_missed(tried, sets_done):
                         self.conclusive = True
                         return
                 if len(self.hypotheses) > options.most_batches:
@@ -117,6 +119,17 @@ class Search:
         if self.visible is None or not self.single:
             return None
         return TriedSets(self.visible, self.options.visibility)
+
+    def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
+        """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
+        matched = self._most_matched()
+        if tried is not None:
+            return tried.suffice(matched)
+        if not self.single or matched <= self.minimal + 1:
+            return False
+        return missed_at_random(matched, self.n, self.minimal, sets_done, self.options.visibility) <= (
+            self.options.visibility.missed
+        )
 
     def _most_matched(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
@@ -203,17 +216,32 @@ class Search:
     ) -> None:
         """Test one batch of tasks, and verify the survivors of the highest ratio."""
         options = self.options.batches
-        solved = (last - first) * (self.n_target - self.minimal + 1)
+        most, keep, threads = self._kept_of((last - first) * (self.n_target - self.minimal + 1))
+        survivors, ratios, counts = run_sequential_tests(
+            self.padded, self.grid, test, sets, arrangements,
+            first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
+        )  # fmt: skip
+        self._keep(sets.points, survivors, ratios, counts, most)
+
+    def _kept_of(self, solved: int) -> tuple[int, int, int]:
+        """Of so many minimal sets: survivors that are verified, those that a chunk keeps, threads."""
+        options = self.options.batches
         if self.single:
             most = max(options.least_verified, solved // options.sets_per_verified)
         else:
             most = max(options.least_verified_of_many, solved // options.sets_per_verified_of_many)
         keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
-        threads = max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
-        survivors, ratios, counts = run_sequential_tests(
-            self.padded, self.grid, test, sets, arrangements,
-            first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
-        )  # fmt: skip
+        return most, keep, max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
+
+    def _keep(
+        self,
+        points: Integers,
+        survivors: Integers,
+        ratios: NDArray[np.float64],
+        counts: Integers,
+        most: int,
+    ) -> None:
+        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m)."""
         self.solved += int(counts[:, 0].sum())
         self.tested += int(counts[:, 1].sum())
         self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
@@ -221,7 +249,7 @@ class Search:
         chosen = np.flatnonzero(survivors[:, 0] >= 0)
         chosen = chosen[np.argsort(-ratios[chosen], kind="stable")[:most]]
         if len(chosen):
-            self._verify(sets.points[survivors[chosen, 0]], np.ascontiguousarray(survivors[chosen, 1:]))
+            self._verify(points[survivors[chosen, 0]], np.ascontiguousarray(survivors[chosen, 1:]))
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates."""
@@ -273,6 +301,8 @@ class Search:
         level = self._false_alarm_level()
         if len(hypotheses.evidence) and hypotheses.evidence[0] > level:
             hypotheses = hypotheses.take(self._rivals(hypotheses.evidence))
+        near = hypotheses.evidence > hypotheses.evidence.max(initial=0.0) - self.options.refinement.lag
+        hypotheses = hypotheses.take(near)
         _, first = np.unique(hypotheses.best, axis=0, return_index=True)
         return np.ascontiguousarray(hypotheses.best[np.sort(first)[: self.options.hypotheses]])
 

@@ -47,6 +47,13 @@ class VisibilityOptions(Options):
     each object; not tuned."""
     missed: float = option(0.005, above=0.0, most=1.0)
     """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
+    least_matched: int = option(6, least=4)
+    """Points of a pose that must not have been missed, at least, where triples are listed by shape: two minimal sets.
+    Fewer hardly tell a pose from chance, and to look for them would take most of the time. A round value."""
+    shape_views: int = option(1_024, least=1)
+    """Directions from which the shapes of a triple's image are taken. A round value, not tuned."""
+    distances: tuple[float, ...] = option((20.0, 5.0, 2.9, 2.0), above=1.0)
+    """Distances of those cameras, over the object's radius: inverse distances are even. Round values, not tuned."""
     rival: float = option(0.7, above=0.0, most=1.0)
     """Fraction of the best hypothesis's detections that a rival explains at least. A round value, not tuned."""
 
@@ -101,7 +108,23 @@ def covering_waves(
     Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
     frame after another asks for it.
     """
-    ordered = _covering(
+    ordered = covering_order(positions, normals, size, sets, options, view_cosine)
+    wave, done = sets.first_wave, 0
+    while done < len(ordered):
+        yield np.ascontiguousarray(ordered[done : done + wave])
+        done, wave = done + wave, min(2 * wave, sets.largest_wave)
+
+
+def covering_order(
+    positions: Floats,
+    normals: Floats,
+    size: int,
+    sets: MinimalSetOptions,
+    options: VisibilityOptions,
+    view_cosine: Floats | None = None,
+) -> Integers:
+    """All sets (S, size) of `covering_waves`, one after the other."""
+    return _covering(
         positions_bytes=positions.tobytes(),
         normals_bytes=normals.tobytes(),
         n=len(positions),
@@ -110,10 +133,6 @@ def covering_waves(
         options=options,
         view_cosine=None if view_cosine is None else tuple(view_cosine.tolist()),
     )
-    wave, done = sets.first_wave, 0
-    while done < len(ordered):
-        yield np.ascontiguousarray(ordered[done : done + wave])
-        done, wave = done + wave, min(2 * wave, sets.largest_wave)
 
 
 @lru_cache(maxsize=8)
@@ -154,6 +173,14 @@ def _covering(
     ordered: Integers = sets[np.concatenate([np.array(first, np.int64), rest])]
     ordered.setflags(write=False)
     return ordered
+
+
+def missed_at_random(
+    matched: int, n: int, size: int, sets: int, options: VisibilityOptions = DEFAULT_VISIBILITY
+) -> float:
+    """Probability that none of so many sets met a pose with ``matched`` of n points detected, any of them."""
+    inside = math.comb(matched, size) / math.comb(n, size)
+    return float((1.0 - (1.0 - options.failure) * inside) ** sets)
 
 
 class TriedSets:

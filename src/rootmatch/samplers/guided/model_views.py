@@ -1,0 +1,127 @@
+"""What a search needs of an object with normals, whatever the image: computed once, kept for the last few objects."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
+from rootmatch.samplers.guided.sequential_test import prepare_sets
+from rootmatch.samplers.guided.triangle_shapes import shape_tables
+from rootmatch.samplers.guided.visibility import (
+    VisibilityOptions,
+    covering_order,
+    facing_points,
+    some_of,
+    sphere,
+    within,
+)
+from rootmatch.samplers.guided.visible_triples import VisibleSets
+
+Integers = NDArray[np.int64]
+
+
+class ModelViews:
+    """Triples of points in the order in which they are tried, prepared wave by wave, and what they miss.
+
+    Parameters
+    ----------
+    positions, normals : (n, 3) arrays
+    sets : MinimalSetOptions
+    options : VisibilityOptions
+    """
+
+    def __init__(
+        self,
+        positions: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        sets: MinimalSetOptions,
+        options: VisibilityOptions,
+        view_cosine: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.positions, self.options = positions, options
+        self.ordered = covering_order(positions, normals, 3, sets, options, view_cosine)
+        sizes, wave = [0], sets.first_wave
+        while sizes[-1] < len(self.ordered):
+            sizes.append(min(sizes[-1] + wave, len(self.ordered)))
+            wave = min(2 * wave, sets.largest_wave)
+        self.edges = list(pairwise(sizes))
+        self.visible = facing_points(normals, options, view_cosine)
+        self.cameras, self.seen = _cameras(positions, normals, options, view_cosine)
+        self._waves: dict[int, VisibleSets] = {}
+        self._views: dict[int, NDArray[np.bool_]] = {}
+        self._met: dict[int, list[NDArray[np.int64]]] = {}
+
+    def wave(self, number: int, tables: Any) -> VisibleSets:
+        """The triples of a wave; ``tables`` hold the same points and normals."""
+        if number not in self._waves:
+            first, last = self.edges[number]
+            points = np.ascontiguousarray(self.ordered[first:last])
+            together = within(points, self.visible).astype(np.float32).T @ self.visible.astype(np.float32)
+            np.put_along_axis(together, points, -1.0, axis=1)
+            others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]
+            prepared = prepare_sets(tables, points, np.ascontiguousarray(others), np.zeros(len(points), np.int64))
+            shapes = shape_tables(self.positions, self.cameras, self.seen, points)
+            self._waves[number] = VisibleSets(prepared, shapes)
+        return self._waves[number]
+
+    def missed(self, matched: int, waves: int) -> float:
+        """Probability that a pose with so many detected points was met by none of the sets of the first waves."""
+        if matched not in self._met:
+            self._views[matched] = some_of(
+                self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]])
+            )
+            self._met[matched] = [np.zeros(len(self.visible), np.int64)]
+        views, met = self._views[matched], self._met[matched]
+        while len(met) <= waves:
+            first, last = self.edges[len(met) - 1]
+            met.append(met[-1] + within(self.ordered[first:last], views).sum(axis=1))
+        return float((self.options.failure ** met[waves]).mean())
+
+    def suffice(self, matched: int, waves: int) -> bool:
+        """Whether a pose that explains so many points would have been met."""
+        return self.missed(matched, waves) <= self.options.missed
+
+
+def _cameras(
+    positions: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    options: VisibilityOptions,
+    view_cosine: NDArray[np.float64] | None,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Positions (V, 3) of cameras at several distances in all directions, and which points face each (V, n)."""
+    centre = positions.mean(axis=0)
+    radius = float(np.linalg.norm(positions - centre, axis=1).max())
+    cameras = np.concatenate([centre + radius * far * sphere(options.shape_views) for far in options.distances])
+    towards = cameras[:, None] - positions
+    along = np.einsum("vni,ni->vn", towards, normals)
+    least = 0.0 if view_cosine is None else view_cosine * np.linalg.norm(towards, axis=2)
+    return cameras, np.asarray((along > least) | ~normals.any(axis=1))
+
+
+def model_views(
+    positions: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    sets: MinimalSetOptions,
+    options: VisibilityOptions,
+    view_cosine: NDArray[np.float64] | None = None,
+) -> ModelViews:
+    """`ModelViews` of points and normals (n, 3), kept for the last few objects: frame after frame asks for them."""
+    cosines = None if view_cosine is None else view_cosine.tobytes()
+    return _kept(
+        positions=positions.tobytes(), normals=normals.tobytes(), cosines=cosines, sets=sets, options=options
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _kept(
+    positions: bytes, normals: bytes, cosines: bytes | None, sets: MinimalSetOptions, options: VisibilityOptions
+) -> ModelViews:
+    view_cosine = None if cosines is None else np.frombuffer(cosines)
+    return ModelViews(
+        np.frombuffer(positions).reshape(-1, 3), np.frombuffer(normals).reshape(-1, 3), sets, options, view_cosine
+    )

@@ -1,0 +1,216 @@
+"""Sequential tests of triples that are visible together: only image triples of a shape that they can have are solved.
+
+As `rootmatch.samplers.guided.sequential_test`, where normals tell which points face the camera: what a table of shapes
+lets through is listed and solved side by side, and the other points are looked up in the order in which they are likely
+to be visible beside the triple.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.jit.threads import in_threads
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
+from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
+from rootmatch.samplers.guided.screening import ROOTS, away
+from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest
+
+BLOCK = 64
+"""Image triples that are solved together."""
+BLOCK_ROWS = 12
+"""Numbers of an image triple: its bearings and the versines between them."""
+
+
+class VisibleSets(NamedTuple):
+    """Triples of source points that are visible together, as kernels take them."""
+
+    prepared: PreparedSets
+    """The others of each in the order in which they are likely to be visible beside it."""
+    shapes: NDArray[np.bool_]
+    """(S, CELLS) shapes that the image of each may have."""
+
+
+def run_visible_tests(
+    tables: Any,
+    grid: DetectionGrid,
+    test: SequentialTest,
+    sets: VisibleSets,
+    cells: NDArray[np.int16],
+    images: NDArray[np.int64],
+    facing: float,
+    first: int,
+    last: int,
+    allowed: NDArray[np.bool_],
+    keep: int,
+    chunks: int,
+    threads: int = 1,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Surviving hypotheses of the sets ``first … last − 1``, those of the highest ratio.
+
+    As `run_sequential_tests`; ``cells`` (n', n', n') of `image_cells`, ``images`` (L,) the detections that the triple's
+    images are taken from, ``facing`` the cosine between normal and direction to the camera below which a point is not
+    looked up.
+    """
+    prepared = sets.prepared
+    survivors = np.full((chunks, keep, 5), -1, np.int64)
+    ratios = np.full((chunks, keep), -np.inf)
+    counts = np.zeros((chunks, 3), np.int64)
+    n_target = grid.positions.shape[1]
+
+    def test_chunks(first_chunk: int, last_chunk: int) -> None:
+        scratch, block = np.zeros((2 * ROOTS, BLOCK)), np.zeros((BLOCK_ROWS, BLOCK))
+        passed, picked = np.zeros((ROOTS, BLOCK), np.bool_), np.zeros((3, BLOCK), np.int64)
+        row, stamp = np.zeros(len(images) + 1, np.int64), np.zeros(n_target, np.int64)
+        _test_chunks(
+            tables, grid, test, prepared, sets.shapes, cells, images, facing, allowed, first, last,
+            first_chunk, last_chunk, chunks, scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
+        )  # fmt: skip
+
+    in_threads(test_chunks, chunks, threads)
+    return survivors, ratios, counts
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _test_chunks(  # type: ignore[no-untyped-def]
+    tables, grid, test, sets, shapes, cells, images, facing, allowed, first, last, first_chunk, last_chunk, chunks,
+    scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
+):  # fmt: skip
+    """Chunks ``first_chunk … last_chunk − 1`` of the sets; the arrays from ``scratch`` to ``stamp`` are scratch."""
+    tables, grid, sets, shapes, cells = borrowed((tables, grid, sets, shapes, cells))
+    images, allowed, scratch, block, passed = borrowed((images, allowed, scratch, block, passed))
+    picked, row, stamp, survivors, ratios, counts = borrowed((picked, row, stamp, survivors, ratios, counts))
+    points_of, others_of, coordinates_of, own_of, _ = sets
+    masked = allowed.shape[0] > 0
+    several = images.size
+    tick = 0
+    for chunk in range(first_chunk, last_chunk):
+        start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
+        solved, tested, looked = 0, 0, 0
+        for s in range(start, end):
+            i = points_of[s]
+            shape = shapes[s]
+            filled = 0
+            for one in range(several):
+                a = images[one]
+                if masked and not allowed[i[0], a]:
+                    continue
+                for two in range(several):
+                    b = images[two]
+                    if a == b or (masked and not allowed[i[1], b]):
+                        continue
+                    possible = 0
+                    for three in range(several):
+                        row[possible] = images[three]
+                        possible += shape[cells[a, b, images[three]]]
+                    for place in range(possible):
+                        c = row[place]
+                        if c in (a, b) or (masked and not allowed[i[2], c]):
+                            continue
+                        picked[0, filled], picked[1, filled], picked[2, filled] = a, b, c
+                        gather_listed(tables, grid, a, b, c, block, filled)
+                        filled += 1
+                        if filled == BLOCK:
+                            some_tested, some_looked = _test_block(
+                                tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
+                                masked, allowed, scratch, block, passed, picked, stamp, tick,
+                                survivors[chunk], ratios[chunk],
+                            )  # fmt: skip
+                            solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
+                            tick, filled = tick + some_tested, 0
+            if filled > 0:
+                some_tested, some_looked = _test_block(
+                    tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
+                    masked, allowed, scratch, block, passed, picked, stamp, tick, survivors[chunk], ratios[chunk],
+                )  # fmt: skip
+                solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
+                tick += some_tested
+        counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked
+
+
+@part
+def _test_block(  # type: ignore[no-untyped-def]
+    tables, grid, test, i, others, coordinates, own, s, filled, facing, masked, allowed, scratch, block, passed, picked,
+    stamp, tick, survivors, ratios,
+):  # fmt: skip
+    """Solve and test the listed image triples of one set; solutions tested and points looked up."""
+    solve_listed(tables, i, block, filled, scratch)
+    front = (
+        own[0, 0], own[0, 1], own[0, 2], own[0, 3], own[1, 0], own[1, 1], own[1, 2], own[1, 3],
+        own[2, 0], own[2, 1], own[2, 2], own[2, 3],
+    )  # fmt: skip
+    for root in range(ROOTS):
+        for k in range(filled):
+            real, frame = listed_frame(tables, i, block, k, scratch, root)
+            real = real & (away(frame, front[:4], block[0, k], block[1, k], block[2, k]) <= 0.0)
+            real = real & (away(frame, front[4:8], block[3, k], block[4, k], block[5, k]) <= 0.0)
+            real = real & (away(frame, front[8:], block[6, k], block[7, k], block[8, k]) <= 0.0)
+            passed[root, k] = real
+    tested, looked, weakest = 0, 0, 0
+    for q in range(ratios.size):
+        if ratios[q] < ratios[weakest]:
+            weakest = q
+    for k in range(filled):
+        for root in range(ROOTS):
+            if not passed[root, k]:
+                continue
+            tested += 1
+            stamp[picked[0, k]] = stamp[picked[1, k]] = stamp[picked[2, k]] = tick + tested
+            _, frame = listed_frame(tables, i, block, k, scratch, root)
+            ratio, hits, own_lookups = _likelihood_ratio(
+                grid, test, others, coordinates, facing, masked, allowed, frame, stamp, tick + tested
+            )
+            looked += own_lookups
+            if ratio > ratios[weakest] and hits + 3 >= test.least:
+                ratios[weakest] = ratio
+                survivors[weakest, 0], survivors[weakest, 1] = s, root
+                survivors[weakest, 2], survivors[weakest, 3] = picked[0, k], picked[1, k]
+                survivors[weakest, 4] = picked[2, k]
+                weakest = 0
+                for q in range(ratios.size):
+                    if ratios[q] < ratios[weakest]:
+                        weakest = q
+    return tested, looked
+
+
+@part
+def _likelihood_ratio(grid, test, others, coordinates, facing, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
+    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
+    ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
+    ratio = 0.0
+    hits = 0
+    looked = 0
+    fall = test.fall / grid.gate2
+    facing2 = facing * facing
+    for r in range(others.shape[0]):
+        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+        x = ox + a * ex + b * fx + c * gx
+        y = oy + a * ey + b * fy + c * gy
+        z = oz + a * ez + b * fz + c * gz
+        a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
+        u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
+        along = u * x + v * y + w * z
+        distance2 = x * x + y * y + z * z
+        # beyond its view angle, or so nearly on the far side that it need not be seen
+        if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
+            continue
+        if along * along < facing2 * (u * u + v * v + w * w) * distance2:
+            continue
+        looked += 1
+        k, distance2 = look_up(grid, x, y, z)
+        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
+            stamp[k] = tick
+            hit = test.hit - fall * distance2
+            ratio += hit if hit > test.miss else test.miss
+            hits += 1
+        else:
+            ratio += test.miss
+            if ratio < test.floor:
+                ratio = -np.inf
+                break
+    return ratio, hits, looked

@@ -1,0 +1,107 @@
+"""Triples of points with normals: shapes that their images may have, against random cameras and the general search."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rootmatch as rm
+from rootmatch.samplers.guided.detection_grid import build_grid
+from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS
+from rootmatch.samplers.guided.model_views import ModelViews, model_views
+from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
+from rootmatch.samplers.guided.triangle_shapes import ANY, image_cells
+from rootmatch.samplers.guided.visibility import DEFAULT_VISIBILITY, TriedSets
+from rootmatch.samplers.guided.visible_triples import run_visible_tests
+from test_visibility import CAMERA, NOISE, ball, view
+
+Floats = NDArray[np.float64]
+
+
+def rotation(rng: np.random.Generator) -> Floats:
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return np.asarray(turn * np.linalg.det(turn))
+
+
+def views_of(points: Floats, normals: Floats) -> ModelViews:
+    return model_views(points, normals, DEFAULT_SETS, DEFAULT_VISIBILITY)
+
+
+def tables_of(seed: int, clutter: int) -> tuple[object, NDArray[np.int64]]:
+    points, normals, pixels, truth = view(seed, clutter)
+    return rm.P3P(CAMERA).prepare(points, pixels, NOISE, normals), truth
+
+
+def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> None:
+    points, normals = ball(5)
+    tables, _ = tables_of(5, 0)
+    wave = views_of(points, normals).wave(3, tables)
+    sets = wave.prepared.points
+    rng = np.random.default_rng(0)
+    there, by_chance = [], []
+    for _ in range(60):
+        direction = rng.normal(size=3)
+        camera = direction / np.linalg.norm(direction) * rng.uniform(0.3, 3.0)
+        towards = camera - points
+        visible = (towards * normals).sum(axis=1) > 0.1 * np.linalg.norm(towards, axis=1)
+        rays = -towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rotation(rng)
+        cells = image_cells(np.ascontiguousarray(rays.T))
+        whole = visible[sets].all(axis=1)
+        rows = np.arange(len(sets))
+        there.append(wave.shapes[rows, cells[sets[:, 0], sets[:, 1], sets[:, 2]]][whole])
+        anyone = np.array([rng.choice(np.flatnonzero(visible), 3, replace=False) for _ in sets])
+        by_chance.append(wave.shapes[rows, cells[anyone[:, 0], anyone[:, 1], anyone[:, 2]]])
+    assert np.concatenate(there).size > 100
+    assert np.concatenate(there).mean() > 0.99
+    assert np.concatenate(by_chance).mean() < 0.4
+
+
+def test_a_triple_seen_from_near_is_of_any_shape() -> None:
+    wide = np.array([[0.8, -0.8, 0.0], [0.0, 0.1, 0.9], [1.0, 1.0, 1.0]])
+    cells = image_cells(wide / np.linalg.norm(wide, axis=0))
+    assert all(cells[order] == ANY for order in permutations(range(3)))
+
+
+def test_missed_is_that_of_the_sets_tried() -> None:
+    points, normals = ball(6)
+    views = views_of(points, normals)
+    tried = TriedSets(views.visible)
+    assert views.missed(7, 0) == 1.0
+    for number in range(4):
+        first, last = views.edges[number]
+        tried.add(views.ordered[first:last])
+        assert views.missed(7, number + 1) == pytest.approx(tried.missed(7), rel=1e-12)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_what_survives_is_what_survives_the_general_search(masked: bool) -> None:
+    tables, truth = tables_of(0, 2)
+    n, n_target = len(truth), tables.rays.shape[1]  # type: ignore[attr-defined]
+    sets = views_of(
+        np.ascontiguousarray(tables.points.T),
+        np.ascontiguousarray(tables.normals[:3].T),  # type: ignore[attr-defined]
+    ).wave(4, tables)
+    chosen = sets.prepared.points
+    grid = build_grid(tables.rays, 0.004)  # type: ignore[attr-defined]
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-0.2, floor=-100.0, least=4, normals=True)
+    rng = np.random.default_rng(2)
+    allowed = rng.random((n, n_target)) < 0.8 if masked else np.empty((0, 0), np.bool_)
+    if masked:
+        allowed[np.flatnonzero(truth >= 0), truth[truth >= 0]] = True
+    images = np.arange(n_target)
+    found, _, counts = run_visible_tests(
+        tables, grid, rules, sets, image_cells(grid.rays), images, 0.0, 0, len(chosen), allowed, 4000, 2
+    )
+    general = prepare_sets(tables, chosen, sets.prepared.others, np.zeros(len(chosen), np.int64))
+    arrangements = np.array(list(permutations(range(n_target), 2)), np.int32)
+    every, _, all_counts = run_sequential_tests(
+        tables, grid, rules, general, arrangements, 0, len(chosen) * len(arrangements), allowed, 4000, 2
+    )
+    rows = {tuple(row) for row in found.reshape(-1, 5).tolist() if row[0] >= 0}
+    expected = {tuple(row) for row in every.reshape(-1, 5).tolist() if row[0] >= 0}
+    assert len(rows & expected) >= 0.99 * len(rows)
+    assert len(rows & expected) >= 0.97 * len(expected)
+    assert counts[:, 0].sum() < 0.5 * all_counts[:, 0].sum()
