@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "tracker", "matcher", "match", "bodies", "predicted", "result", "pipeline"),
+    "matching": ("warmup", "tracker", "matcher", "match", "bodies", "rigs", "predicted", "result", "pipeline"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -43,6 +43,7 @@ CAPTIONS = {
     "warmup": "kernels ahead of need",
     "matcher": "frame after frame",
     "bodies": "several known bodies",
+    "rigs": "several cameras",
     "predicted": "with a predicted pose",
     "match": "match(), the pipeline",
     "result": "Match",
@@ -54,7 +55,7 @@ CAPTIONS = {
     "simulation": "scenes with ground truth",
     "hypergraph": "tensor, affinity, support",
     "problems": "a folder per problem",
-    "cameras": "pinhole, bearings",
+    "cameras": "lenses, bearings, rigs",
     "algebra": "polynomials, resultants",
     "jit": "all that knows Numba's internals",
 }

@@ -11,6 +11,7 @@ from rootmatch.problems import MODULES
 
 if TYPE_CHECKING:
     from rootmatch.cameras.pinhole import Camera
+    from rootmatch.cameras.rig import Rig
     from rootmatch.derivation.derive import derive
     from rootmatch.hypergraph.affinity import Affinity, Residual
     from rootmatch.hypergraph.invariants import invariant_affinities, nearest_hyperedges
@@ -45,6 +46,7 @@ _LATER = {
     "Pose": "problems.pose_fit.pose",
     "Problem": "problems.base",
     "Residual": "hypergraph.affinity",
+    "Rig": "cameras.rig",
     "Status": "result",
     "Tracker": "tracker",
     "TrackingState": "tracker",
@@ -97,6 +99,7 @@ __all__ = [
     "Pose",
     "Problem",
     "Residual",
+    "Rig",
     "RootmatchError",
     "Status",
     "Tracker",

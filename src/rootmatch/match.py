@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.bodies import match_bodies
+from rootmatch.cameras.rig import Rig
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
@@ -30,6 +31,7 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match
+from rootmatch.rigs import is_rig, match_rig
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.solvers.base import solved
@@ -70,6 +72,8 @@ def residuals(
     InputError
         If points or indices cannot be used.
     """
+    if isinstance(getattr(problem, "camera", None), Rig):
+        raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))
     first = checked_indices(source_index, n, problem.order, "source_index")
@@ -118,7 +122,8 @@ def match(
     source : (n, 3) or (n, 2) array
         Points in space in any frame and unit, or pixels of the first image.
     target : (n', 2) array
-        Pixels, in any order, clutter among them.
+        Pixels, in any order, clutter among them. Of a `rootmatch.Rig` ``(pixels, index)`` or rows of x, y and the index
+        of the camera; of `rootmatch.Bearings` unit rays (n', 3).
     problem : Problem
         `P3P`, `UP2P`, `ThreePlusOne`, or another one.
     noise : float, (n',) array or "auto"
@@ -228,12 +233,16 @@ def match(
 
 def solve(task: MatchingTask, started: float) -> Match:
     """The match of a task, its noise estimated first where that is asked for; ``started``: by `time.perf_counter`."""
+    if task.estimates_noise and is_rig(task):
+        raise InputError("noise: a rig does not estimate it; give a number of pixels")
     found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
     return replace(found, seconds=time.perf_counter() - started, limited=task.deadline.limited)
 
 
 def _solve(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
+    if is_rig(task):
+        return match_rig(task)
     if task.bodies is not None:
         return match_bodies(task, _solve)
     if task.predicted is not None:

@@ -23,6 +23,25 @@ __all__ = ["Match", "Status"]
 
 
 @dataclass(frozen=True, eq=False)
+class Sightings:
+    """What each camera of a rig sees.
+
+    Attributes
+    ----------
+    assignment : (C, n) int64
+        Index into the target of each source point in each camera; −1 where it is not seen.
+    pose : Pose or None
+        Of the rig, of all sightings; its ``points`` are camera · n + point.
+    alternatives : list of (C, n) int64
+        The next probable ones.
+    """
+
+    assignment: NDArray[np.int64]
+    pose: Pose | None
+    alternatives: list[NDArray[np.int64]]
+
+
+@dataclass(frozen=True, eq=False)
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
@@ -74,6 +93,9 @@ class Match:
         against clutter, ``margin`` the lead in those odds, and the tensor is empty.
     fused_pose : Pose or None
         Pose of the matches and the prior together, where that held.
+    sightings : Sightings or None
+        With a `rootmatch.Rig` what each camera sees; ``assignment`` then holds the sighting of the first camera that
+        has one, and ``poses`` the pose of the rig by all of them.
     """
 
     task: MatchingTask
@@ -94,6 +116,7 @@ class Match:
     bodies: dict[Label, Match] | None = None
     prior_holds: bool | None = None
     fused_pose: Pose | None = None
+    sightings: Sightings | None = None
 
     @cached_property
     def probability(self) -> float | None:
@@ -151,6 +174,8 @@ class Match:
         """
         if self.prior_holds and self.task.predicted is not None:
             return [fused_pose(self.task, self.assignment)]
+        if self.sightings is not None:
+            return [self.sightings.pose]
         return self.poses_of(self.assignment)
 
     @cached_property
@@ -170,7 +195,7 @@ class Match:
 
     def pose(self) -> list[Pose | None]:
         """The same as `poses`, under the name that it had first."""
-        return self.poses_of(self.assignment)
+        return self.poses if self.sightings is not None else self.poses_of(self.assignment)
 
     def report(self, path: str | Path, **options: Any) -> None:
         """Write the match as one self-contained page for the browser, which needs no network.

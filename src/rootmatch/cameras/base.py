@@ -97,8 +97,8 @@ def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
     return inverse
 
 
-def check_camera(camera: object, name: str = "camera") -> None:
-    """Refuse anything but a camera, such as its matrix.
+def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> None:
+    """Refuse anything but a camera, such as its matrix; ``rigs``: whether one of several cameras will do.
 
     Raises
     ------
@@ -109,5 +109,7 @@ def check_camera(camera: object, name: str = "camera") -> None:
         raise InputError(
             f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
         )
+    if not rigs and hasattr(camera, "views"):
+        raise InputError(f"{name}: a Rig given, which P3P alone takes; give one camera")
     if getattr(camera, "camera", None) is not None:
         raise InputError(f"{name}: Bearings(camera) given, a measurement; give the camera itself, or Bearings()")

@@ -56,7 +56,7 @@ def point_dimension(path: Path) -> int:
     return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
 
 
-def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
+def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = False) -> PointSet:
     """Read points of a CSV file with columns ``x,y[,z]``, optional ``id`` and, in space, optional ``nx,ny,nz,body``.
 
     Parameters
@@ -67,14 +67,16 @@ def read_points(path: Path, dimension: int, least: int = 1) -> PointSet:
         3 for points in space, 2 for an image.
     least : int
         Least number of points.
+    of_rig : bool
+        Whether they are detections of several cameras: ``x,y,camera``, with the camera's index from 0.
 
     Raises
     ------
     InputError
         If the file cannot be used; the text names the file, the row and the remedy.
     """
-    needed = COORDINATES[:dimension]
-    known = ("id", *needed, *((*NORMALS, "body") if dimension == 3 else ()))
+    needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
+    known = ("id", *needed, *((*NORMALS, "body") if dimension == 3 and not of_rig else ()))
     rows = read_table(path, needed, known)
     with_normals = [name for name in NORMALS if name in rows[0][1]]
     if with_normals and len(with_normals) < 3:

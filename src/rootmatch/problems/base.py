@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
@@ -114,7 +115,9 @@ class Problem(ABC):
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order, distinct)
-        second = check_points(target, self.target_dimension, "target", least_target or self.order)
+        camera = getattr(self, "camera", None)
+        detections = camera.joined(target) if isinstance(camera, Rig) else target
+        second = check_points(detections, self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))
         sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)

@@ -36,6 +36,7 @@ def match_record(match: Match) -> dict[str, Any]:
             for (other, score), poses in zip(match.alternatives, others, strict=True)
         ],
         "status": match.status.name.lower(),
+        **({} if match.sightings is None else {"sightings": match.sightings.assignment.tolist()}),
         "converged": match.converged,
         "limited": match.limited,
         "seconds": _finite(match.seconds),

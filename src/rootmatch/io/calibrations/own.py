@@ -14,6 +14,7 @@ from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.colmap import Colmap
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.values import matrix, numbers
@@ -53,7 +54,9 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         raise InputError(f"{path}: not a JSON object; give {EXAMPLE}")
     if content.get("bearings") is True:
         return Bearings()
-    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", *DISTORTION, *more)
+    if "rig" in content:
+        return _rig(path, content["rig"])
+    known = (*NUMBERS, "K", "fisheye", "colmap", "bearings", "rig", *DISTORTION, *more)
     for key in content:
         if key.lower() in ONE_BY_ONE and content[key] != 0:
             raise InputError(f'{path}: {key} alone; give all coefficients as a list, "dist": [k1, k2, p1, p2, k3]')
@@ -71,6 +74,26 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         return _with_lens(path, pinhole, content)
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def _rig(path: Path, views: Any) -> Rig:
+    """The rig of a JSON list of cameras, each with R and t."""
+    if not isinstance(views, list) or not all(isinstance(view, dict) for view in views):
+        raise InputError(f"{path}: rig is {quoted(views)}; give a list of cameras with R and t")
+    cameras = []
+    for k, view in enumerate(views):
+        for key, count in (("R", 9), ("t", 3)):
+            if key not in view or len(numbers(path, f"{key} of camera {k}", view[key])) != count:
+                raise InputError(f"{path}: rig: {key} of camera {k} is missing, or has not {count} numbers")
+        if "rig" in view:
+            raise InputError(f"{path}: rig: camera {k} is a rig itself; give cameras")
+        rest = {key: value for key, value in view.items() if key not in ("R", "t")}
+        place = matrix(path, "R", view["R"]), numbers(path, "t", view["t"])
+        cameras.append((camera_of(path, rest, ()), *place))
+    try:
+        return Rig(cameras)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _square(path: Path, value: Any) -> list[list[float]]:
@@ -104,6 +127,8 @@ def camera_entry(camera: CameraModel) -> dict[str, Any]:
     """A camera as a JSON object."""
     if isinstance(camera, UnitRays):
         return {"bearings": True}
+    if isinstance(camera, Rig):
+        return {"rig": [camera_entry(own) | {"R": list(map(list, R)), "t": list(t)} for own, R, t in camera.views]}
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which camera files do not hold; give a Camera")
     entry: dict[str, Any] = dict(zip(NUMBERS, camera.numbers, strict=True))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
+from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.points import PointSets, known_normals
@@ -16,6 +17,7 @@ from rootmatch.problems.pose_fit.absolute import absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:
     from rootmatch.problems.p3p.tables import P3PTables
@@ -56,7 +58,7 @@ class P3P(Problem):
     least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
-        check_camera(self.camera)
+        check_camera(self.camera, rigs=True)
         self._take_dimensions(self.camera)
 
     def tables(self, points: PointSets) -> P3PTables:
@@ -91,6 +93,8 @@ class P3P(Problem):
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Camera poses, 6 × 6 covariances; see `Problem.poses`."""
+        if isinstance(self.camera, Rig):
+            return rig_poses(points, self.camera, assignments)
         return camera_poses(points, self.camera, assignments)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:

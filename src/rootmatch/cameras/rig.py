@@ -1,0 +1,188 @@
+"""A rig: several calibrated cameras on one body that take their images at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.cameras.base import CameraModel, Floats, tangent_axes
+from rootmatch.errors import InputError
+
+ORTHONORMAL = 1e-6
+"""Deviation of R Rᵀ from the identity up to which R counts as a rotation: that of a file's digits."""
+
+
+@dataclass(frozen=True)
+class Rig(CameraModel):
+    """Several cameras with fixed poses on one body.
+
+    Its detections are rows of x, y and the index of the camera, or a pair ``(pixels, index)`` of arrays (n', 2) and
+    (n',). The pose that is found is that of the rig: ``x_rig = R X + t``, the frame in which its cameras are given.
+
+    Parameters
+    ----------
+    views : sequence of (camera, R, t)
+        Each camera with its pose in the rig, ``x_camera = R x_rig + t``: R (3, 3), t (3,) in the unit of the points.
+
+    Raises
+    ------
+    InputError
+        If there is no camera, one of them is none whose detections are pixels, R is no rotation or t no vector.
+    """
+
+    views: tuple[tuple[CameraModel, Any, Any], ...]
+
+    def __init__(self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]]) -> None:
+        try:
+            given: list[tuple[Any, ...]] = [tuple(view) for view in views]
+        except TypeError:
+            raise InputError(f"rig: {type(views).__name__} given; give a list of (camera, R, t)") from None
+        if not given:
+            raise InputError("rig: no camera given; give a list of (camera, R, t)")
+        kept = []
+        for k, view in enumerate(given):
+            if len(view) != 3:
+                raise InputError(f"rig: {len(view)} entries for camera {k}; give (camera, R, t)")
+            camera, R, t = view
+            if not isinstance(camera, CameraModel) or camera.dimension != 2:
+                raise InputError(f"rig: {type(camera).__name__} given for camera {k}; give a Camera with pixels")
+            rotation, translation = _numbers(R, (3, 3), f"R of camera {k}"), _numbers(t, (3,), f"t of camera {k}")
+            if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(rotation) < 0.0:
+                raise InputError(f"rig: R of camera {k} is no rotation; give x_camera = R x_rig + t")
+            kept.append((camera, tuple(map(tuple, rotation.tolist())), tuple(translation.tolist())))
+        object.__setattr__(self, "views", tuple(kept))
+
+    @property
+    def cameras(self) -> tuple[CameraModel, ...]:
+        """The cameras, C of them."""
+        return tuple(view[0] for view in self.views)
+
+    @property
+    def rotations(self) -> Floats:
+        """R (C, 3, 3) of the cameras in the rig."""
+        return np.array([view[1] for view in self.views])
+
+    @property
+    def translations(self) -> Floats:
+        """And t (C, 3)."""
+        return np.array([view[2] for view in self.views])
+
+    @property
+    def centres(self) -> Floats:
+        """Centres (C, 3) of the cameras in the rig's frame."""
+        return np.asarray(-np.einsum("cji,cj->ci", self.rotations, self.translations))
+
+    @property
+    def dimension(self) -> int:
+        """A pixel and the index of its camera."""
+        return 3
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length."""
+        return float(np.mean([camera.focal for camera in self.cameras]))
+
+    def joined(self, target: Any) -> Any:
+        """Rows of x, y and index (n', 3) of detections: of such rows, or of a pair ``(pixels, index)``.
+
+        Raises
+        ------
+        InputError
+            If an index names no camera, or there is not one for each pixel.
+        """
+        if isinstance(target, tuple | list) and len(target) == 2 and np.ndim(target[1]) == 1:
+            try:
+                pixels, index = np.asarray(target[0], dtype=float), np.asarray(target[1], dtype=float)
+            except (TypeError, ValueError):
+                raise InputError("target: not numbers; give (pixels, index of the camera)") from None
+            if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) != len(index):
+                raise InputError(f"target: pixels {pixels.shape} and index {index.shape} given; give (n', 2) and (n',)")
+            target = np.column_stack([pixels, index])
+        rows = np.asarray(target)
+        if rows.ndim == 2 and rows.shape[1] == 3 and rows.dtype.kind in "fiu":
+            wrong = ~np.isin(rows[:, 2], np.arange(len(self.views)))
+            if wrong.any():
+                k = int(np.flatnonzero(wrong)[0])
+                raise InputError(
+                    f"target: point {k} is of camera {rows[k, 2]:g}; the rig has {len(self.views)}, counted from 0"
+                )
+        return target
+
+    def bearings(self, pixels: ArrayLike) -> Floats:
+        """Unit rays (m, 3) in the rig's frame of rows (m, 3) of x, y and index; they begin at different centres."""
+        return self._of_each(pixels, lambda camera, own: camera.bearings(own), 3)
+
+    def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:
+        """Isotropic noise of the rays in radians; see `CameraModel.angular_noise`."""
+        rows = np.asarray(pixels, dtype=float)
+        spread = np.broadcast_to(np.asarray(sigma, dtype=float), rows.shape[:-1])
+        out = np.empty(rows.shape[:-1])
+        for k, camera in enumerate(self.cameras):
+            own = rows[:, 2] == k
+            out[own] = camera.angular_noise(rows[own, :2], spread[own])
+        return out
+
+    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """Unit rays in the rig's frame and how they move with the pixels."""
+        rows = np.asarray(pixels, dtype=float)
+        rays, axes = self.bearings(rows), np.empty((len(rows), 3, 2))
+        for k, (camera, rotation) in enumerate(zip(self.cameras, self.rotations, strict=True)):
+            own = rows[:, 2] == k
+            seen = rays[own] @ rotation.T
+            axes[own] = rotation.T @ tangent_axes(seen, camera.jacobian(seen))
+        return rays, axes
+
+    def chart(self, pixels: Floats, sigma: Floats) -> tuple[CameraModel, Floats, Floats]:
+        """The images side by side; see `CameraModel.chart`."""
+        return self, pixels[:, :2] + self.offsets(pixels)[pixels[:, 2].astype(np.int64)], sigma
+
+    def offsets(self, pixels: Floats) -> Floats:
+        """Where the image of each camera (C, 2) lies in a plane on which those of all detections do not overlap."""
+        offsets, edge = np.zeros((len(self.views), 2)), 0.0
+        for k in range(len(self.views)):
+            own = pixels[pixels[:, 2] == k, :2]
+            if len(own):
+                low, high = own.min(axis=0), own.max(axis=0)
+                offsets[k] = edge - low[0], -low[1]
+                edge += high[0] - low[0]
+        return offsets
+
+    def project(self, points: ArrayLike) -> Floats:
+        """A rig has as many images of a point as cameras.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError("rig: a point has an image in each camera; project with Rig.cameras, rotations, translations")
+
+    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """As `project`."""
+        raise InputError("rig: each camera sees something else; ask Rig.cameras")
+
+    def jacobian(self, points: ArrayLike) -> Floats:
+        """As `project`."""
+        return self.project(points)
+
+    def _of_each(self, pixels: ArrayLike, of: Any, size: int) -> Floats:
+        rows = np.asarray(pixels, dtype=float)
+        out = np.empty((len(rows), size))
+        for k, (camera, rotation) in enumerate(zip(self.cameras, self.rotations, strict=True)):
+            own = rows[:, 2] == k
+            out[own] = of(camera, rows[own, :2]) @ rotation
+        return out
+
+
+def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"rig: {name} is no array of numbers; give shape {shape}") from None
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise InputError(f"rig: {name} has shape {array.shape}, or NaN or infinity; give {shape} finite numbers")
+    return array

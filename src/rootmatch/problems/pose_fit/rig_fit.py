@@ -1,0 +1,268 @@
+"""Poses of a rig of cameras: one body seen by several, each point perhaps by more than one.
+
+Every camera has a copy of every point, so that the image of a copy has one place. The copies of all cameras share one
+pose, and are fitted as the points of one camera are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.rig import Rig
+from rootmatch.errors import InputError
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.absolute import AbsoluteFit, absolute_fit
+from rootmatch.problems.pose_fit.base import Floats, invertible
+from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
+from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.projection_model import ProjectionModel
+
+Integers = NDArray[np.int64]
+
+STEPS = 20
+"""Most steps of a descent, which starts where one camera puts it; five are usual. Not tuned."""
+LEAST = 4
+"""Matches within one camera from which a fit can start: with three there are several poses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Copies(CameraModel):
+    """A rig as one camera of the copies (C n) of n points: those of the first camera first.
+
+    Attributes
+    ----------
+    rig : Rig
+    points : (n, 3) array
+        In their own frame and unit.
+    offsets : (C, 2) array
+        Where each camera's image lies in the common plane.
+    owner : (n',) int array
+        Camera of each detection.
+    """
+
+    rig: Rig
+    points: Floats
+    offsets: Floats
+    owner: Integers
+
+    @cached_property
+    def centre(self) -> Floats:
+        """Mean (3,) of the points."""
+        return np.asarray(self.points.mean(axis=0))
+
+    @cached_property
+    def unit(self) -> float:
+        """Root mean square distance of the points from it, per coordinate: the unit of the fits."""
+        return float(np.sqrt(((self.points - self.centre) ** 2).mean()))
+
+    @cached_property
+    def places(self) -> Floats:
+        """The copies (C n, 3), about their centre and in that unit."""
+        return np.tile((self.points - self.centre) / self.unit, (len(self.offsets), 1))
+
+    @property
+    def count(self) -> int:
+        """Number of points, n."""
+        return len(self.points)
+
+    @property
+    def dimension(self) -> int:
+        """Pixels of the common plane."""
+        return 2
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length."""
+        return self.rig.focal
+
+    def bearings(self, pixels: ArrayLike) -> Floats:
+        """Unknown without the camera.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError("rig: give the camera of each pixel")
+
+    def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """As `bearings`."""
+        return self.bearings(pixels), self.bearings(pixels)
+
+    def of_camera(self, positions: Floats, k: int) -> Floats:
+        """Copies (…, C n, 3) of the rig's frame that belong to camera k, in its frame, (…, n, 3)."""
+        own = positions[..., k * self.count : (k + 1) * self.count, :]
+        return np.asarray(own @ self.rig.rotations[k].T + self.rig.translations[k] / self.unit)
+
+    def project(self, points: ArrayLike) -> Floats:
+        """Pixels (…, C n, 2) of copies (…, C n, 3)."""
+        positions = np.asarray(points, dtype=float)
+        parts = [
+            camera.project(self.of_camera(positions, k)) + self.offsets[k] for k, camera in enumerate(self.rig.cameras)
+        ]
+        return np.concatenate(parts, axis=-2)
+
+    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether each copy (…, C n, 3) is seen by its camera."""
+        positions = np.asarray(points, dtype=float)
+        parts = [camera.sees(self.of_camera(positions, k)) for k, camera in enumerate(self.rig.cameras)]
+        return np.concatenate(parts, axis=-1)
+
+    def jacobian(self, points: ArrayLike) -> Floats:
+        """Derivatives (…, C n, 2, 3) of their pixels by the copies (…, C n, 3)."""
+        positions = np.asarray(points, dtype=float)
+        parts = [
+            camera.jacobian(self.of_camera(positions, k)) @ self.rig.rotations[k]
+            for k, camera in enumerate(self.rig.cameras)
+        ]
+        return np.concatenate(parts, axis=-3)
+
+
+def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers, steps: int = STEPS) -> AbsoluteFit:
+    """Fit of each assignment of copies, as `absolute_fit` of one camera.
+
+    Parameters
+    ----------
+    copies : Copies
+    target, sigma : (n', 2) and (n',) arrays
+        Pixels in the common plane, and their σ.
+    assignments : (K, C n) int64 array
+        −1 where unmatched. One with fewer than four matches in every camera has no fit, an infinite χ².
+    steps : int
+        Most steps from the fit of the camera with most matches; 0 where the others have none.
+    """
+    used = assignments >= 0
+    image, weight = target[np.maximum(assignments, 0)], np.where(used, 1.0 / sigma[np.maximum(assignments, 0)], 0.0)
+    count = len(assignments)
+    model = ProjectionModel(
+        np.broadcast_to(copies.places, (count, *copies.places.shape)), image, weight, copies, np.eye(3)
+    )
+    (rotation, translation), chi2 = descended(model, _starts(copies, target, sigma, assignments), steps)
+    with np.errstate(all="ignore"):
+        positions = copies.places @ rotation.swapaxes(-1, -2) + translation[:, None]
+        jacobian = model.jacobian((rotation, translation)).reshape(*assignments.shape, 2, 6)
+        by_position = copies.jacobian(positions)
+        rotated = positions - translation[:, None]
+        every = np.concatenate([-by_position @ cross_matrix(rotated), by_position], axis=-1)
+        every = np.where(np.isfinite(every), every, 0.0)
+        rows = jacobian.reshape(count, -1, 6)
+        normal = invertible(rows.swapaxes(-1, -2) @ rows)
+    variance = sigma**2
+    logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
+    return AbsoluteFit(
+        chi2=chi2,
+        freedom=np.asarray(2 * used.sum(axis=1) - 6),
+        evidence=np.asarray(-0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms),
+        target=target,
+        variance=variance,
+        assignments=assignments,
+        predicted=copies.project(positions),
+        jacobian=every,
+        covariance=np.asarray(np.linalg.inv(normal)),
+        positions=positions - np.repeat(copies.rig.centres / copies.unit, copies.count, axis=0),
+        rotation=rotation,
+        translation=translation,
+        seen=copies.sees(positions),
+        position_density=_position_densities(copies, translation, used),
+        upright=None,
+    )
+
+
+def rig_pose(copies: Copies, target: Floats, sigma: Floats, assignment: Integers) -> Pose | None:
+    """The most likely pose of the rig for one assignment of copies (C n,), None where there is none.
+
+    Its `points` are indices of copies: camera · n + point.
+    """
+    fit = rig_fit(copies, target, sigma, assignment[None])
+    if not np.isfinite(fit.chi2[0]):
+        return None
+    members = np.flatnonzero(assignment >= 0)
+    detections = assignment[members]
+    weight = np.where(assignment >= 0, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
+    image = target[np.maximum(assignment, 0)][None]
+    model = ProjectionModel(copies.places[None], image, weight, copies, np.eye(3))
+    covariance = covariance_of(model, (fit.rotation, fit.translation))[0]
+    rotation, turned = fit.rotation[0], fit.rotation[0] @ copies.centre
+    change = np.zeros((6, 6))
+    change[:3, :3], change[3:, 3:] = np.eye(3), copies.unit * np.eye(3)
+    change[3:, :3] = cross_matrix(turned)  # t = u t' − R c, so τ = u τ' − ω × R c
+    plane = copies.offsets[copies.owner[detections]]
+    return fitted_pose(
+        rotation,
+        copies.unit * fit.translation[0] - turned,
+        change @ covariance @ change.T,
+        chi2=float(fit.chi2[0]),
+        freedom=int(fit.freedom[0]),
+        points=members,
+        predicted=fit.predicted[0][members] - plane,
+        residuals=np.linalg.norm(fit.predicted[0][members] - target[detections], axis=1),
+        sigma=sigma[detections],
+    )
+
+
+def rig_poses(points: PointSets, rig: Rig, assignments: Integers) -> list[Pose | None]:
+    """The most likely pose of a rig for each assignment (K, n), of one sighting of each point."""
+    rows = points.target
+    owner = rows[:, 2].astype(np.int64)
+    _, plane, sigma = rig.chart(rows, points.target_noise)
+    copies = Copies(rig, points.source, rig.offsets(rows), owner)
+    found = []
+    for assignment in assignments:
+        whole = np.full((len(rig.views), copies.count), -1, np.int64)
+        members = np.flatnonzero(assignment >= 0)
+        whole[owner[assignment[members]], members] = assignment[members]
+        pose = rig_pose(copies, plane, sigma, whole.ravel())
+        if pose is not None and pose.points is not None and pose.inliers is not None:
+            pose = replace(pose, points=pose.points % copies.count, inliers=pose.inliers % copies.count)
+        found.append(pose)
+    return found
+
+
+def _starts(copies: Copies, target: Floats, sigma: Floats, assignments: Integers) -> State:
+    """Poses (K, 3, 3) and (K, 3) to start from: of the camera that has most of each assignment's matches."""
+    size, cameras = len(assignments), len(copies.offsets)
+    by_camera = assignments.reshape(size, cameras, copies.count)
+    matches = (by_camera >= 0).sum(axis=2)
+    most = matches.argmax(axis=1)
+    rotation, translation = np.tile(np.eye(3), (size, 1, 1)), np.full((size, 3), np.nan)
+    for k in range(cameras):
+        rows = np.flatnonzero((most == k) & (matches[:, k] >= LEAST))
+        if not len(rows):
+            continue
+        own = np.flatnonzero(copies.owner == k)
+        place = np.full(len(target) + 1, -1)
+        place[own] = np.arange(len(own))
+        fit = absolute_fit(
+            source=copies.points,
+            target=target[own] - copies.offsets[k],
+            sigma=sigma[own],
+            camera=copies.rig.cameras[k],
+            assignments=place[by_camera[rows, k]],  # −1 is the last place
+            upright=None,
+        )
+        back = copies.rig.rotations[k].T
+        rotation[rows] = back @ fit.rotation
+        translation[rows] = (fit.translation - copies.rig.translations[k] / copies.unit) @ back.T
+        translation[rows[~np.isfinite(fit.chi2)]] = np.nan
+    return rotation, translation
+
+
+def _position_densities(copies: Copies, translation: Floats, used: NDArray[np.bool_]) -> Floats:
+    """Pixels a unit of area across the ray to the points' centre, over its distance, in the camera of most matches."""
+    most = used.reshape(len(used), len(copies.offsets), -1).sum(axis=2).argmax(axis=1)
+    out = np.full(len(used), np.nan)
+    for k, camera in enumerate(copies.rig.cameras):
+        rows = np.flatnonzero((most == k) & np.isfinite(translation).all(axis=1))
+        if len(rows):
+            centre = translation[rows] @ copies.rig.rotations[k].T + copies.rig.translations[k] / copies.unit
+            distance = np.linalg.norm(centre, axis=1)
+            with np.errstate(all="ignore"):
+                density = 1.0 / (camera.steradians(centre) * distance**3)
+            out[rows] = np.where(camera.sees(centre), density, np.nan)
+    return out
