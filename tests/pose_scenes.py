@@ -188,8 +188,8 @@ SCENES: dict[str, Callable[[int], PoseScene]] = {
     "3p1, noisy axes": three_plus_one_noisy,
     "planar": planar,
     "up2pf": up2pf,
-    "similarity": lambda seed: point_sets(seed, rm.Similarity()),
+    "similarity": lambda seed: point_sets(seed, rm.Similarity(2)),
     "similarity in space": lambda seed: point_sets(seed, rm.Similarity(3)),
-    "rigid": lambda seed: point_sets(seed, rm.Rigid()),
+    "rigid": lambda seed: point_sets(seed, rm.Rigid(2)),
     "rigid in space": lambda seed: point_sets(seed, rm.Rigid(3)),
 }
