@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from rootmatch.jit import prebuilt, sources
+from rootmatch.jit import cache, prebuilt, sources
 from rootmatch.jit.locks import FileLock
 
 
@@ -72,6 +73,23 @@ def test_a_processor_without_what_they_need_is_told(
 
 def test_the_stamp_is_that_of_the_sources() -> None:
     assert prebuilt.stamp() == sources.stamp() == sources.digest(sources.compiled_sources())
+
+
+class Terminal(io.StringIO):
+    """Standard error on a screen."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_first_compilation_is_told_once_and_in_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    for screen, lines in ((Terminal(), 1), (io.StringIO(), 0)):
+        monkeypatch.setattr(cache, "_announce_once", [])
+        monkeypatch.setattr(sys, "stderr", screen)
+        cache._announce("one")
+        cache._announce("another")
+        assert screen.getvalue().count("\n") == lines
+        assert ("`rootmatch warmup` does it ahead" in screen.getvalue()) == bool(lines)
 
 
 WAIT = """
