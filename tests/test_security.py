@@ -15,8 +15,8 @@ from rootmatch.problems.derived.store import vetted
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ROOT / "src" / "rootmatch"
 EXECUTES = {"problems/derived/store.py", "problems/derived/compile.py", "algebra/any_degree.py"}
-UNPICKLES = {"backends/dask.py", "jit/cache.py", "jit/prebuilt.py", "warmup/worker.py", "warmup/workers.py"}
-"""Those that may; of a kernel cache and of prebuilt kernels, where the package has them."""
+UNPICKLES = {"backends/dask.py", "jit/cache.py", "cli/frames.py"}
+"""Those that may: of a scheduler, of a cache of kernels, and what a command hands to its own workers."""
 
 
 def calls() -> dict[str, set[str]]:
