@@ -593,6 +593,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         hyperedges=1234567,
         noise=np.array([0.5, 1.0]),
         limited=False,
+        sightings=None,
         problem=make(least_for_pose=0),
     )
     record = match_record(found)
