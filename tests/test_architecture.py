@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "docs" / "make_architecture.py"
-FOLDERS = ("src", "tests", "benchmarks", "examples", "docs")
+FOLDERS = ("src", "tests", "benchmarks", "examples", "docs", "build_backend")
 WRITTEN = {"ransac.py"}
 """Files that are not of this repository."""
 
