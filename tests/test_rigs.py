@@ -60,6 +60,8 @@ def test_twenty_points_of_which_each_camera_sees_five(seed: int) -> None:
     assert pose.freedom == 2 * 20 - 6
     assert 0.5 < pose.rms_sigma < 1.6
     np.testing.assert_allclose(found.poses_of(found.assignment)[0].t, pose.t, atol=1e-9)
+    again = rm.Matcher(points, rm.P3P(rig), noise=0.5).match((rows[:, :2], rows[:, 2]))
+    np.testing.assert_array_equal(again.sightings.assignment, truth)
 
 
 def _rotation_vector(R: NDArray) -> NDArray:

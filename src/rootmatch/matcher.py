@@ -27,6 +27,7 @@ from rootmatch.problems.checks import as_points, check_normals, check_points, ch
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, Status
+from rootmatch.rigs import is_rig
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
@@ -135,7 +136,7 @@ class Matcher:
             As `rootmatch.match`.
         """
         started = time.perf_counter()
-        detections = as_points(target, self.problem.target_dimension, "target")
+        detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
         fault = self._fault(detections, 1 if prior is not None and self.bodies is None else self.problem.order)
         if fault is not None:
             return self._empty(detections, fault, started)
@@ -180,7 +181,7 @@ class Matcher:
             finally:
                 self.options = before
         started = time.perf_counter()
-        detections = as_points(target, self.problem.target_dimension, "target")
+        detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
         fault = self._fault(detections, 1)
         if fault is not None:
             return self._empty(detections, fault, started)
@@ -237,6 +238,8 @@ class Matcher:
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
+        if is_rig(task):
+            return False  # cameras are swept one by one
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
         return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL
 

@@ -115,9 +115,7 @@ class Problem(ABC):
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order, distinct)
-        camera = getattr(self, "camera", None)
-        detections = camera.joined(target) if isinstance(camera, Rig) else target
-        second = check_points(detections, self.target_dimension, "target", least_target or self.order)
+        second = check_points(self.joined(target), self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))
         sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)
@@ -126,6 +124,12 @@ class Problem(ABC):
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
         return PointSets(first, second, sigma, sigma2, facing, cosine)
+
+    def joined(self, target: ArrayLike) -> ArrayLike:
+        """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
+        camera = getattr(self, "camera", None)
+        joined: ArrayLike = camera.joined(target) if isinstance(camera, Rig) else target
+        return joined
 
     @property
     def noise_is_angular(self) -> bool:
