@@ -44,7 +44,7 @@ class ModelViews:
         view_cosine: NDArray[np.float64] | None = None,
     ) -> None:
         self.positions, self.options = positions, options
-        self.ordered = covering_order(positions, normals, 3, sets, options, view_cosine)
+        self.ordered = covering_order(positions, normals, 3, sets, options, view_cosine=view_cosine)
         sizes, wave = [0], sets.first_wave
         while sizes[-1] < len(self.ordered):
             sizes.append(min(sizes[-1] + wave, len(self.ordered)))

@@ -111,7 +111,9 @@ class Search:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
         if self.normals:
             sets, visibility = self.options.sets, self.options.visibility
-            return covering_waves(self.positions, self.facing, self.minimal, sets, visibility, self.view_cosine)
+            return covering_waves(
+                self.positions, self.facing, self.minimal, sets, visibility, view_cosine=self.view_cosine
+            )
         return minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)
 
     def _tried(self) -> TriedSets | None:

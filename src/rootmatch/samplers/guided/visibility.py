@@ -108,7 +108,7 @@ def covering_waves(
     Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
     frame after another asks for it.
     """
-    ordered = covering_order(positions, normals, size, sets, options, view_cosine)
+    ordered = covering_order(positions, normals, size, sets, options, view_cosine=view_cosine)
     wave, done = sets.first_wave, 0
     while done < len(ordered):
         yield np.ascontiguousarray(ordered[done : done + wave])

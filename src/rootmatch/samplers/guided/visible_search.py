@@ -107,8 +107,9 @@ class VisibleSearch(Search):
         keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
         threads = max(1, min(numba.get_num_threads(), tasks // (SHAPES_PER_SOLVED * options.sets_per_thread)))
         survivors, ratios, counts = run_visible_tests(
-            self.tables, self.grid, self._visible_test(), sets, self.cells, images,
-            self.least_cosine, first, last, allowed, keep, options.chunks, threads,
+            self.tables, self.grid, self._visible_test(), sets, self.cells,
+            images=images, facing=self.least_cosine, first=first, last=last, allowed=allowed,
+            keep=keep, chunks=options.chunks, threads=threads,
         )  # fmt: skip
         self.evaluated += tasks // SHAPES_PER_SOLVED
         self._keep(sets.prepared.points, survivors, ratios, counts, most)
