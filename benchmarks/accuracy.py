@@ -61,10 +61,18 @@ class Outcome:
     """Of the assignment, NaN where there is none."""
     seconds: float
     hyperedges: float
+    points: str
+    """Confidence of each point, and 1 where its match, or its being unmatched, is right: ``0.998/1 0.73/0 …``."""
     peer_accuracy: float = NOTHING
     peer_precision: float = NOTHING
     peer_rand: float = NOTHING
     peer_seconds: float = NOTHING
+
+
+def point_by_point(match: rm.Match, truth: Integers) -> str:
+    """Confidence of each point, and whether it was right."""
+    pairs = zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)
+    return " ".join(f"{confidence:.5f}/{int(good)}" for confidence, good in pairs)
 
 
 def right(assignment: Integers, truth: Integers) -> bool:
@@ -161,6 +169,7 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
         NOTHING if instance.pose is None else own_accuracy(instance),
         match.status.name.lower(), match.margin,
         NOTHING if match.probability is None else match.probability, match.seconds, float(match.hyperedges),
+        point_by_point(match, truth),
         **({} if yardstick is None or case.yardstick == "none" else theirs(case, instance, seed, yardstick, patience)),
     )  # fmt: skip
 
@@ -183,7 +192,7 @@ def row(case: Case, outcomes: list[Outcome]) -> str:
     mean = {
         item.name: float(np.mean([getattr(one, item.name) for one in outcomes]))
         for item in fields(Outcome)
-        if item.name not in ("case", "status")
+        if item.name not in ("case", "status", "points")
     }
     by_status = {
         name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")

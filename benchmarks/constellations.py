@@ -61,6 +61,8 @@ class Outcome:
     seconds: float
     """Of the processor."""
     hyperedges: int
+    points: str
+    """Confidence of each point, and 1 where it was right: ``0.998/1 0.73/0 …``."""
 
 
 def load_scenes(given: str | None) -> ModuleType | None:
@@ -125,6 +127,10 @@ def outcome(family: str, seed: int, scenes: ModuleType | None) -> Outcome:
     return Outcome(
         family, seed, match.status.name.lower(), right, wrong, int((truth >= 0).sum()), full, shown, match.margin,
         seconds, match.hyperedges,
+        " ".join(
+            f"{confidence:.5f}/{int(good)}"
+            for confidence, good in zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)
+        ),
     )  # fmt: skip
 
 

@@ -1,4 +1,6 @@
-"""How often an assignment of some probability is right, from the scenes that `accuracy.py --csv` wrote; table, picture.
+"""How often an assignment of some probability is right, and a match of some confidence; tables, picture.
+
+From the scenes that `accuracy.py --csv` and `constellations.py --csv` wrote.
 
 python benchmarks/accuracy.py --first-seed 20000 --seeds 100 --no-yardstick --csv accuracy.csv
 python benchmarks/reliability.py accuracy.csv --picture docs/reliability.png
@@ -16,6 +18,10 @@ import numpy as np
 
 EDGES = [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0]
 """Bounds of the bins of the probability."""
+BINS = np.linspace(0.0, 1.0, 11)
+"""Bounds of the bins of the confidence."""
+WITHIN = 0.03
+"""Of the bin the share that is right is to be."""
 LEAST = [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]
 """Thresholds of "matched" that are compared."""
 
@@ -34,6 +40,8 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="where the reliability plot goes")
     options = parser.parse_args()
     rows = [row for path in options.csv for row in csv.DictReader(path.open(newline=""))]
+    points = confidences(rows)
+    rows = [row for row in rows if "probability" in row]
     trusted = [row for row in rows if row["status"] != "untrusted"]
     rows = [row for row in trusted if row["probability"] != "nan"]
     probability = np.array([float(row["probability"]) for row in rows])
@@ -68,22 +76,46 @@ def main() -> None:
             share = [np.mean([float(row[key]) for row in some]) for key in ("right", "shown")]
             print(f"| {status} | {len(some)} | {share[0]:.4f} | {share[1]:.4f} |")
     if options.picture is not None:
-        picture(np.array(drawn), options.picture)
+        picture(np.array(drawn), points, options.picture)
 
 
-def picture(drawn: np.ndarray, path: Path) -> None:
-    """The reliability plot: mean probability of each bin against the share that is right, with its interval."""
+def confidences(rows: list[dict[str, str]]) -> np.ndarray:
+    """Table of the points of all scenes by confidence; mean, share that is right and its interval, (B, 4)."""
+    pairs = [pair.split("/") for row in rows for pair in row.get("points", "").split()]
+    known = np.array([(float(c), float(good)) for c, good in pairs if c != "nan"]).reshape(-1, 2)
+    print(f"{len(known)} points with a confidence, of {len(pairs)} in {len(rows)} scenes of any status\n")
+    print("| confidence | points | mean | right | 95 % interval | within the bin ± .03 |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    drawn = []
+    for low, high in itertools.pairwise(BINS):
+        inside = known[(known[:, 0] >= low) & ((known[:, 0] < high) | (high == BINS[-1]))]
+        if len(inside):
+            mean, good = inside.mean(axis=0)
+            least, most = interval(int(inside[:, 1].sum()), len(inside))
+            drawn.append((mean, good, least, most))
+            held = low - WITHIN <= good <= high + WITHIN
+            print(
+                f"| {low:.1f} – {high:.1f} | {len(inside)} | {mean:.4f} | {good:.4f} | {least:.3f} – {most:.3f} |"
+                f" {'yes' if held else 'no'} |"
+            )
+    print()
+    return np.array(drawn)
+
+
+def picture(drawn: np.ndarray, points: np.ndarray, path: Path) -> None:
+    """The reliability plot: mean of each bin against the share that is right, with its interval."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    x, y, below, above = drawn.T
     figure, axes = plt.subplots(figsize=(5.0, 3.6), layout="constrained")
     axes.plot([0.0, 1.0], [0.0, 1.0], color="grey", linestyle=":", label="calibrated")
-    axes.errorbar(x, y, yerr=[y - below, above - y], marker="o", capsize=3, label="measured, 95 % interval")
+    curves = ((drawn.T, "o", "probability of a match"), (points.T, "s", "confidence of a point"))
+    for (x, y, below, above), marker, label in curves:
+        axes.errorbar(x, y, yerr=[y - below, above - y], marker=marker, capsize=3, label=label + ", 95 % interval")
     axes.axvline(0.9, color="grey", linewidth=0.8, label="matched from here on")
-    axes.set(xlabel="probability", ylabel="share of the assignments that is right", ylim=(0.0, 1.02), xlim=(0.0, 1.02))
+    axes.set(xlabel="probability or confidence", ylabel="share that is right", ylim=(0.0, 1.02), xlim=(0.0, 1.02))
     axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)
 

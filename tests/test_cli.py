@@ -62,7 +62,7 @@ class TestMatch:
         assert "matched: " in result.stdout
         found = rows_of(output)
         assert {row["source"]: row["target"] for row in found} == truth
-        assert set(found[0]) == {"source", "target", "weight", "motion", "residual"}
+        assert set(found[0]) == {"source", "target", "weight", "motion", "residual", "confidence"}
         assert all(0.0 <= float(row["residual"]) < 0.5 for row in found)
         assert all(float(row["weight"]) > 0.0 and row["motion"] == "0" for row in found)
         assert "<svg" in plot.read_text()
@@ -73,8 +73,8 @@ class TestMatch:
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
-            "assignment", "score", "margin", "probability", "motions", "alternatives", "status", "converged", "limited",
-            "seconds", "hyperedges", "noise", "poses",
+            "assignment", "score", "margin", "probability", "confidence", "motions", "alternatives",
+            "status", "converged", "limited", "seconds", "hyperedges", "noise", "poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth

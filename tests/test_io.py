@@ -143,13 +143,16 @@ def test_matches_name_points_by_id_or_by_row_number(tmp_path: Path) -> None:
     target = PointSet(np.zeros((2, 2)))
     path = tmp_path / "matches.csv"
     weights, residuals = np.array([0.5, 0.0, 0.1 + 0.2]), np.array([0.25, np.nan, np.nan])
-    write_matches(path, np.array([1, -1, 0]), weights, np.array([0, -1, 1]), source, target, residuals)
+    write_matches(
+        path, np.array([1, -1, 0]), weights=weights, motions=np.array([0, -1, 1]), residuals=residuals,
+        confidence=np.array([0.75, 1.0, np.nan]), source=source, target=target,
+    )  # fmt: skip
     with path.open(newline="") as stream:
         rows = list(csv.reader(stream))
     assert rows == [
-        ["source", "target", "weight", "motion", "residual"],
-        ["tip, left", "1", "0.5", "0", "0.25"],
-        ["ear", "0", "0.30000000000000004", "1", ""],
+        ["source", "target", "weight", "motion", "residual", "confidence"],
+        ["tip, left", "1", "0.5", "0", "0.25", "0.75"],
+        ["ear", "0", "0.30000000000000004", "1", "", ""],
     ]
     np.testing.assert_array_equal(read_truth(path, source, target), [1, -1, 0])
 

@@ -22,6 +22,7 @@ from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
+from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
 from rootmatch.pipeline.sampling import affordable, sample
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
@@ -248,10 +249,12 @@ def _solve(task: MatchingTask) -> Match:
     if task.predicted is not None:
         return match_predicted(task, _solve)
     options = task.options
-    sampled = sample(task)
-    if options.packs_motions:
-        solution, sampled = pack_motions(task, sampled)
+    if options.packs_motions and pays(task):
+        solution, sampled = motions_of_pairs(task)
+    elif options.packs_motions:
+        solution, sampled = pack_motions(task, sample(task))
     else:
+        sampled = sample(task)
         deadline = task.deadline.part(SOLVED)
         tensor = affordable(sampled.tensor, deadline)
         solution = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
@@ -270,4 +273,6 @@ def _solve(task: MatchingTask) -> Match:
         hyperedges=sampled.evaluated,
         seconds=0.0,
         fitted_probability=assessed.probability,
+        fitted_confidence=assessed.confidence,
+        noise_factor=assessed.noise_factor,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import Status, probability_of
+from rootmatch.pipeline.assessment import TRUST, Status, confidence_of, confidence_of_motions, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
 from rootmatch.pipeline.prior import fused_pose
@@ -81,6 +81,11 @@ class Match:
         Whether ``max_seconds`` ended it before it was done.
     fitted_probability : float or None
         The probability, where the status needed it.
+    fitted_confidence : (n,) float64 or None
+        The confidence, where the status needed it; see `confidence`.
+    noise_factor : float or None
+        How many times larger than ``noise`` the noise looks, by the residuals about the best pose: near 1 where σ is
+        right. None where no pose was fitted.
     fault : str or None
         Why the detections of a frame could not be matched at all; see `rootmatch.Matcher.match`.
     bodies : dict or None
@@ -112,6 +117,8 @@ class Match:
     seconds: float
     limited: bool = False
     fitted_probability: float | None = None
+    fitted_confidence: NDArray[np.float64] | None = None
+    noise_factor: float | None = None
     fault: str | None = None
     bodies: dict[Label, Match] | None = None
     prior_holds: bool | None = None
@@ -127,6 +134,27 @@ class Match:
             known = [body.probability for body in self.bodies.values()]
             return None if None in known else float(np.prod(np.array(known, np.float64)))
         return probability_of(self.task, self.assignment, self.alternatives)
+
+    @cached_property
+    def confidence(self) -> NDArray[np.float64]:
+        """Posterior probability (n,) that each point's match, or its being unmatched, is right.
+
+        Summed over the assignments that were weighed and their local changes (a point left out, moved to another
+        detection or exchanged with another point). Where the status is MATCHED the pose is sure, and the matches that
+        are not are left out, so that at most a hundredth of those of a large assignment, or a tenth of one match, is
+        expected to be wrong; the assignment with them is then the first alternative. NaN where the problem fits no
+        poses, and for the paper's residuals. Computed on first access where the status did not need it.
+        """
+        if self.fitted_confidence is not None:
+            return self.fitted_confidence
+        if self.bodies is not None:
+            confidence = np.full(len(self.assignment), np.nan)
+            for k, body in enumerate(self.bodies.values()):
+                confidence[self.task.bodies.points_of(k)] = body.confidence  # type: ignore[union-attr]
+            return confidence
+        if self.task.options.packs_motions:
+            return confidence_of_motions(self.task, self.assignment, self.motions)
+        return confidence_of(self.task, self.assignment, self.alternatives)
 
     @property
     def source(self) -> NDArray[np.float64]:
@@ -154,6 +182,22 @@ class Match:
         if self.fault is not None:
             return f"no trustworthy match: {self.fault}"
         advice = self.status.advice(self.problem)
+        factor = self.noise_factor
+        blamed = factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named
+        if blamed and self.status is Status.UNTRUSTED:
+            assert factor is not None
+            told = f"noise={factor * self.noise:.2g}" if isinstance(self.noise, int | float) else "a larger noise="
+            advice = (
+                f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
+                f'give {told}, or noise="auto", and check {self.problem.to_check}'
+            )
+        if self.status is Status.MATCHED and self.fitted_confidence is not None:
+            unsure = int((self.fitted_confidence < TRUST.probability).sum())
+            advice += (
+                f"; whether {unsure} of the points have an image, or which, is not sure: see `confidence`"
+                if unsure
+                else ""
+            )
         if self.prior_holds is False:
             advice += "; the prior pose was wrong, this one was found without it"
         return f"{advice}; max_seconds ended it before it was done" if self.limited else advice

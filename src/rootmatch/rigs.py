@@ -19,7 +19,7 @@ from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
 from rootmatch.pipeline.assessment import TRUST, judged
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, Ranked, ranked
+from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, NO_POSE, Ranked, ranked
 from rootmatch.pipeline.sampling import sample
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.gate import GATE
@@ -76,7 +76,7 @@ def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:
     tensor, hypotheses, evaluated = _searched(task, copies, options)
     whole = _of_copies(task, copies, plane, sigma)
     proposals = _verified(whole, copies, hypotheses, options)
-    found = ranked(whole, proposals) if proposals else Ranked([], np.empty(0), math.nan, math.inf)
+    found = ranked(whole, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
     return _reported(task, whole, copies, tensor, found, evaluated)
 
 
@@ -221,9 +221,15 @@ def _reported(
     probability = found.probability if every else None
     listed = found.probability_of(1 + TRUST.listed) if every else 0.0
     trusted = found.beyond_chance > TRUST.beyond_clutter and listed > TRUST.listed_probability
-    trusted = trusted and found.misfit <= DEFAULT_OPTIONS.most_inflation
+    trusted = trusted and found.misfit.variances <= DEFAULT_OPTIONS.most_inflation
     lead = margin(scores[0], alternatives, first[0])
     status = judged(math.inf if trusted else 0.0, -math.inf if trusted else math.inf, lead, probability)
+    confidence = np.full(n, math.nan)
+    if found.marginals is not None:
+        # of the sightings of a point the surest one, of an unseen point the least sure
+        each = found.marginals.each.reshape(-1, n)
+        surest = np.where(best >= 0, each, -1.0).max(axis=0)
+        confidence = np.where((best >= 0).any(axis=0), surest, each.min(axis=0))
     pose = rig_pose(copies, whole.points.target, whole.points.target_noise, best.ravel()) if every else None
     return Match(
         task=task,
@@ -238,6 +244,7 @@ def _reported(
         converged=True,
         hyperedges=evaluated,
         seconds=0.0,
+        fitted_confidence=confidence,
         fitted_probability=probability,
         sightings=Sightings(best, pose, every[1:]),
     )

@@ -250,7 +250,8 @@ Scheduler = Annotated[
 ]
 Seed = Annotated[int, typer.Option(help="Random seed; the same seed gives the same match.", rich_help_panel=METHOD)]
 Output = Annotated[
-    Path | None, typer.Option(metavar="CSV", help="Write source,target,weight,motion,residual.", rich_help_panel=OUTPUT)
+    Path | None,
+    typer.Option(metavar="CSV", help="Write source,target,weight,motion,residual,confidence.", rich_help_panel=OUTPUT),
 ]
 Poses = Annotated[
     Path | None,

@@ -88,6 +88,7 @@ class Outputs:
                     assignment=found.assignment,
                     weights=text.match_weights(found),
                     motions=found.motions,
+                    confidence=found.confidence,
                     residuals=text.match_residuals(found),
                     source=source,
                     target=target,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.csv_tables import number, read_table, read_text, refuse_repeats, write_table
 
+MATCHES = ("source", "target", "weight", "motion", "residual", "confidence")
+"""Columns of a file of matches."""
 COORDINATES = ("x", "y", "z")
 NORMALS = ("nx", "ny", "nz")
 
@@ -125,7 +128,7 @@ def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int
         Index into the target, −1 for source points that the file does not name or whose target is empty.
     """
     truth = np.full(len(source.points), -1, dtype=np.int64)
-    rows = read_table(path, ("source", "target"), ("source", "target", "weight", "motion", "residual"))
+    rows = read_table(path, ("source", "target"), MATCHES)
     refuse_repeats(path, [(row, cells["source"]) for row, cells in rows], "source")
     visible = [(row, cells) for row, cells in rows if cells["target"]]
     refuse_repeats(path, [(row, cells["target"]) for row, cells in visible], "target")
@@ -189,32 +192,39 @@ def write_matches(
     assignment: NDArray[np.int64],
     weights: NDArray[np.float64],
     motions: NDArray[np.int64],
+    confidence: NDArray[np.float64],
     source: PointSet,
     target: PointSet,
     residuals: NDArray[np.float64] | None = None,
 ) -> None:
-    """Write ``source,target,weight,motion,residual``, one row per matched source point.
+    """Write ``source,target,weight,motion,residual,confidence``, one row per matched source point.
 
     Parameters
     ----------
-    assignment, weights, motions, residuals : (n,) arrays
-        Index into the target (−1 unmatched), weight and motion label of each source point, and its distance from where
-        the pose of its motion predicts it; NaN where there is no pose, which is written as an empty cell.
+    assignment, weights, motions, confidence, residuals : (n,) arrays
+        Index into the target (−1 unmatched), weight, motion label and confidence of each source point, and its distance
+        from where the pose of its motion predicts it; NaN, where there is none, is written as an empty cell.
     """
     if residuals is None:
         residuals = np.full(len(assignment), np.nan)
     write_table(
         path,
-        ("source", "target", "weight", "motion", "residual"),
+        MATCHES,
         (
             (
                 source.names[i],
                 target.names[j],
                 float(weights[i]),
                 int(motions[i]),
-                float(residuals[i]) if np.isfinite(residuals[i]) else "",
+                _told(residuals[i]),
+                _told(confidence[i]),
             )
             for i, j in enumerate(assignment.tolist())
             if j >= 0
         ),
     )
+
+
+def _told(number: float) -> float | str:
+    """A number, or nothing where there is none."""
+    return float(number) if math.isfinite(number) else ""

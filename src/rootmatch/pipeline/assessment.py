@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -17,7 +17,7 @@ from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, misfit, ranked
+from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, Misfit, Ranked, misfit, ranked
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import SampledTensor
@@ -42,7 +42,21 @@ class TrustOptions:
         detections do: on the development seeds of `benchmarks/constellations.py` they never exceeded −3 where nothing
         was to be found (300 scenes of unrelated points, 40 of the headset against a stretched copy of itself).
     listed, listed_probability : int, float
-        … if the right one is among it and so many alternatives with that probability.
+        … if the right one is among it and so many alternatives, or the pose is right, with that probability.
+    wrong : float
+        Fraction of its matches that may be expected to be wrong in a matched assignment of many points. A round value.
+    missed : float
+        Probability of having missed another pose that explains as much, beyond which an assignment is ambiguous: the
+        search was cut short before it looked for one. A round value; searches that end by themselves are below 0.05.
+    kept : float
+        Least fraction of its matches that is left where those that are not sure are left out of an assignment, to
+        call it matched; else it is ambiguous. A round value.
+    noise_factor, noise_chance : float
+        Factor on σ, as the residuals about the best pose ask for it, from which an assignment is not trusted if
+        residuals as large as that are rarer than this chance where σ is right: it was stated too small, and points may
+        be missing. Where σ was 1.5 times too small no match is wrong, where it was four times, some are.
+    most_named : float
+        Factor up to which the advice blames the noise rather than the match. A round value.
     alternatives : int
         Most alternatives that are kept.
     support : float
@@ -63,6 +77,12 @@ class TrustOptions:
     beyond_clutter_of_views: float = math.log(100.0)
     listed: int = 5
     listed_probability: float = 0.95
+    noise_factor: float = 1.9
+    noise_chance: float = 1e-3
+    most_named: float = 8.0
+    kept: float = 0.9
+    wrong: float = 0.01
+    missed: float = 0.5
     alternatives: int = 16
     support: float = 0.25
     last_support: float = 0.1
@@ -119,6 +139,8 @@ class Assessment:
     probability: float | None
     alternatives: Alternatives
     status: Status
+    confidence: NDArray[np.float64] | None = None
+    noise_factor: float | None = None
 
 
 def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment:
@@ -130,14 +152,16 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor, task.deadline)
     scores = agreement(sampled.tensor, [assignment, *(other for other, _ in alternatives)])
     lead = margin(score, alternatives, assignment)
-    probability, trusted, factor, support = None, False, 0.0, scores[0]
+    probability, trusted, support = None, False, scores[0]
+    found: Ranked | None = None
+    fault: Misfit | None = None
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if not proposed and clear(assignment, lead, sampled.tensor):
         # hyper-edges may agree pair by pair without a pose that suits all of them
-        factor = misfit(task, assignment) if fits(task, assignment) else 0.0
+        fault = misfit(task, assignment) if fits(task, assignment) else None
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
         found = ranked(task, [assignment, *(other for other, _ in alternatives), *proposed])
-        factor = found.misfit
+        fault = found.misfit
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])
             values = scores_of(sampled.tensor, kept)
@@ -147,15 +171,68 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             listed = found.probability_of(1 + TRUST.listed)
             views = task.problem.source_is_image
             beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
-            trusted = found.beyond_chance > beyond and listed > TRUST.listed_probability
+            sure = max(listed, 0.0 if found.marginals is None else found.marginals.pose)
+            trusted = found.beyond_chance > beyond and sure > TRUST.listed_probability
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
-    if not factor <= DEFAULT_OPTIONS.most_inflation:
+    if fault is not None and _does_not_fit(fault):
         alarms = math.inf
     status = judged(math.inf if trusted else support, alarms, lead, probability)
-    return Assessment(assignment, score, lead, probability, alternatives, status=status)
+    if status is Status.MATCHED and sampled.missed > TRUST.missed:
+        status = Status.AMBIGUOUS
+    assessed = Assessment(
+        assignment, score, lead, probability, alternatives, status=status,
+        noise_factor=None if fault is None else fault.sigma,
+    )  # fmt: skip
+    if found is None:
+        return assessed
+    return _point_by_point(task, assessed, found, sampled)
+
+
+def _does_not_fit(fault: Misfit) -> bool:
+    """Whether no pose fits an assignment within the noise that was given."""
+    if not fault.variances <= DEFAULT_OPTIONS.most_inflation:
+        return True
+    return fault.sigma >= TRUST.noise_factor and fault.chance < TRUST.noise_chance
+
+
+def _point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sampled: SampledTensor) -> Assessment:
+    """The assessment with the confidence of each match.
+
+    Where the pose is sure and some of the matches are not, those are left out, and the rest is matched.
+    """
+    each = found.marginals
+    if each is None:
+        return assessed
+    if assessed.status is Status.UNTRUSTED:
+        return replace(assessed, confidence=confidence_against_chance(found, assessed.assignment))
+    if assessed.status is not Status.AMBIGUOUS or sampled.missed > TRUST.missed:
+        return replace(assessed, confidence=each.each)
+    matched = int((assessed.assignment >= 0).sum())
+    doubt = max(1.0 - TRUST.probability, TRUST.wrong * matched)
+    sure = each.without_unsure(assessed.assignment, max(task.problem.order + 1, TRUST.kept * matched), doubt)
+    if sure is None:
+        return replace(assessed, confidence=each.each)
+    left_out = (sure < 0) & (assessed.assignment >= 0)
+    return replace(
+        assessed,
+        assignment=sure,
+        score=float(scores_of(sampled.tensor, sure[None])[0]),
+        probability=each.pose * float(np.prod(each.each[sure >= 0] / each.pose)),
+        alternatives=[(assessed.assignment, assessed.score), *assessed.alternatives][: TRUST.alternatives],
+        status=Status.MATCHED,
+        confidence=np.where(left_out, each.unmatched, each.each),
+    )
+
+
+def confidence_against_chance(found: Ranked, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Confidence (n,) in each match where all of them may be chance: then being unmatched is right."""
+    assert found.marginals is not None
+    odds = found.beyond_chance if math.isfinite(found.beyond_chance) else 0.0
+    real = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+    return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * found.marginals.each)
 
 
 def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
@@ -173,6 +250,39 @@ def probability_of(task: MatchingTask, assignment: NDArray[np.int64], alternativ
         return None
     found = ranked(task, [assignment, *(other for other, _ in alternatives)])
     return found.probability_of_assignment(assignment) if found.assignments else None
+
+
+def confidence_of(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of a clear assignment; NaN where there is no probability."""
+    unknown = np.full(len(assignment), math.nan)
+    if not fits(task, assignment):
+        return unknown
+    found = ranked(task, [assignment, *(other for other, _ in alternatives)])
+    if found.marginals is None:
+        return unknown
+    if np.array_equal(found.assignments[0], assignment):
+        return found.marginals.each
+    return np.asarray(found.probabilities @ (np.array(found.assignments) == assignment))
+
+
+def confidence_of_motions(
+    task: MatchingTask, assignment: NDArray[np.int64], motions: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
+
+    Being unmatched is right as often as for the least sure of the motions.
+    """
+    confidence = np.full(len(assignment), math.nan)
+    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
+    for label in range(int(motions.max(initial=-1)) + 1):
+        points = np.flatnonzero((motions == label) | (assignment < 0))
+        others = assignment[(motions != label) & (assignment >= 0)]
+        pixels = np.setdiff1d(np.arange(task.shape[1]), others)
+        place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
+        own = np.where(assignment[points] >= 0, place, -1)
+        each = confidence_of(alone.subset(points, pixels), own, [])
+        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
+    return confidence
 
 
 def judged(score: float, alarms: float, lead: float, probability: float | None = None) -> Status:

@@ -72,6 +72,8 @@ def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> 
     """
     if solution.groups is None or not (solution.groups >= 0).any():
         return math.inf
+    if "against_chance" in solution.statistics:  # the evidence has paid for the choice of the points too
+        return -solution.statistics["evidence"] / math.log(10.0)
     sizes = np.bincount(solution.groups[solution.groups >= 0])
     left = shape[0] - int(sizes.sum())
     ways = math.lgamma(shape[0] + 1) - math.lgamma(left + 1) - math.lgamma(len(sizes) + 1)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
-from rootmatch.hypergraph.neighbourhood import one_change_neighbours
+from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
 from rootmatch.options import Options, option
+from rootmatch.pipeline.confidence import Marginals, marginals
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.clutter import CROWDING
@@ -131,6 +133,30 @@ def _area(task: MatchingTask) -> float:
     return max(float(np.prod(np.ptp(task.image[0], axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
 
+class Misfit(NamedTuple):
+    """How much larger the noise looks than it was given, by the residuals of an assignment about its best pose."""
+
+    variances: float
+    """Factor on the variances that is believed, infinite where no pose fits: the given σ counts for
+    `PosteriorOptions.noise_freedom` residuals."""
+    sigma: float
+    """Factor on σ by the residuals alone; NaN where a pose leaves none."""
+    freedom: int
+    """Degrees of freedom of that."""
+
+    @property
+    def chance(self) -> float:
+        """How often residuals are as large as that where σ is right."""
+        from scipy.special import gammaincc  # slow to import, rarely needed
+
+        if not self.freedom:
+            return 1.0
+        return float(gammaincc(0.5 * self.freedom, 0.5 * self.freedom * self.sigma**2))
+
+
+NO_POSE = Misfit(math.inf, math.nan, 0)
+
+
 @dataclass(frozen=True)
 class Ranked:
     """Assignments, the most probable first.
@@ -146,8 +172,10 @@ class Ranked:
     logarithms: NDArray[np.float64]
     beyond_chance: float
     """Log-odds of the first assignment against none, all detections clutter; NaN where unknown."""
-    misfit: float
-    """Factor on the variances that the fit of the first assignment asks for; infinite where no pose fits."""
+    misfit: Misfit
+    """Of the first assignment."""
+    marginals: Marginals | None = None
+    """Of the first assignment, point by point."""
 
     @property
     def probability(self) -> float:
@@ -226,18 +254,15 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
         for key in waiting:
             visited.add(key)
             fit, k = fits[key]
-            chance = detected * visible[key]
-            gains = odds + (np.log(chance) - np.log1p(-chance))[:, None] + fit.densities(k, inflation)
-            if task.points.normals is not None:
-                gains[(pool[key] < 0) & fit.invisible(k, task.points.normals)] = -np.inf
-            for other, gain in _neighbours(gains, pool[key], options):
+            gains = _gains(task, pool[key], fit.densities(k, inflation) + odds, detected * visible[key], fit=fit, k=k)
+            for other, gain in _neighbours(*_changes(gains, pool[key]), pool[key], options):
                 if value[key] + gain > enough and (other >= 0).sum() >= least:
                     pool.setdefault(other.tobytes(), other)
     order = sorted(value, key=lambda key: (-value[key], key))
     order = [key for key in order if value[key] > -np.inf]
     logarithms = np.array([(value[key] - value[order[0]]) / fits[key][0].doubt for key in order])
     if not order:
-        return Ranked([], logarithms, np.nan, np.inf)
+        return Ranked([], logarithms, np.nan, NO_POSE)
     fit, k = fits[order[0]]
     image, sigma = task.image
     density = local_density(image.T, float(np.median(sigma)))
@@ -247,17 +272,40 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     else:
         rate = task.options.detection
         beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options, rate)
-    return Ranked([pool[key] for key in order], logarithms, beyond, _misfit(fit, k, options))
+    first, every = pool[order[0]], [pool[key] for key in order]
+    gains = _gains(task, first, fit.densities(k, inflation) + odds, detected * visible[order[0]], fit=fit, k=k)
+    each = marginals(every, logarithms, *_changes(gains, first), fit.doubt)
+    return Ranked(every, logarithms, beyond, _misfit(fit, k, options), each)
 
 
-def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions = DEFAULT_OPTIONS) -> float:
-    """Factor on the variances that the best pose of an assignment asks for; infinite where no pose fits."""
+def _gains(
+    task: MatchingTask,
+    assignment: Integers,
+    density: NDArray[np.float64],
+    chance: NDArray[np.float64],
+    fit: Fit,
+    k: int,
+) -> NDArray[np.float64]:
+    """Log-odds (n, n') of each correspondence against none, given the rest of an assignment and its pose.
+
+    ``density`` (n, n') of each detection about its prediction over that of clutter; ``chance`` (n,) that a point is
+    detected.
+    """
+    gains: NDArray[np.float64] = density + (np.log(chance) - np.log1p(-chance))[:, None]
+    if task.points.normals is not None:
+        gains[(assignment < 0) & fit.invisible(k, task.points.normals)] = -np.inf
+    return gains
+
+
+def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions = DEFAULT_OPTIONS) -> Misfit:
+    """How much larger the noise looks by the residuals of an assignment about its best pose."""
     return _misfit(task.problem.fitted(task.points, assignment[None]), 0, options)
 
 
-def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> float:
-    given = options.noise_freedom
-    return (given + float(fit.chi2[k])) / (given + max(int(fit.freedom[k]), 0))
+def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
+    given, chi2, freedom = options.noise_freedom, float(fit.chi2[k]), max(int(fit.freedom[k]), 0)
+    sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
+    return Misfit((given + chi2) / (given + freedom), sigma, freedom)
 
 
 def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.float64]) -> float:
@@ -288,14 +336,12 @@ def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) ->
     """
     first, row = next(iter(fits.values()), (None, 0))
     least = 0 if first is None else int(first.freedom[row]) - options.freedom_slack
-    fair = [_misfit(fit, k, options) for fit, k in fits.values() if int(fit.freedom[k]) >= least]
+    fair = [_misfit(fit, k, options).variances for fit, k in fits.values() if int(fit.freedom[k]) >= least]
     return min(max(1.0, min(fair, default=1.0)), options.most_inflation)
 
 
-def _neighbours(
-    gains: NDArray[np.float64], assignment: Integers, options: PosteriorOptions
-) -> list[tuple[Integers, float]]:
-    """The most probable changes of an assignment, and their log-odds against it to first order.
+def _changes(gains: NDArray[np.float64], assignment: Integers) -> tuple[Changes, NDArray[np.float64]]:
+    """All changes of an assignment, and their log-odds against it to first order.
 
     ``gains`` (n, n') holds the log-odds of each correspondence against none, given the rest of the assignment.
     """
@@ -307,6 +353,13 @@ def _neighbours(
     change[second] += gains[changes.other[second], changes.other_target[second]]
     change -= own[changes.source]
     change[second] -= own[changes.other[second]]
+    return changes, change
+
+
+def _neighbours(
+    changes: Changes, change: NDArray[np.float64], assignment: Integers, options: PosteriorOptions
+) -> list[tuple[Integers, float]]:
+    """The most probable changes of an assignment, and their log-odds against it to first order."""
     chosen = np.flatnonzero(change > -options.neighbour_odds)
     chosen = chosen[np.argsort(-change[chosen], kind="stable")[: options.neighbours]]
     return list(zip(changes.take(chosen).applied_to(assignment), change[chosen].tolist(), strict=True))

@@ -17,11 +17,12 @@ def match_record(match: Match) -> dict[str, Any]:
     """The match as numbers, lists and strings that JSON can hold.
 
     Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
-    there is none), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status`` (``"matched"``,
-    ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``limited`` (whether the time limit ended it), ``seconds``,
-    ``hyperedges``, ``noise`` (σ in pixels, null where it differs by point), ``poses`` (one for each motion, null where
-    it has none; null for problems that fit no poses; see `rootmatch.io.pose_record`), which alternatives have too.
-    Indices are zero-based row numbers. A number that is not finite becomes null.
+    there is none), ``confidence`` (list of n, of each match or unmatched point), ``alternatives`` (objects with
+    ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
+    ``converged``, ``limited`` (whether the time limit ended it), ``seconds``, ``hyperedges``, ``noise`` (σ in pixels,
+    null where it differs by point), ``poses`` (one for each motion, null where it has none; null for problems that fit
+    no poses; see `rootmatch.io.pose_record`), which alternatives have too. Indices are zero-based row numbers. A number
+    that is not finite becomes null.
     """
     fits = bool(match.problem.least_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
@@ -30,6 +31,7 @@ def match_record(match: Match) -> dict[str, Any]:
         "score": _finite(match.score),
         "margin": _finite(match.margin),
         "probability": None if match.probability is None else _finite(match.probability),
+        "confidence": [_finite(value) for value in match.confidence.tolist()],
         "motions": match.motions.tolist(),
         "alternatives": [
             {"assignment": other.tolist(), "score": _finite(score), "poses": _records(poses)}

@@ -90,26 +90,31 @@ def print_match(
 
 
 def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
-    """The matched points: source, target, weight and, where they apply, motion and truth."""
+    """The matched points: source, target, weight and, where they apply, confidence, motion and truth."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
     multi_motion = len(np.unique(match.motions[match.assignment >= 0])) > 1
+    known = bool(np.isfinite(match.confidence).any())
     table = Table(box=SIMPLE_HEAD)
     for name in (
         "source",
         "target",
         "weight",
+        *(["confidence"] if known else []),
         *(["motion"] if multi_motion else []),
         *(["truth"] if truth is not None else []),
     ):
         table.add_column(name, justify="left" if name == "truth" else "right")
     weights = match_weights(match)
+    confidence = match.confidence
     for i, j in enumerate(match.assignment.tolist()):
         if j < 0:
             continue
         cells = [Text(sources[i]), Text(targets[j]), Text(f"{weights[i]:.3f}")]
+        if known:
+            cells.append(Text(_share(float(confidence[i]))))
         if multi_motion:
             cells.append(Text(str(match.motions[i])))
         if truth is not None:
@@ -147,5 +152,7 @@ def _print_line(console: Console, text: str) -> None:
 
 def _share(probability: float) -> str:
     """A probability with as many digits as it takes to tell it from 1."""
+    if np.isnan(probability):
+        return "–"
     digits = next((d for d in (2, 3, 4) if round(probability, d) < 1.0), 0)
     return f"{probability:.{digits}f}" if digits else "> 0.9999"

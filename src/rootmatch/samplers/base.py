@@ -78,6 +78,8 @@ class SampledTensor(NamedTuple):
     """Whether only the correspondences of hypotheses were evaluated, so that a small motion may be missing."""
     assignments: NDArray[np.int64] | None = None
     """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
+    missed: float = 0.0
+    """Probability that a pose which explains as much as the best one was never met."""
 
 
 class Sampler(Protocol):

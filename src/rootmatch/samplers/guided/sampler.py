@@ -68,4 +68,5 @@ class Guided(GuidedOptions):
             tensor, evaluated, coverage, total / self.chance_samples, search.conclusive,
             partial=True,
             assignments=search.assignments() if search.single else None,
+            missed=search.missed,
         )  # fmt: skip

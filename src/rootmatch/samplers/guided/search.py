@@ -69,6 +69,8 @@ class Search:
         self.refined_at = -1
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
+        self.missed = 1.0
+        """Probability of having missed a pose that explains as much as the strongest hypothesis."""
         self.started = time.perf_counter()
 
     def run(self) -> None:
@@ -106,6 +108,7 @@ class Search:
                         return
                 if len(self.hypotheses) > options.most_batches:
                     self._clustered()
+        self.missed = 0.0  # everything was tried
 
     def _waves(self) -> Iterator[Integers]:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
@@ -126,12 +129,12 @@ class Search:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
         matched = self._most_matched()
         if tried is not None:
-            return tried.suffice(matched)
-        if not self.single or matched <= self.minimal + 1:
+            self.missed = tried.missed(matched)
+        elif not self.single or matched <= self.minimal + 1:
             return False
-        return missed_at_random(matched, self.n, self.minimal, sets_done, self.options.visibility) <= (
-            self.options.visibility.missed
-        )
+        else:
+            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done, self.options.visibility)
+        return self.missed <= self.options.visibility.missed
 
     def _most_matched(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
@@ -187,8 +190,9 @@ class Search:
         arrangements = np.ascontiguousarray(images[few].astype(np.int32))
         wanted = math.ceil(self.options.refinement.rival_sets * (self.n / len(images)) ** self.minimal)
         if wanted <= 0:
+            self.missed = 0.0
             return
-        tried = self._tried()
+        every, tried = wanted, self._tried()
         least = max(self.minimal + 1, math.ceil(self.options.visibility.rival * len(images)))
         for points in self._waves():
             some = points[:wanted] if tried is None else points
@@ -197,11 +201,18 @@ class Search:
             while done < tasks and (block := pace.block(tasks - done)):
                 self._try(sets, self._test(0), arrangements, first=done, last=done + block, allowed=mask)
                 done += block
-            wanted -= len(some)
-            if tried is not None:
-                tried.add(some)
-            if (wanted <= 0 if tried is None else tried.suffice(least)) or self._spent():
+            if done == tasks:
+                wanted -= len(some)
+                if tried is not None:
+                    tried.add(some)
+            if tried is None:
+                self.missed = math.exp(-self.options.refinement.rival_sets * (1.0 - max(wanted, 0) / every))
+            else:
+                self.missed = tried.missed(least)
+            done = wanted <= 0 if tried is None else self.missed <= self.options.visibility.missed
+            if done or self._spent():
                 return
+        self.missed = 0.0
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)

@@ -1,0 +1,103 @@
+"""Confidence in each match: exchangeable pairs, clutter near hidden points, copies, and noise stated too small."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.hypergraph.neighbourhood import one_change_neighbours
+from rootmatch.pipeline.confidence import marginals
+from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.simulation import three_plus_one_scene, up2p_scene
+
+
+def test_marginals_sum_over_local_changes_and_other_poses() -> None:
+    # of three assignments: the second exchanges two points, the third is another pose
+    best, swapped, other = np.array([0, 1, 2, 3, 4]), np.array([1, 0, 2, 3, 4]), np.array([4, 3, 1, 0, 2])
+    logarithms = np.log([1.0, 0.5, 0.25])
+    changes = one_change_neighbours(best, 5, resize=True)
+    found = marginals([best, swapped, other], logarithms, changes, np.full(len(changes.source), -50.0), 1.0)
+    pose = 1.5 / 1.75
+    assert found.pose == pytest.approx(pose)
+    np.testing.assert_allclose(found.each, pose * np.array([1 / 1.5, 1 / 1.5, 1.0, 1.0, 1.0]))
+    assert found.unmatched.max() < 1e-12
+    # with a pose as likely as that, nothing is sure enough
+    assert found.without_unsure(best, 3, 0.1) is None
+    sure = marginals([best, swapped], logarithms[:2], changes, np.full(len(changes.source), -50.0), 1.0)
+    np.testing.assert_array_equal(sure.without_unsure(best, 3, 0.1), [-1, -1, 2, 3, 4])
+    assert sure.without_unsure(best, 4, 0.1) is None
+
+
+def test_one_exchangeable_pair_does_not_make_a_large_match_ambiguous() -> None:
+    scene = up2p_scene(24, 6, 0.5, 4)
+    source, target = scene.source.copy(), scene.target.copy()
+    # two points in one place, seen two σ apart
+    source[1] = source[0] + 1e-4
+    target[scene.truth[1]] = target[scene.truth[0]] + [1.0, 0.0]
+    match = rm.match(source, target, scene.problem, noise=0.5)
+    assert match.status is rm.Status.MATCHED
+    kept = match.assignment >= 0
+    np.testing.assert_array_equal(match.assignment[kept], scene.truth[kept])
+    assert not kept[:2].any()
+    assert kept.sum() >= 21
+    assert match.confidence[kept].min() > 0.9
+    assert match.confidence[:2].max() < 0.1  # left out, but seen
+    assert match.probability > 0.9
+    np.testing.assert_array_equal(np.sort(match.alternatives[0][0][:2]), np.sort(scene.truth[:2]))
+
+
+def test_two_copies_in_view_are_ambiguous() -> None:
+    rng = np.random.default_rng(1)
+    source, camera = rng.uniform(-1.0, 1.0, (6, 3)), rm.Camera(1000.0, 1000.0, 320.0, 240.0)
+    copies = [camera.project(source + np.array([x, 0.0, 12.0])) for x in (-1.5, 1.7)]
+    target = np.vstack(copies) + rng.normal(0.0, 0.5, (12, 2))
+    match = rm.match(source, target, rm.UP2P(camera), noise=0.5)
+    assert match.status is not rm.Status.MATCHED
+
+
+def test_confidences_are_calibrated_beside_hidden_points() -> None:
+    """Clutter in the place of a hidden point is believed as often as it is right."""
+    confidence, right = [], []
+    for seed in range(60):
+        scene = up2p_scene(8, 0, 1.0, seed, hidden=3)
+        rng = np.random.default_rng(seed)
+        near = scene.target[rng.integers(0, len(scene.target), 4)] + rng.uniform(-8.0, 8.0, (4, 2))
+        task = MatchingTask.of(scene.problem, scene.source, np.vstack([scene.target, near]), noise=1.0)
+        found = ranked(task, [scene.truth])
+        confidence.append(found.marginals.each)
+        right.append(found.assignments[0] == scene.truth)
+    confidence, right = np.concatenate(confidence), np.concatenate(right)
+    assert 0.8 < confidence.mean() < 0.999
+    assert right.mean() == pytest.approx(confidence.mean(), abs=0.03)
+
+
+def test_confidence_of_every_kind_of_match() -> None:
+    scene = up2p_scene(8, 3, 0.5, 0)
+    clear = rm.match(scene.source, scene.target, scene.problem, noise=0.5)
+    assert clear.confidence.shape == (8,)
+    assert clear.confidence.min() > 0.8
+    paper = rm.match(scene.source, scene.target, scene.problem, preset="paper", samples=20_000)
+    assert np.isnan(paper.confidence).all()
+    two = up2p_scene(12, 4, 0.5, 950, motions=2)
+    several = rm.match(two.source, two.target, two.problem, noise=0.5, motions=2)
+    assert several.confidence.shape == (12,)
+    assert np.nanmin(several.confidence[several.assignment >= 0]) > 0.5
+    views = three_plus_one_scene(7, 2, 0.3, 1)
+    between = rm.match(views.source, views.target, views.problem, noise=0.3)
+    assert ((between.confidence >= 0.0) & (between.confidence <= 1.0)).all()
+
+
+def test_noise_stated_far_too_small_is_named() -> None:
+    named = 0
+    for seed in range(12):
+        scene = up2p_scene(10, 4, 1.0, seed)
+        match = rm.match(scene.source, scene.target, scene.problem, noise=0.25)
+        if match.noise_factor is not None and match.noise_factor > 2.0:
+            assert match.status is not rm.Status.MATCHED
+            assert "noise=" in match.advice
+            assert "times as large as given" in match.advice
+            named += 1
+    assert named >= 6
+    assert rm.match(scene.source, scene.target, scene.problem, noise=1.0).noise_factor < 2.0
