@@ -23,6 +23,7 @@ from rootmatch.problems import PROBLEMS, problem_class
 from rootmatch.problems.derived.problem import DerivedProblem
 from rootmatch.problems.kernels import ProblemKernels, kernels_of
 from rootmatch.problems.residual_kinds import Joint
+from rootmatch.problems.two_views import TwoViews
 from rootmatch.report.json_record import match_record
 from rootmatch.report.pictures import match_figure
 from rootmatch.samplers.completion import Completion
@@ -54,6 +55,10 @@ class Case(NamedTuple):
     @property
     def kernels(self) -> ProblemKernels:
         return kernels_of(self.problem.prepare(self.source, self.target))
+
+    @property
+    def views(self) -> TwoViews | None:
+        return self.problem.two_views(self.problem.validated(self.source, self.target))
 
     def match(self, **options: Any) -> rm.Match:
         return rm.match(self.source, self.target, self.problem, **{"noise": self.noise, **options})
@@ -372,9 +377,10 @@ def test_paper_preset(case: Case) -> None:
 
 
 def test_guided(case: Case) -> None:
-    searched = case.kernels.hypotheses or case.problem.point_clouds(case.problem.validated(case.source, case.target))
-    works_or_is_refused(searched, "hyperedges", case, lambda: case.match(hyperedges="guided"))
-    if not searched:
+    searched = case.problem.point_clouds(case.problem.validated(case.source, case.target)) or case.views
+    declared = case.kernels.hypotheses or searched
+    works_or_is_refused(declared, "hyperedges", case, lambda: case.match(hyperedges="guided"))
+    if not declared:
         refused("hyperedges", case, lambda: case.match(hyperedges=rm.Guided()))
 
 

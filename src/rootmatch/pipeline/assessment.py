@@ -160,7 +160,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         # hyper-edges may agree pair by pair without a pose that suits all of them
         fault = misfit(task, assignment) if fits(task, assignment) else None
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
-        found = ranked(task, [assignment, *(other for other, _ in alternatives), *proposed])
+        others = [other for other, _ in alternatives]
+        found = ranked(task, [assignment, *others, *proposed], consensus=sampled.consensus)
         fault = found.misfit
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])

@@ -47,6 +47,9 @@ class PosteriorOptions(Options):
     noise_freedom: float = option(20.0, above=0.0)
     """Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value; its
     effect is measured in benchmarks/accuracy.py and benchmarks/reliability.py."""
+    agreed: float = option(0.5, least=0.0, most=1.0)
+    """Probability of an assignment below which the one with the most matches expected to be right is reported instead:
+    from where it is more probably wrong than right. What that gains: benchmarks/two_views.py."""
     freedom_slack: int = option(2, least=0)
     """Degrees of freedom that an assignment may lack and still estimate σ: one point. By construction."""
     rounds: int = option(4, least=0)
@@ -159,13 +162,14 @@ NO_POSE = Misfit(math.inf, math.nan, 0)
 
 @dataclass(frozen=True)
 class Ranked:
-    """Assignments, the most probable first.
+    """Assignments, the most probable first unless none is probable and the hypotheses of a search agree on another.
 
     Attributes
     ----------
     assignments : list of (n,) int64 arrays
     logarithms : (K,) array
-        Log-odds of each against the first.
+        Log-odds of each against the most probable one, which stands first unless the hypotheses of a search agree on
+        another.
     """
 
     assignments: list[Integers]
@@ -200,7 +204,12 @@ class Ranked:
         return float(shares[:count].sum() / shares.sum())
 
 
-def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOptions = DEFAULT_OPTIONS) -> Ranked:
+def ranked(
+    task: MatchingTask,
+    assignments: list[Integers],
+    options: PosteriorOptions = DEFAULT_OPTIONS,
+    consensus: Integers | None = None,
+) -> Ranked:
     """Rank assignments, and those near the most probable ones, by posterior probability.
 
     The posterior of an assignment is the likelihood of its detections about its best pose, the pose integrated out,
@@ -214,7 +223,11 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
     assignments : list of (n,) int64 arrays
         The best one first.
     options : PosteriorOptions
+    consensus : (n,) int64 array, optional
+        What the hypotheses of a search agree on; it stands first where no assignment is probable.
     """
+    if consensus is not None:
+        assignments = [*assignments, consensus]
     least = task.problem.minimal + 1
     pool = {assignment.tobytes(): assignment for assignment in assignments if (assignment >= 0).sum() >= least}
     fits: dict[bytes, tuple[Fit, int]] = {}
@@ -260,7 +273,13 @@ def ranked(task: MatchingTask, assignments: list[Integers], options: PosteriorOp
                     pool.setdefault(other.tobytes(), other)
     order = sorted(value, key=lambda key: (-value[key], key))
     order = [key for key in order if value[key] > -np.inf]
-    logarithms = np.array([(value[key] - value[order[0]]) / fits[key][0].doubt for key in order])
+    highest = max(value.values(), default=0.0)
+    if consensus is not None and consensus.tobytes() in order:
+        shares = np.exp([(value[key] - highest) / fits[key][0].doubt for key in order])
+        if 1.0 / shares.sum() < options.agreed:
+            order.remove(consensus.tobytes())
+            order.insert(0, consensus.tobytes())
+    logarithms = np.array([(value[key] - highest) / fits[key][0].doubt for key in order])
     if not order:
         return Ranked([], logarithms, np.nan, NO_POSE)
     fit, k = fits[order[0]]

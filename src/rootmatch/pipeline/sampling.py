@@ -46,11 +46,13 @@ def sample(task: MatchingTask) -> SampledTensor:
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)
-    assignments = sampled.assignments
+    assignments, consensus, place = sampled.assignments, sampled.consensus, np.argsort(task.order)
     if assignments is not None:
-        assignments = np.ascontiguousarray(assignments[:, np.argsort(task.order)])
+        assignments = np.ascontiguousarray(assignments[:, place])
+    if consensus is not None:
+        consensus = consensus[place]
     tensor = selection.placed(_in_given_order(task, tensor), backend)
-    return sampled._replace(tensor=tensor, assignments=assignments)
+    return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
 
 
 def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:

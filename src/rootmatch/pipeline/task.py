@@ -295,6 +295,7 @@ class MatchingTask:
             view_cosine=self.ordered_points.view_cosine,
             deadline=self.deadline.part(SAMPLED, RESERVE),
             clouds=self.problem.point_clouds(self.ordered_points),
+            views=self.problem.two_views(self.ordered_points),
         )
 
     def with_noise(self, sigma: float) -> Self:

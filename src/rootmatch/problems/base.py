@@ -19,6 +19,7 @@ from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
 """Angular noise beyond which nothing is measured; pixels were probably meant. A round value."""
@@ -192,6 +193,10 @@ class Problem(ABC):
 
     def point_clouds(self, points: PointSets) -> PointClouds | None:
         """Both point sets as the search for the motion between them reads them; None where it is none of one space."""
+        return None
+
+    def two_views(self, points: PointSets) -> TwoViews | None:
+        """Both images as the search for their relative pose reads them; None where it cannot search."""
         return None
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:

@@ -15,6 +15,7 @@ from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.two_views import TwoViews
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,8 @@ class SamplingTask:
     """Both point sets, where the problem is the motion between two of one space."""
     deadline: Deadline = NEVER
     """When to return what was found until then."""
+    views: TwoViews | None = None
+    """Both images, where the problem is one of two views whose relative poses can be searched."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
 
@@ -80,6 +83,8 @@ class SampledTensor(NamedTuple):
     """(K, n) assignments of a search's hypotheses, the highest evidence first; −1 for unmatched, None without any."""
     missed: float = 0.0
     """Probability that a pose which explains as much as the best one was never met."""
+    consensus: NDArray[np.int64] | None = None
+    """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
 
 
 class Sampler(Protocol):

@@ -1,10 +1,10 @@
-"""Relative poses of whole assignments between two images with a common direction (Gauss-Newton, NumPy)."""
+"""Relative poses of whole assignments between two images with a common direction (Gauss-Newton)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +12,18 @@ from numpy.typing import NDArray
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
 from rootmatch.cameras.base import CameraModel
+from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
+from rootmatch.problems.pose_fit.relative_descent import ALONG, DELTA, fit_assignments, scratch_of
 
 ANGLES = 90
 """Rotations about the common direction that are tried, 4° apart. Not tuned."""
 STARTS = 3
 """The best of them, from which an assignment is fitted. Not tuned."""
-CUT = 25.0
-"""Squared deviation at which a point stops counting when they are compared. Not tuned: (5 σ)²."""
-ALONG = 2.0
-"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
+FITS_PER_THREAD = 16
+"""Fits that are worth waking a thread for, some milliseconds. Changes no result."""
 LOG_GAMMA = np.vectorize(math.lgamma, otypes=[float])
-DELTA = 1e-6
-"""Step of numerical derivatives, in radians: far above rounding, far below any noise. Not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +73,12 @@ class Views:
             tilt=tilt,
             focal=cameras[1].focal,
         )
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """What compiled fits read: rays, their axes, σ and the focal length."""
+        numbers = self.first, self.second, self.first_axes, self.second_axes, self.first_sigma, self.second_sigma
+        return *(np.ascontiguousarray(array, np.float64) for array in numbers), float(self.focal)
 
     def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Epipolar deviations in σ, and σ across the line in the second image in pixels, of pairs (…, m) of indices.
@@ -174,103 +178,40 @@ class RelativeFit(Fit):
 
 def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
     """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each."""
-    count = len(assignments)
-    used, k = assignments >= 0, np.maximum(assignments, 0)
-    angle, translation = _starts(views, np.arange(assignments.shape[1]), k, used)
-    base = np.stack([translation, *tangent_bases(translation)], axis=1)
-    k, used = np.repeat(k, STARTS, axis=0), np.repeat(used, STARTS, axis=0)
-    start = np.zeros((len(angle), 3 if views.tilt == 0.0 else 5))
-    start[:, 0] = angle
-    # χ² is the least of the deviations alone, the evidence's pose that of both
-    descent = _Descent(views, np.tile(k, (2, 1)), np.tile(used, (2, 1)), np.tile(base, (2, 1, 1)), len(start))
-    both = descent.run(np.tile(start, (2, 1)))
-    pose = both[: len(start)]
-    squared = descent.squares(*descent.residuals(both), both)[0].reshape(2, count, STARTS)
-    descent = _Descent(views, k, used, base, len(start))
-    _, along, width = descent.residuals(pose)
+    assignments = np.ascontiguousarray(assignments, np.int64)
+    count, n = assignments.shape
+    prior = np.zeros(3) if views.tilt == 0.0 else np.array([0.0, 0.0, 0.0, views.tilt**-2.0, views.tilt**-2.0])
+    p = len(prior)
+    pose, base = np.empty((count, STARTS, p)), np.empty((count, STARTS, 3, 3))
+    objective, chi2 = np.empty((count, STARTS)), np.empty(count)
+    normal, widths, sides = np.empty((count, STARTS, p, p)), np.empty((count, STARTS)), np.empty((count, STARTS, 2))
+    arrays = views.arrays
+
+    def work(first: int, last: int) -> None:
+        fit_assignments(
+            arrays, prior, assignments, first, last, STEPS, SETTLED, pose, base, objective, chi2, normal, widths, sides,
+            *scratch_of(n, p, ANGLES),
+        )  # fmt: skip
+
+    in_threads(work, count, threads_worth(count // FITS_PER_THREAD))
+    matched = (assignments >= 0).sum(axis=1)
     # a pose that the points do not determine still lies within a radian
-    normal = invertible(descent.equations(pose)[0] + np.eye(pose.shape[1]))
-    logarithms = np.where(used, np.log(np.sqrt(2.0 * np.pi) * width), 0.0).sum(axis=1)
-    sides = np.array([_sized(sign * along, width)[1].sum(axis=1) for sign in (1.0, -1.0)])
-    lowest = descent.objective(pose)
-    evidence = -0.5 * (lowest + np.linalg.slogdet(normal)[1]) - logarithms - sides.min(axis=0)
-    pick = np.arange(count) * STARTS + evidence.reshape(count, STARTS).argmax(axis=1)
+    normal = invertible(normal.reshape(-1, p, p) + np.eye(p)).reshape(count, STARTS, p, p)
+    lowest = objective - (2.0 * LOG_GAMMA(0.5 * matched) + 2.0 * matched * np.log(2.0 / np.sqrt(np.pi)))[:, None]
+    logarithms = widths + (0.5 * np.log(2.0 * np.pi) * matched)[:, None]
+    evidence = -0.5 * (lowest + np.linalg.slogdet(normal)[1]) - logarithms - sides.min(axis=2)
+    rows, pick = np.arange(count), evidence.argmax(axis=1)
     return RelativeFit(
-        chi2=squared.min(axis=(0, 2)),
-        freedom=used[pick].sum(axis=1) - 3,
-        evidence=np.asarray(evidence[pick], dtype=np.float64),
+        chi2=chi2,
+        freedom=matched - 3,
+        evidence=np.asarray(evidence[rows, pick], dtype=np.float64),
         views=views,
         assignments=assignments,
-        pose=pose[pick],
-        base=base[pick],
-        covariance=np.asarray(np.linalg.inv(normal[pick]), dtype=np.float64),
-        sign=np.where(sides[0] <= sides[1], 1.0, -1.0)[pick],
+        pose=pose[rows, pick],
+        base=base[rows, pick],
+        covariance=np.asarray(np.linalg.inv(normal[rows, pick]), dtype=np.float64),
+        sign=np.where(sides[..., 0] <= sides[..., 1], 1.0, -1.0)[rows, pick],
     )
-
-
-class _Descent:
-    """Damped Gauss-Newton of B poses (B, p) side by side, their matches k (B, n) where `used`.
-
-    The first `both` of them are fitted to deviations and parallaxes, the others to deviations alone.
-    """
-
-    def __init__(self, views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], base: Floats, both: int) -> None:
-        self.views, self.k, self.used, self.base = views, k, used, base
-        self.share = np.where(np.arange(len(k)) < both, 1.0, 0.0)
-        self.prior = np.zeros(3 if views.tilt == 0.0 else 5)
-        if views.tilt > 0.0:
-            self.prior[3:] = views.tilt**-2.0
-
-    def residuals(self, pose: Floats, times: int = 1) -> tuple[Floats, Floats, Floats]:
-        """Deviations, parallaxes (0 where unmatched), and σ across the lines; `times` poses for each."""
-        every = np.repeat(np.arange(len(self.k)), times)
-        base, k, used = self.base[every], self.k[every], self.used[every]
-        i = np.arange(k.shape[1])
-        deviation, width = self.views.deviations(_essential(pose, base), i, k)
-        along = self.views.parallax(_rotation(pose), _translation(pose, base), i, k)
-        return np.where(used, deviation, 0.0), np.where(used, along, 0.0), width
-
-    def squares(self, value: Floats, along: Floats, width: Floats, pose: Floats) -> tuple[Floats, Floats]:
-        """χ², and the sum of squared parallaxes."""
-        sizes = np.where(self.used, _sized(along, width)[0] ** 2, 0.0).sum(axis=1)
-        return (value**2).sum(axis=1) + (pose**2 * self.prior).sum(axis=1), sizes
-
-    def objective(self, pose: Floats) -> Floats:
-        """What is least at the fit: χ², and the parallaxes' part."""
-        chi2, sizes = self.squares(*self.residuals(pose), pose)
-        return np.asarray(chi2 - 2.0 * self.share * _parallax_density(sizes, self.used.sum(axis=1)))
-
-    def equations(self, pose: Floats) -> tuple[Floats, Floats]:
-        """Normal equations and their right side; the parallaxes are weighted by their present scale."""
-        count, size = pose.shape
-        value, along, width = self.residuals(pose)
-        moved = np.repeat(pose, size, axis=0) + np.tile(DELTA * np.eye(size), (count, 1))
-        new, new_along, _ = self.residuals(moved, size)
-        slope = (new.reshape(count, size, -1) - value[:, None]) / DELTA
-        across = (new_along.reshape(count, size, -1) - along[:, None]) / DELTA
-        sizes = self.squares(value, along, width, pose)[1]
-        weight = (self.share * self.used.sum(axis=1) / sizes)[:, None, None]
-        normal = slope @ slope.swapaxes(-1, -2) + weight * across @ across.swapaxes(-1, -2) + np.diag(self.prior)
-        side = (slope @ value[..., None] + weight * across @ along[..., None])[..., 0] + pose * self.prior
-        return normal, side
-
-    def run(self, pose: Floats) -> Floats:
-        """Poses at the bottom."""
-        lowest = self.objective(pose)
-        damping = np.full(len(pose), 1e-4)
-        diagonal = np.arange(pose.shape[1])
-        for _ in range(STEPS):
-            normal, side = self.equations(pose)
-            normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-            moved = pose - np.linalg.solve(invertible(normal), side[..., None])[..., 0]
-            reached = self.objective(moved)
-            better = reached <= lowest
-            gained = np.where(better, lowest - reached, 0.0)
-            pose, lowest = np.where(better[:, None], moved, pose), np.where(better, reached, lowest)
-            damping = np.where(better, 0.1 * damping, 30.0 * damping)
-            if better.all() and not (gained > SETTLED).any():
-                break
-        return pose
 
 
 def _parallax_density(squares: Floats, count: NDArray[np.int64]) -> Floats:
@@ -291,22 +232,6 @@ def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tu
     i = np.arange(k.shape[1])
     along = views.parallax(pose[0], pose[1], i, k)
     return np.asarray(np.where(used, _sized(along, views.deviations(essential, i, k)[1])[1], 0.0).sum(axis=1))
-
-
-def _starts(views: Views, i: NDArray[np.int64], k: NDArray[np.int64], used: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Rotations (K STARTS,) and translations (K STARTS, 3) of the least deviation, of a grid of rotations."""
-    angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
-    rotation = rotation_about_y(np.cos(angle), np.sin(angle))
-    rotated = views.first @ rotation.swapaxes(-1, -2)
-    # t · (R q × q') = 0
-    rows = np.cross(rotated[None], views.second[k][:, None]) * used[:, None, :, None]
-    translation = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
-    essential = cross_matrix(translation) @ rotation
-    deviation, _ = views.deviations(essential, i, k[:, None])
-    total = np.where(used[:, None], np.minimum(deviation**2, CUT), 0.0).sum(axis=-1)
-    lowest = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
-    best = np.argsort(np.where(lowest, total, np.inf), axis=1, kind="stable")[:, :STARTS]
-    return angle[best].ravel(), translation[np.arange(len(k))[:, None], best].reshape(-1, 3)
 
 
 def _moved(pose: Floats) -> Floats:

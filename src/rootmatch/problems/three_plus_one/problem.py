@@ -17,6 +17,7 @@ from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.relative import Views, relative_fit
 from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
+from rootmatch.problems.two_views import TwoViews
 
 if TYPE_CHECKING:
     from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
@@ -106,6 +107,22 @@ class ThreePlusOne(Problem):
             target_deviation=camera2.angular_noise(points.target, points.target_noise),
             # a tilt of one axis acts as the opposite tilt of the other: the two variances add
             tilt_variance=np.array([2.0 * float(self.axis_noise) ** 2]),
+        )
+
+    def two_views(self, points: PointSets) -> TwoViews | None:
+        """See `Problem.two_views`; what the direction's noise does to a bearing is counted with the source.
+
+        None with the prior of small baselines, which is no part of the search.
+        """
+        if self.small_baseline > 0.0:
+            return None
+        tables = self.tables(points)
+        return TwoViews(
+            tables.source,
+            tables.target,
+            tables.source_deviation**2 + tables.tilt_variance[0],
+            tables.target_deviation**2,
+            planar=False,
         )
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:

@@ -13,6 +13,7 @@ from rootmatch.samplers.guided.stopping import StoppingOptions
 from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.samplers.guided.visibility import VisibilityOptions
 from rootmatch.samplers.point_sets.options import PointSetOptions
+from rootmatch.samplers.two_views.options import TwoViewOptions
 
 __all__ = [
     "BatchOptions",
@@ -24,6 +25,7 @@ __all__ = [
     "RefinementOptions",
     "SequentialTestOptions",
     "StoppingOptions",
+    "TwoViewOptions",
     "VerificationOptions",
     "VisibilityOptions",
 ]
@@ -115,6 +117,8 @@ class GuidedOptions(Options):
         Options of the parts; see their classes.
     point_sets : PointSetOptions
         Options of the search between two point sets of one space, which takes the place of all parts above.
+    views : TwoViewOptions
+        Options of the search between two views, which takes the place of all parts above.
     """
 
     budget: int = option(500_000_000, above=0)
@@ -136,3 +140,4 @@ class GuidedOptions(Options):
     grid: GridOptions = option(GridOptions())
     visibility: VisibilityOptions = option(VisibilityOptions())
     point_sets: PointSetOptions = option(PointSetOptions())
+    views: TwoViewOptions = option(TwoViewOptions())

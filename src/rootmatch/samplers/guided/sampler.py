@@ -14,6 +14,7 @@ from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
+from rootmatch.samplers.two_views.sampler import two_view_tensor
 
 SEARCHED, RESERVE, WEIGHED = 0.8, 0.2, 0.5
 """Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of the hyper-edges of
@@ -25,7 +26,8 @@ SECONDS_PER_EDGE = 4e-7
 def pays(task: SamplingTask) -> bool:
     """Whether a guided search is possible and cheaper than an exhaustive sweep."""
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
-    possible = task.clouds is not None or has_hypotheses(type(task.tables))
+    searched = task.clouds is not None or task.views is not None
+    possible = searched or has_hypotheses(type(task.tables))
     return possible and task.hyperedge_count > most
 
 
@@ -51,6 +53,8 @@ class Guided(GuidedOptions):
         tables, affinity = task.tables, task.affinity
         if task.clouds is not None:
             return point_set_tensor(task, task.clouds, self)
+        if task.views is not None:
+            return two_view_tensor(task, self)
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()

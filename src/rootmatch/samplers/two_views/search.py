@@ -1,0 +1,228 @@
+"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from rootmatch.deadline import NEVER, Deadline
+from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.problems.two_views import TwoViews
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.detection_grid import mean_basis
+from rootmatch.samplers.guided.hypotheses import HypothesisClusters
+from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions, minimal_sets
+from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
+from rootmatch.samplers.two_views.options import TwoViewOptions
+from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
+from rootmatch.samplers.two_views.pose_search import search_pairs, search_triples
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+LEAST_COSINE = 0.05
+"""Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
+BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
+"""Variance that the pose's error adds in the steps of a refinement, in those of the noise. Not tuned."""
+RARE = 0.1
+"""Ratio to the likeliest detection of a point from which another one is a candidate too. Not tuned."""
+
+
+@dataclass(frozen=True)
+class RelativeHypothesis:
+    """A refined relative pose and the assignment that it makes likeliest."""
+
+    evidence: float
+    """Log-likelihood ratio of the assignment against clutter."""
+    assignment: Integers
+    """(n,) image of each source point, −1 for none."""
+    ratios: Floats
+    """(n, n') likelihood ratios of all pairs."""
+    minimal_set: int
+    """Number of the minimal set that led to it."""
+
+    def like(self, other: RelativeHypothesis, share: float) -> bool:
+        """Whether two assignments have so much in common that they come from one pose."""
+        common = (self.assignment == other.assignment) & (self.assignment >= 0)
+        return bool(common.sum() >= share * max((self.assignment >= 0).sum(), 1))
+
+
+class PoseSearch:
+    """One search and its hypotheses so far, strongest first.
+
+    Parameters
+    ----------
+    task : SamplingTask
+        Of two views.
+    options : TwoViewOptions
+    deadline : Deadline
+    """
+
+    def __init__(self, task: SamplingTask, options: TwoViewOptions, deadline: Deadline = NEVER) -> None:
+        if task.views is None:
+            raise ValueError("the task is not of two views")
+        self.task, self.options, self.views, self.deadline = task, options, task.views, deadline
+        self.n, self.n_target = task.shape
+        self.rng = np.random.default_rng([task.seed, *task.shape])
+        self.minimal = 2 if self.views.planar else 3
+        self.noise = float(np.median(self.views.source_variance) + np.median(self.views.target_variance))
+        possible = np.ones(task.shape) if task.candidates is None else task.candidates.astype(np.float64)
+        detected = options.visible * min(1.0, self.n / self.n_target)
+        self.judge = (
+            1.0 / _density(self.views), np.ascontiguousarray(possible), options.visible,
+            detected, options.blur**2 * self.noise, options.reject, options.drift,
+        )  # fmt: skip
+        self.hypotheses: list[RelativeHypothesis] = []
+        self.sets = 0
+        self.solved = self.tested = self.evaluated = 0
+        self.conclusive = False
+
+    def run(self) -> None:
+        """Wave after wave until enough of them agree, all were tried, or the budget is spent."""
+        options = self.options
+        waves = MinimalSetOptions(first_wave=options.first_wave, largest_wave=options.wave)
+        positions = np.ascontiguousarray(self.views.source.T)
+        for sets in minimal_sets(positions, self.minimal, self.rng, waves):
+            self._try(sets)
+            self.conclusive = bool(self.hypotheses)
+            if self.task.progress is not None:
+                self.task.progress(min(self.solved, options.budget), options.budget)
+            if self._agreed() or self._spent():
+                return
+
+    def _spent(self) -> bool:
+        options = self.options
+        return self.sets >= options.most_sets or self.solved >= options.budget or self.deadline.passed()
+
+    def _agreed(self) -> bool:
+        """Whether several minimal sets have led to the likeliest assignment."""
+        if not self.hypotheses:
+            return False
+        first = self.hypotheses[0]
+        led = {other.minimal_set for other in self.hypotheses if other.like(first, self.options.same)}
+        return len(led) >= self.options.agreeing
+
+    def _try(self, sets: Integers) -> None:
+        """Try minimal sets with all their images, and refine the likeliest poses of each."""
+        options, count = self.options, len(sets)
+        orders = self.rng.permuted(np.tile(np.arange(self.n), (count, 1)), axis=1)
+        poses = np.zeros((count, options.kept, FIELDS))
+        evidence = np.full((count, options.kept), -np.inf)
+        counts = np.zeros((count, 3), np.int64)
+        limits = np.array([options.gate**2, options.spread])
+        search = search_pairs if self.views.planar else search_triples
+
+        def work(start: int, end: int) -> None:
+            panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
+            search(
+                self.views, self.judge, sets, orders, limits, start, end, panel, columns, poses, evidence, counts
+            )  # fmt: skip
+
+        in_threads(work, count, threads_worth(count))
+        self.solved += int(counts[:, 0].sum())
+        self.tested += int(counts[:, 1].sum())
+        self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
+        order = np.argsort(-evidence, axis=1, kind="stable")[:, : options.refined]
+        real = np.take_along_axis(evidence, order, axis=1) > -np.inf
+        chosen = np.take_along_axis(poses, order[:, :, None], axis=1)[real]
+        which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
+        self.sets += count
+        for ratios, number in zip(self._refined(chosen), which.tolist(), strict=True):
+            value, assignment = self._assigned(ratios)
+            if (assignment >= 0).sum() > self.minimal:
+                self.hypotheses.append(RelativeHypothesis(value, assignment, ratios, number))
+        self.hypotheses.sort(key=lambda one: -one.evidence)
+        del self.hypotheses[options.kept :]
+
+    def _refined(self, poses: Floats) -> Floats:
+        """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
+        poses = np.ascontiguousarray(poses)
+        ratios = np.zeros((len(poses), self.n, self.n_target))
+        blurs = np.array(BLURS) * self.noise
+
+        def work(start: int, end: int) -> None:
+            sums, normal, side = np.zeros(self.n + self.n_target), np.zeros((DIMENSIONS,) * 2), np.zeros(DIMENSIONS)
+            refine_poses(
+                self.views, self.judge, blurs, self.options.breadth**2, start, end, poses, ratios, sums, normal, side
+            )  # fmt: skip
+
+        in_threads(work, len(poses), threads_worth(len(poses) // 8))
+        return ratios
+
+    def _assigned(self, ratios: Floats) -> tuple[float, Integers]:
+        """The likeliest assignment (n,) and its log-likelihood ratio against clutter."""
+        visible = self.options.visible
+        with np.errstate(divide="ignore"):
+            gain = np.maximum(np.log(ratios * (visible / (1.0 - visible))), 0.0)
+        rows, columns = linear_sum_assignment(gain, maximize=True)
+        gained = gain[rows, columns]
+        assignment = np.full(self.n, -1, np.int64)
+        assignment[rows[gained > 0.0]] = columns[gained > 0.0]
+        return self.n * math.log(1.0 - visible) + float(gained.sum()), assignment
+
+    def assignments(self) -> Integers:
+        """Assignments (K, n) of the hypotheses, each once, strongest first."""
+        distinct = {one.assignment.tobytes(): one.assignment for one in self.hypotheses}
+        kept = list(distinct.values())[: self.options.assignments]
+        return np.array(kept, np.int64).reshape(-1, self.n)
+
+    def consensus(self) -> Integers | None:
+        """The assignment (n,) with the most matches that are expected to be right, over all hypotheses.
+
+        Their evidence says too much, as the error of a pose shifts all points together: its differences count for
+        ``trust`` of themselves.
+        """
+        if not self.hypotheses:
+            return None
+        first = self.hypotheses[0]
+        expected = np.zeros(first.ratios.shape)
+        total = 0.0
+        for one in self.hypotheses:
+            weight = math.exp(self.options.trust * (one.evidence - first.evidence))
+            rows, columns = one.ratios.sum(axis=1, keepdims=True), one.ratios.sum(axis=0, keepdims=True)
+            expected += weight * one.ratios / (1.0 + rows + columns - one.ratios)
+            total += weight
+        expected /= total
+        source, target = linear_sum_assignment(expected, maximize=True)
+        # a point is left out where it more probably has no image than this one, by far
+        enough = expected[source, target] > self.options.least_share
+        assignment = np.full(self.n, -1, np.int64)
+        assignment[source[enough]] = target[enough]
+        return assignment
+
+    def clusters(self) -> HypothesisClusters:
+        """The strongest hypotheses that differ, each with the detections that its points may have."""
+        leaders: list[RelativeHypothesis] = []
+        for one in self.hypotheses:
+            if len(leaders) < self.options.clusters and not any(
+                np.array_equal(one.assignment, other.assignment) for other in leaders
+            ):
+                leaders.append(one)
+        width = min(self.options.candidates, self.n_target)
+        lists = np.full((len(leaders), self.n, width), -1, np.int64)
+        for g, one in enumerate(leaders):
+            worth = one.ratios.copy()
+            matched = np.flatnonzero(one.assignment >= 0)
+            worth[matched, one.assignment[matched]] = np.inf
+            order = np.argsort(-worth, axis=1, kind="stable")[:, :width]
+            enough = np.take_along_axis(one.ratios, order, axis=1) >= np.maximum(
+                RARE * one.ratios.max(axis=1, keepdims=True), 1e-300
+            )
+            enough[matched, 0] = True
+            lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
+        evidence = np.array([one.evidence for one in leaders])
+        return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
+
+
+def _density(views: TwoViews) -> Floats:
+    """Detections in a steradian about each (n',), were they uniform: in a second image they are all over it."""
+    rotated = mean_basis(views.target) @ views.target
+    ahead = rotated[2] > LEAST_COSINE
+    positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
+    # the bounding box of uniform points, corrected for being too small
+    area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
+    # an area of the plane is seen under this angle
+    return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)

@@ -1,0 +1,173 @@
+"""The search between two views: its poses against brute force, its likelihood, and what it finds among clutter."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numba
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import rootmatch as rm
+from rootmatch.problems.two_views import TwoViews
+from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
+from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
+from rootmatch.samplers.two_views.pose_search import search_pairs, search_triples
+from rootmatch.simulation import three_plus_one_scene
+
+CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
+SPREAD = 6.0
+
+
+def about_y(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def bearings(n: int, rng: np.random.Generator) -> np.ndarray:
+    rays = rng.normal(size=(n, 3)) * [0.4, 0.4, 0.1] + [0.0, 0.0, 1.0]
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def brute_force(first: np.ndarray, second: np.ndarray, planar: bool) -> list[np.ndarray]:
+    """Poses (cosine, sine, t, scale) of corresponding bearings: sign changes of a determinant over all rotations."""
+
+    def normals(angle: float) -> np.ndarray:
+        rows = np.cross(first @ about_y(angle).T, second)
+        return np.vstack([rows, [0.0, 1.0, 0.0]]) if planar else rows
+
+    def determinant(angle: float) -> float:
+        return float(np.linalg.det(normals(angle)))
+
+    angles = np.linspace(-np.pi, np.pi, 1500)
+    values = [determinant(angle) for angle in angles]
+    found = []
+    for k in range(len(angles) - 1):
+        if values[k] * values[k + 1] >= 0.0:
+            continue
+        angle = brentq(determinant, angles[k], angles[k + 1], xtol=1e-14)
+        t = np.linalg.svd(normals(angle))[2][-1]
+        for sign in (1.0, -1.0):
+            distances = []
+            for q, p in zip(first @ about_y(angle).T, second, strict=True):
+                # λ q − λ' p = −t
+                (near, far), *_ = np.linalg.lstsq(np.column_stack([q, -p]), -sign * t, rcond=None)
+                distances.append((near, far))
+            if np.min(distances) > 0.0:
+                inverse = np.sort(1.0 / np.array(distances)[:, 0])
+                if inverse[-1] < SPREAD * inverse[0]:
+                    scale = math.sqrt(inverse[0] * inverse[1]) if planar else inverse[1]
+                    found.append(np.array([math.cos(angle), math.sin(angle), *(sign * t), scale]))
+    return found
+
+
+@pytest.mark.parametrize("planar", [False, True], ids=["three points", "two points, planar"])
+def test_minimal_poses_are_those_of_brute_force(planar: bool) -> None:
+    minimal = 2 if planar else 3
+    missing = extra = total = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        first, second = bearings(minimal, rng), bearings(minimal + 1, rng)
+        if seed % 2:  # one arrangement is a true pose
+            points = first * rng.uniform(4.0, 8.0, (minimal, 1))
+            moved = points @ about_y(rng.uniform(-0.5, 0.5)).T + [1.0, 0.0 if planar else 0.2, 0.3]
+            second[:minimal] = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+        n, n_target, kept = minimal, minimal + 1, 200
+        views = TwoViews(
+            np.ascontiguousarray(first.T), np.ascontiguousarray(second.T), np.full(n, 1e-14), np.full(n_target, 1e-14),
+            planar,
+        )  # fmt: skip
+        judge = np.ones(n_target), np.ones((n, n_target)), 0.5, 0.5, 1e-14, -1e9, 0.0
+        poses, evidence = np.zeros((1, kept, FIELDS)), np.full((1, kept), -np.inf)
+        search = search_pairs if planar else search_triples
+        search(
+            views, judge, np.arange(n)[None], np.arange(n)[None], np.array([36.0, SPREAD]), 0, 1,
+            np.zeros((ROOTS, FIELDS, n_target)), np.zeros(n_target), poses, evidence, np.zeros((1, 3), np.int64),
+        )  # fmt: skip
+        found = poses[0][evidence[0] > -np.inf]
+        expected = [
+            pose
+            for images in itertools.permutations(range(n_target), minimal)
+            for pose in brute_force(first, second[list(images)], planar)
+        ]
+        for pose in expected:
+            missing += not len(found) or np.abs(found - pose).max(axis=1).min() > 1e-4
+        for pose in found:
+            extra += not expected or np.abs(np.array(expected) - pose).max(axis=1).min() > 1e-4
+        total += len(expected)
+    assert total > 10
+    # a double root that rounding has split is one pose there, and none or two here
+    assert missing <= 0.02 * total
+    assert extra <= 0.02 * total
+
+
+def test_likelihood_ratio_is_a_density_over_that_of_clutter() -> None:
+    """Its mean over uniform clutter is 1: a product of T or more comes by chance once in T trials."""
+    rng = np.random.default_rng(3)
+    # directions uniform in a cap about z, dense enough for a broad line
+    count, cosine = 40_000, math.cos(0.5)
+    z = rng.uniform(cosine, 1.0, count)
+    azimuth = rng.uniform(0.0, 2.0 * np.pi, count)
+    around = np.sqrt(1.0 - z * z)
+    density = 1.0 / (2.0 * np.pi * (1.0 - cosine))
+    t = (1.0, 0.0, 0.0)
+    _, normal, across, forward, sine = line_of(1.0, 0.0, t, (-0.1, 0.05, math.sqrt(1.0 - 0.0125)))
+    own = 0.005**2
+    values = [
+        likelihood_ratio(normal, across, forward, sine, x, y, w, own, 0.0, 1.0 / 0.15, 1.0 / density)
+        for x, y, w in zip(around * np.cos(azimuth), around * np.sin(azimuth), z, strict=True)
+    ]
+    # a little less than 1, as no density along the line is higher than the noise allows; three standard errors are 0.2
+    assert 0.75 < np.mean(values) < 1.2
+
+
+@pytest.mark.parametrize("baseline", [1.0, 5.0])
+def test_points_are_found_among_clutter(baseline: float) -> None:
+    """As many as the true geometry itself would find, in sizes that cannot be exhausted."""
+    found = []
+    for seed in range(4):
+        scene = three_plus_one_scene(20, 20, 0.5, 100 + seed, baseline)
+        match = rm.match(scene.source, scene.target, scene.problem, noise=0.5)
+        matched = match.assignment[match.assignment >= 0]
+        assert len(set(matched.tolist())) == len(matched)
+        found.append(scene.accuracy(match.assignment))
+    assert np.mean(found) > 0.87
+
+
+def test_hidden_points_and_candidates() -> None:
+    scene = three_plus_one_scene(14, 6, 0.5, 7, 3.0, hidden=4)
+    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="guided")
+    assert scene.accuracy(match.assignment) > 0.7
+    allowed = np.random.default_rng(0).random((18, 20)) < 0.5
+    seen = np.flatnonzero(scene.truth >= 0)
+    allowed[seen, scene.truth[seen]] = True
+    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="guided", candidates=allowed)
+    matched = np.flatnonzero(match.assignment >= 0)
+    assert allowed[matched, match.assignment[matched]].all()
+    assert scene.accuracy(match.assignment) > 0.8
+
+
+def test_a_match_depends_on_its_seed_alone() -> None:
+    scene = three_plus_one_scene(12, 10, 1.0, 3, 5.0)
+
+    def again(threads: int) -> rm.Match:
+        before = numba.get_num_threads()
+        numba.set_num_threads(min(threads, before))
+        try:
+            return rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided", seed=4)
+        finally:
+            numba.set_num_threads(before)
+
+    first, second = again(1), again(2)
+    assert np.array_equal(first.assignment, second.assignment)
+    assert first.score == second.score
+
+
+def test_unrelated_images_are_not_trusted() -> None:
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 7])
+        points = [rng.uniform(0.0, (640.0, 480.0), (count, 2)) for count in (14, 18)]
+        match = rm.match(*points, rm.ThreePlusOne(CAMERA), noise=0.5, hyperedges="guided")
+        assert match.status is not rm.Status.MATCHED
