@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
 from rootmatch.cameras.base import CameraModel
 from rootmatch.jit.threads import in_threads, threads_worth
