@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
 from rootmatch.cameras.base import CameraModel
-from rootmatch.jit.threads import in_threads, threads_worth
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
-from rootmatch.problems.pose_fit.relative_descent import ALONG, DELTA, fit_assignments, scratch_of
 
 ANGLES = 90
 """Rotations about the common direction that are tried, 4° apart. Not tuned."""
 STARTS = 3
 """The best of them, from which an assignment is fitted. Not tuned."""
+ALONG = 2.0
+"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
+DELTA = 1e-6
+"""Step of numerical derivatives, in radians: far above rounding, far below any noise. Not tuned."""
 FITS_PER_THREAD = 16
 """Fits that are worth waking a thread for, some milliseconds. Changes no result."""
 LOG_GAMMA = np.vectorize(math.lgamma, otypes=[float])
@@ -177,6 +179,9 @@ class RelativeFit(Fit):
 
 def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
     """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each."""
+    from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
+    from rootmatch.problems.pose_fit.relative_descent import fit_assignments, scratch_of
+
     assignments = np.ascontiguousarray(assignments, np.int64)
     count, n = assignments.shape
     prior = np.zeros(3) if views.tilt == 0.0 else np.array([0.0, 0.0, 0.0, views.tilt**-2.0, views.tilt**-2.0])

@@ -13,13 +13,10 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part, scalar
+from rootmatch.problems.pose_fit.relative import ALONG, DELTA
 
-DELTA = 1e-6
-"""Step of numerical derivatives, in radians: far above rounding, far below any noise. Not tuned."""
 CUT = 25.0
 """Squared deviation at which a point stops counting when starts are compared. Not tuned: (5 σ)²."""
-ALONG = 2.0
-"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
 FIRST_DAMPING, LESS, MORE = 1e-4, 0.1, 30.0
 """Levenberg's damping, and its factors after a step down and one up. Not tuned."""
 
