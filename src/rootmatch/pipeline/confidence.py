@@ -84,7 +84,8 @@ def marginals(
     first = assignments[0]
     odds = gains / doubt
     strong = np.argsort(-odds, kind="stable")[:FITTED]
-    known = {assignment.tobytes(): value for assignment, value in zip(assignments, logarithms.tolist(), strict=True)}
+    relative = (logarithms - logarithms[0]).tolist()
+    known = {assignment.tobytes(): value for assignment, value in zip(assignments, relative, strict=True)}
     for number, changed in zip(strong, changes.take(strong).applied_to(first), strict=True):
         odds[number] = known.get(changed.tobytes(), odds[number])
     weights = np.exp(np.minimum(odds, 0.0))
