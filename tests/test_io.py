@@ -184,7 +184,7 @@ def test_candidates_are_a_mask_or_weights(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_candidates(path, source, target), [[0.0, 0.0, 0.5], [2.0, 0.0, 0.0]])
     for rows, words in [
         ([(1, "a", 2), (1, "a", 2)], "row 3: the same correspondence as in row 2"),
-        ([(-1, "a", 2)], "row 2: weight is -1"),
+        ([(-1, "a", 2)], "row 2: weight is '-1'"),
         ([("much", "a", 2)], "row 2: weight is 'much'"),
         ([(1, "c", 2)], "row 2: no source point is named 'c'"),
     ]:

@@ -77,7 +77,7 @@ def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:
     whole = _of_copies(task, copies, plane, sigma)
     proposals = _verified(whole, copies, hypotheses, options)
     found = ranked(whole, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
-    return _reported(task, whole, copies, tensor, found, evaluated)
+    return _reported(task, whole, copies, tensor=tensor, found=found, evaluated=evaluated)
 
 
 def _check(task: MatchingTask) -> None:
@@ -164,7 +164,9 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
         # at first all matches are of one camera, whose own fit is the best one
         fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS)
         possible = np.flatnonzero(np.isfinite(fit.chi2))
-        gathered = [_gathered(fit, k, copies, whole.allowed, density, options) for k in possible.tolist()]
+        gathered = [
+            _gathered(fit, k, copies, whole.allowed, density=density, options=options) for k in possible.tolist()
+        ]
         order = np.argsort([-gain for _, gain in gathered], kind="stable")
         if not len(order):
             break
@@ -175,7 +177,7 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
 
 
 def _gathered(
-    fit: AbsoluteFit, k: int, copies: Copies, allowed: NDArray[np.bool_], density: float, options: RigOptions
+    fit: AbsoluteFit, k: int, copies: Copies, allowed: NDArray[np.bool_], *, density: float, options: RigOptions
 ) -> tuple[Integers, float]:
     """What the pose of assignment k predicts, and its log-odds against clutter of some density.
 
@@ -207,7 +209,7 @@ def _gathered(
 
 
 def _reported(
-    task: MatchingTask, whole: MatchingTask, copies: Copies, tensor: AffinityTensor, found: Ranked, evaluated: int
+    task: MatchingTask, whole: MatchingTask, copies: Copies, *, tensor: AffinityTensor, found: Ranked, evaluated: int
 ) -> Match:
     """The match: one detection for each point, and all of them beside."""
     n = task.shape[0]

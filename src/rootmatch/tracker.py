@@ -196,7 +196,7 @@ class Tracker:
         self._frame += 1
         coasting = self.state is not TrackingState.LOST
         budget = self.tracking.search_budget if coasting else None
-        found = self.matcher.follow(target, given, noise, max_seconds, searching, budget)
+        found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=budget)
         self.time = when
         if self.labels is None:
             self._bodies[None].take(found, priors.get(None), when)

@@ -130,7 +130,16 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
     )
     pose = Pose(best.R, best.t, best.covariance)
     alternatives = [(fit.assignment, fit.log_odds) for fit in ranked[1:]]
-    return Found(best.assignment, pose, best.log_odds, probability, best.chi2_prior, alternatives, believed, tested)
+    return Found(
+        assignment=best.assignment,
+        pose=pose,
+        log_odds=best.log_odds,
+        probability=probability,
+        chi2_prior=best.chi2_prior,
+        alternatives=alternatives,
+        believed=believed,
+        tested=tested,
+    )
 
 
 def _convincing(fit: PriorFit | None, options: PriorOptions) -> bool:
@@ -164,7 +173,7 @@ def _narrowed(
     for _ in range(2):
         steps, covariances, scores = [], [], []
         for _, step, covariance in beams:
-            one = _updates(frame, first, step, covariance, candidates, options)
+            one = _updates(frame, first, step, covariance, candidates=candidates, options=options)
             if one is not None:
                 steps.append(one[0])
                 covariances.append(one[1])
@@ -184,6 +193,7 @@ def _updates(
     first: Projected,
     step: Floats,
     covariance: Floats,
+    *,
     candidates: NDArray[np.bool_],
     options: PriorOptions,
 ) -> tuple[Floats, Floats, Floats] | None:

@@ -190,7 +190,7 @@ class PriorFrame:
         weight = 1.0 / self.variance[assignment[used]]
         root = np.sqrt(weight)
         at = self.projected(R, t)
-        chi2, chi2_prior, step = self._deviation(at, used, image, weight, R, t)
+        chi2, chi2_prior, step = self._deviation(at, used, image, weight, (R, t))
         damping, diagonal = 0.0, np.arange(6)
         normal = np.eye(6)
         for _ in range(STEPS):
@@ -202,7 +202,7 @@ class PriorFrame:
             change = -np.linalg.solve(damped, slope)
             R2, t2 = rotation_matrix(change[:3]) @ R, t + change[3:]
             at2 = self.projected(R2, t2)
-            chi22, prior2, step2 = self._deviation(at2, used, image, weight, R2, t2)
+            chi22, prior2, step2 = self._deviation(at2, used, image, weight, (R2, t2))
             fall = chi2 + chi2_prior - chi22 - prior2
             if fall >= 0.0:
                 R, t, at, chi2, chi2_prior, step = R2, t2, at2, chi22, prior2, step2
@@ -222,14 +222,23 @@ class PriorFrame:
         odds = np.where(assignment >= 0, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance)).sum()
         clutter = len(used) * math.log(CROWDING * (free + HALF) / self.area)
         return PriorFit(
-            assignment, R, t, covariance, at, chi2, chi2_prior, 2 * len(used), float(at.visible.sum()),
-            evidence + float(odds) - clutter,
-        )  # fmt: skip
+            assignment=assignment,
+            R=R,
+            t=t,
+            covariance=covariance,
+            at=at,
+            chi2=chi2,
+            chi2_prior=chi2_prior,
+            freedom=2 * len(used),
+            expected=float(at.visible.sum()),
+            log_odds=evidence + float(odds) - clutter,
+        )
 
     def _deviation(
-        self, at: Projected, used: Integers, image: Floats, weight: Floats, R: Floats, t: Floats
+        self, at: Projected, used: Integers, image: Floats, weight: Floats, pose: tuple[Floats, Floats]
     ) -> tuple[float, float, Floats]:
         """χ² of the detections and of the pose about the prior, and the step from the prior to it."""
+        R, t = pose
         off = at.pixels[used] - image
         relative = R @ self.R.T
         step = np.concatenate([rotation_vector(relative), t - self.t])

@@ -124,7 +124,7 @@ class Problem(ABC):
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
-        return PointSets(first, second, sigma, sigma2, facing, cosine)
+        return PointSets(first, second, sigma, sigma2, normals=facing, view_cosine=cosine)
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""

@@ -101,10 +101,10 @@ def camera_poses(
         kept += 1
     state, chi2 = lowest_of(*descended(model(kept), state), count)
     state, chi2 = polished(model, state, chi2, len(axes) + 3)
-    found = _Found(state, chi2, covariance_of(model(1), state), axes, centre, unit)
+    found = _Found(state, chi2, covariance_of(model(1), state), axes=axes, centre=centre, unit=unit)
     measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     return [
-        _pose(found, k, points, camera, assignments[k], measured) if np.isfinite(chi2[k]) else None
+        _pose(found, k, points, camera, assignment=assignments[k], measured=measured) if np.isfinite(chi2[k]) else None
         for k in range(count)
     ]
 
@@ -126,7 +126,9 @@ class _Found:
     unit: float
 
 
-def _pose(found: _Found, k: int, points: PointSets, camera: CameraModel, assignment: Integers, measured: int) -> Pose:
+def _pose(
+    found: _Found, k: int, points: PointSets, camera: CameraModel, *, assignment: Integers, measured: int
+) -> Pose:
     """One of the fits, in the caller's frame and unit."""
     rotation, shift = found.state[0][k], found.unit * found.state[1][k]
     turned = rotation @ found.centre

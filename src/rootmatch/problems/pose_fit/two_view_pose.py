@@ -144,7 +144,7 @@ def two_view_poses(
         state = rotation, translation
     model = _TwoViewModel(views, k, used, planar)
     return [
-        _pose(model, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations, target)
+        _pose(model, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations=rotations, target=target)
         if np.isfinite(chi2[k])
         else None
         for k in range(count)
@@ -170,7 +170,7 @@ def _starts(views: Views, k: Integers, used: NDArray[np.bool_], planar: bool) ->
 
 
 def _pose(
-    model: _TwoViewModel, k: int, state: State, chi2: float, rotations: tuple[Floats, Floats], target: Floats
+    model: _TwoViewModel, k: int, state: State, chi2: float, *, rotations: tuple[Floats, Floats], target: Floats
 ) -> Pose:
     """One of the fits, in the frames of the cameras."""
     views = model.views

@@ -102,9 +102,9 @@ def zoom_poses(
             covariance[k],
             points,
             assignments[k],
-            (unit, middle),
-            centre,
-            upright.camera[1],
+            frame=(unit, middle),
+            centre=centre,
+            axis=upright.camera[1],
         )
         if np.isfinite(chi2[k])
         else None
@@ -143,6 +143,7 @@ def _pose(
     covariance: Floats,
     points: PointSets,
     assignment: Integers,
+    *,
     frame: tuple[float, Floats],
     centre: Floats,
     axis: Floats,
