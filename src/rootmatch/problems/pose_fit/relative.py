@@ -13,15 +13,12 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
+from rootmatch.problems.pose_fit.relative_steps import ALONG, DELTA
 
 ANGLES = 90
 """Rotations about the common direction that are tried, 4° apart. Not tuned."""
 STARTS = 3
 """The best of them, from which an assignment is fitted. Not tuned."""
-ALONG = 2.0
-"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
-DELTA = 1e-6
-"""Step of numerical derivatives, in radians: far above rounding, far below any noise. Not tuned."""
 FITS_PER_THREAD = 16
 """Fits that are worth waking a thread for, some milliseconds. Changes no result."""
 LOG_GAMMA = np.vectorize(math.lgamma, otypes=[float])

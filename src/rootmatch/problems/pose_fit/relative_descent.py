@@ -13,7 +13,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part, scalar
-from rootmatch.problems.pose_fit.relative import ALONG, DELTA
+from rootmatch.problems.pose_fit.relative_steps import ALONG, DELTA
 
 CUT = 25.0
 """Squared deviation at which a point stops counting when starts are compared. Not tuned: (5 σ)²."""
