@@ -38,6 +38,7 @@ def test_headset_with_normals(load_shared: Load, view: int) -> None:
     source, target, problem, truth = shuffled_view(data, view, None, seed=view)
     match = rm.match(source, target, problem, noise=0.1, normals=data["normals3d"])
     np.testing.assert_array_equal(match.assignment, truth)
+    assert match.status is rm.Status.MATCHED
 
 
 @pytest.mark.parametrize("view", range(4))

@@ -82,10 +82,6 @@ class ModelViews:
             met.append(met[-1] + within(self.ordered[first:last], views).sum(axis=1))
         return float((self.options.failure ** met[waves]).mean())
 
-    def suffice(self, matched: int, waves: int) -> bool:
-        """Whether a pose that explains so many points would have been met."""
-        return self.missed(matched, waves) <= self.options.missed
-
 
 def _cameras(
     positions: NDArray[np.float64],

@@ -208,7 +208,3 @@ class TriedSets:
         views = some_of(self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]]))
         met = within(np.concatenate(self.sets), views).sum(axis=1)
         return float((self.options.failure**met).mean())
-
-    def suffice(self, matched: int) -> bool:
-        """Whether a pose that explains so many points would have been met."""
-        return self.missed(matched) <= self.options.missed

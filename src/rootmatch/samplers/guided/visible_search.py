@@ -68,9 +68,11 @@ class VisibleSearch(Search):
                     return
                 if len(self.hypotheses) > self.options.batches.most_batches:
                     self._clustered()
-            if self.views.suffice(max(self._most_matched(), self.options.visibility.least_matched), number + 1):
+            matched = max(self._most_matched(), self.options.visibility.least_matched)
+            if self._none_missed_of(matched, number + 1):
                 self.conclusive = True
                 return
+        self.missed = 0.0  # everything was tried
 
     def _try_rivals(self) -> None:
         """See `Search`: only the detections of the strongest hypothesis are tried as images."""
@@ -86,8 +88,14 @@ class VisibleSearch(Search):
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
                 self._try_visible(sets, done, min(len(sets.shapes), done + block), images, mask)
                 done += block
-            if self.views.suffice(least, number + 1) or self._spent():
+            if self._none_missed_of(least, number + 1) or self._spent():
                 return
+        self.missed = 0.0
+
+    def _none_missed_of(self, matched: int, waves: int) -> bool:
+        """Whether a pose that explains so many points would have been met by the first waves."""
+        self.missed = self.views.missed(matched, waves)
+        return self.missed <= self.options.visibility.missed
 
     def _visible_test(self) -> SequentialTest:
         """The sequential test: of the points that face the camera as many are detected as the options say."""
