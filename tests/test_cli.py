@@ -583,6 +583,7 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         score=np.float64("nan"),
         margin=0.0,
         probability=None,
+        confidence=np.array([0.5, np.nan, 1.0]),
         converged=False,
         motions=np.array([0, -1, 1]),
         alternatives=[(np.array([0, -1, 1]), np.inf)],
@@ -605,8 +606,8 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
     json.dumps(record, allow_nan=False)
     print_match(found, Console(width=80), truth=np.array([1, 0, -1]), source_names=["a", "b", "c"])
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert "a 1 0.500 0 right" in lines
-    assert "c 0 0.250 1 WRONG, has no image" in lines
+    assert "a 1 0.500 0.50 0 right" in lines
+    assert "c 0 0.250 > 0.9999 1 WRONG, has no image" in lines
     assert "unmatched source points: b" in lines
     assert "truth: 1 of 2 right, 1 wrong, 1 missed" in lines
     assert "alternative 1, score inf: a→0, c→1" in lines

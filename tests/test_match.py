@@ -130,7 +130,7 @@ def test_candidates_narrow_the_search() -> None:
         rm.UP2PF((320.0, 240.0)),
         rm.ThreePlusOne(CAMERA),
         rm.PlanarMotion(CAMERA),
-        rm.Similarity(),
+        rm.Similarity(2),
         rm.Rigid(3),
     ],
     ids=lambda problem: problem.name,

@@ -14,7 +14,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.errors import InputError, quoted
 
-LEAST_FOCAL, MOST = 1e-6, 1e12
+LEAST_FOCAL, MOST = 1e-6, 1e18
 """Least focal length, and greatest size of any of the four numbers, in pixels: far beyond any camera's."""
 
 

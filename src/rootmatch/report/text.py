@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Integers = NDArray[np.int64]
 
 ALTERNATIVES_SHOWN = 5
+NARROW = 6
 NAMES_SHOWN = 40
 """Unmatched points listed by name; the rest are counted."""
 
@@ -106,7 +107,9 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
         *(["motion"] if multi_motion else []),
         *(["truth"] if truth is not None else []),
     ):
-        table.add_column(name, justify="left" if name == "truth" else "right")
+        # what a row is about is the last to be cut where the terminal is narrow
+        least = {"source": _widest(sources), "target": _widest(targets)}.get(name)
+        table.add_column(name, justify="left" if name == "truth" else "right", min_width=least)
     weights = match_weights(match)
     confidence = match.confidence
     for i, j in enumerate(match.assignment.tolist()):
@@ -122,6 +125,11 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
             cells.append(Text("right") if truth[i] == j else Text(f"WRONG, {expected}", style="bold red"))
         table.add_row(*cells)
     return table
+
+
+def _widest(names: Sequence[str]) -> int:
+    """Columns of a terminal that names get at least, however narrow it is."""
+    return min(max(len(name) for name in names), NARROW)
 
 
 def _compare_with_truth(assignment: Integers, truth: Integers) -> str:

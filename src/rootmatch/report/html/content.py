@@ -162,7 +162,9 @@ def _view(
         "assignment": assignment.tolist(),
         "motions": motions.tolist(),
         "weights": np.nan_to_num(weights / max(float(weights.max(initial=0.0)), 1e-300)).tolist(),
-        "confidence": None if confidence is None or title != "best" else [float(value) for value in confidence],
+        "confidence": None
+        if confidence is None or title != "best"
+        else [_finite(float(value)) for value in confidence],
         "residuals": residuals,
         "predicted": predicted,
         "dimensions": 1 if _is_two_images(match) else match.target.shape[1],
