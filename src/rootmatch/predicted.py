@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import TRUST, Status
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
+from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose

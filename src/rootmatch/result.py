@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import TRUST, Status, confidence_of, confidence_of_motions, probability_of
+from rootmatch.pipeline.assessment import confidence_of, confidence_of_motions, probability_of
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
 from rootmatch.pipeline.prior import fused_pose
+from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_assignment
 from rootmatch.problems.base import Problem
@@ -70,7 +71,7 @@ class Match:
     motions : (n,) int64
         Label of the rigid motion, −1 where unmatched.
     status : Status
-        Whether to trust the assignment, by one rule (`rootmatch.pipeline.assessment.judged`); see `advice`.
+        Whether to trust the assignment, by one rule (`rootmatch.pipeline.status.judged`); see `advice`.
     converged : bool
         Whether the solver stopped by its own criterion rather than at a limit.
     hyperedges : int

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.errors import InputError
 from rootmatch.matcher import Matcher
 from rootmatch.options import Options, option
-from rootmatch.pipeline.assessment import Status
 from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.pipeline.motion_filter import DEFAULT_MOTION, MotionFilter, MotionOptions
+from rootmatch.pipeline.status import Status
 from rootmatch.predicted import free_pose
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
