@@ -19,7 +19,8 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
 from rootmatch.pipeline.assessment import fits
 from rootmatch.pipeline.body_labels import Label, twin_points
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, ranked
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
+from rootmatch.pipeline.posterior import ranked
 from rootmatch.pipeline.status import Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.predicted import direct_match, empty_match

@@ -18,7 +18,8 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, NO_POSE, Ranked, ranked
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
+from rootmatch.pipeline.posterior import NO_POSE, Ranked, ranked
 from rootmatch.pipeline.sampling import sample
 from rootmatch.pipeline.status import TRUST, judged
 from rootmatch.pipeline.task import MatchingTask

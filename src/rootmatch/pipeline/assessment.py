@@ -14,9 +14,10 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, Misfit, Ranked, misfit, ranked
+from rootmatch.pipeline.posterior import Misfit, Ranked, misfit, ranked
 from rootmatch.pipeline.status import TRUST, Status, judged
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor

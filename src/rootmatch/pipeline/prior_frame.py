@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.cameras.base import CameraModel
-from rootmatch.pipeline.posterior import DEFAULT_OPTIONS, HALF, MOST_DETECTED
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
