@@ -100,6 +100,7 @@ def clutter_in(camera: CameraModel, rng: np.random.Generator, count: int) -> Flo
 
 
 def paper_camera() -> CameraModel:
+    """The camera of the paper, 640 × 480 pixels."""
     from rootmatch.cameras.pinhole import Camera
 
     return Camera(FOCAL, FOCAL, WIDTH / 2.0, HEIGHT / 2.0)
@@ -129,6 +130,7 @@ def horizontal(rng: np.random.Generator) -> Floats:
 
 
 def check_counts(n: int, outliers: int, noise: float, seed: int, motions: int, hidden: int) -> None:
+    """Refuse counts, noise or a seed out of range."""
     for name, value, least in (
         ("n", n, 1),
         ("outliers", outliers, 0),
