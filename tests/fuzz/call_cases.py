@@ -18,6 +18,8 @@ from rootmatch.report.json_record import match_record
 from rootmatch.solvers import SOLVERS, Solution
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
+LENS = rm.Camera.from_opencv(CAMERA.matrix, [-0.2, 0.05, 0.001, -0.001])
+FISHEYE = rm.Camera.from_opencv_fisheye(CAMERA.matrix, [0.02, -0.01, 0.001, 0.0])
 PROBLEMS: dict[str, Any] = {
     "p3p": lambda: rm.P3P(CAMERA),
     "up2p": lambda: rm.UP2P(CAMERA, vertical_camera=(0.1, 1.0, 0.0), vertical_noise=0.01),
@@ -26,6 +28,8 @@ PROBLEMS: dict[str, Any] = {
     "up2pf": lambda: rm.UP2PF((320.0, 240.0)),
     "similarity": lambda: rm.Similarity(2),
     "rigid": lambda: rm.Rigid(3),
+    "p3p lens": lambda: rm.P3P(LENS),
+    "up2p fisheye": lambda: rm.UP2P(FISHEYE, vertical_camera=(0.1, 1.0, 0.0)),
 }
 SHAPES = (
     "scene", "scene", "scene", "unrelated", "collinear", "coplanar", "repeated", "nearly repeated", "behind", "on axis",
@@ -83,6 +87,11 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
         "short",
     ),
     "progress": ("count", 3),
+    "view_angle": (60.0, "each", 0.0, 181.0, math.nan, "x"),
+    "detection": (0.9, 1.0, 0.0, 1.5, math.nan, "x"),
+    "bodies": ("one", "two", "all", "words", "short", "floats"),
+    "prior": ("near", "far", "sharp", "singular", "none", "text"),
+    "max_seconds": (0.01, 1.0, 1e300, 0.0, -1.0, math.nan, "x"),
 }
 """Values of every option, usable ones and others, by a name where they depend on the points."""
 
@@ -103,6 +112,11 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "normals": ("toward", "random", "zero"),
     "candidates": ("all", "true", "few", "row", "column", "one", "weights", "huge", "counts"),
     "progress": ("count",),
+    "view_angle": (60.0, "each"),
+    "detection": (0.9, 0.5),
+    "bodies": ("one", "two", "words"),
+    "prior": ("near", "far", "sharp"),
+    "max_seconds": (0.01, 1.0, 1e300),
 }
 """Those that each are usable by themselves."""
 
@@ -300,6 +314,20 @@ def option_of(name: str, value: Any, n: int, n_target: int, seed: int) -> Any:
             made[key] = mask.copy()
             made[key][index] = True
         return made[value]
+    if name == "view_angle":
+        return np.full(n, 75.0) if value == "each" else value
+    if name == "bodies":
+        labels: dict[str, Any] = {"one": np.zeros(n, int), "two": np.arange(n) % 2, "all": np.arange(n)}
+        labels |= {"words": ["left" if k < n // 2 else "right" for k in range(n)], "floats": np.arange(n) / 2}
+        return {**labels, "short": labels["one"][:-1]}[value]
+    if name == "prior":
+        spread = {"near": 1e-2, "far": 1.0, "sharp": 1e-12, "singular": 0.0}.get(value)
+        if spread is None:
+            return {"none": None, "text": "pose.csv"}[value]
+        covariance = np.diag([spread**2] * 3 + [100.0 * spread**2] * 3)
+        if value == "far":
+            covariance[3:] = covariance[:, 3:] = 0.0
+        return rm.Pose(np.eye(3), np.array([0.0, 0.0, 12.0]) + (5.0 if value == "sharp" else 0.0), covariance)
     if name == "progress" and value == "count":
         return lambda done, total: None
     return value
@@ -317,7 +345,7 @@ def attempt(recipe: dict[str, Any]) -> rm.Match | None:
     problem = PROBLEMS[recipe["problem"]]()
     try:
         if recipe["matcher"]:
-            frame = {name: options.pop(name) for name in ("candidates",) if name in options}
+            frame = {name: options.pop(name) for name in ("candidates", "prior", "max_seconds") if name in options}
             match = rm.Matcher(source, problem, **options).match(target, **frame)
         else:
             match = rm.match(source, target, problem, **options)

@@ -13,6 +13,7 @@ import json
 import math
 import random
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -24,7 +25,9 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 KEPT = HERE / "kept"
 SECONDS, GIBIBYTES = 60, 8
-"""Bounds of one case; compilation, which comes once, is in them."""
+"""Bounds of one case; compilation, which comes once, is in them. Seconds are of the processor: other work is no fault."""
+IDLE = 600
+"""Seconds by the clock after which a case counts as hanging though it computes nothing."""
 
 
 def case(what: str, number: int) -> dict[str, Any]:
@@ -81,8 +84,10 @@ def work(what: str, first: int, last: int, seconds: float) -> None:
         if time.monotonic() > ends:
             break
         print(number, flush=True)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)  # its signal ends the process, also within compiled code
         recipe = case(what, number)
         text = fault(what, recipe)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         if text and sort_of(text) not in known:
             known.add(sort_of(text))
             path = keep(what, simplest(what, recipe, text), text)
@@ -111,7 +116,8 @@ def supervised(what: str, first: int, last: int, seconds: float) -> tuple[int, l
     code = child.wait()
     watch.end()
     if number >= done:  # begun and not ended
-        text = f"hangs for {SECONDS} s" if watch.fired else f"ends the process with code {code}"
+        hangs = watch.fired or code == -signal.SIGPROF
+        text = f"hangs for {SECONDS} s" if hangs else f"ends the process with code {code}"
         keep(what, case(what, number), text)
         faults.append(f"{what} {number}: {text}")
         print(faults[-1], file=sys.stderr, flush=True)
@@ -139,7 +145,7 @@ class _Watch:
 
     def _run(self) -> None:
         while not self.stop.wait(1.0):
-            if time.monotonic() - self.heard > SECONDS:
+            if time.monotonic() - self.heard > IDLE:
                 self.fired = True
                 self.child.kill()
                 return

@@ -75,6 +75,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
+            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well
+            trusted = trusted and support > 0.0
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and _does_not_fit(fault):
         alarms = math.inf

@@ -41,5 +41,10 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
     groups = [np.where(labels == label, assignment, -1) for assignment in assignments for label in range(count)]
     enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.least_for_pose]
     fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
-    poses = dict(zip(enough, fitted, strict=True))
+    poses = {k: pose for k, pose in zip(enough, fitted, strict=True) if pose is not None and _predicts(pose)}
     return [[poses.get(row * count + label) for label in range(count)] for row in range(len(assignments))]
+
+
+def _predicts(pose: Pose) -> bool:
+    """Whether a pose says where each of its points is seen: none of them is beside the camera."""
+    return pose.predicted is None or bool(np.all(np.isfinite(pose.predicted)))

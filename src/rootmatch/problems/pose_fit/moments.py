@@ -33,15 +33,25 @@ def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
     chi2 : callable
         Excess of χ² (S,) over the bottom after steps (S, p) from there; infinite where impossible.
     covariance : (p, p) array
-        (Jᵀ J)⁻¹ at the bottom, returned where χ² is a parabola that far.
+        (Jᵀ J)⁻¹ at the bottom, returned where χ² is a parabola that far, or where samples cannot say more: a direction
+        that the points do not determine at all, or hardly any sample that is likely.
     """
+    try:
+        sampled = _sampled(chi2, covariance)
+    except np.linalg.LinAlgError:  # a proposal without extent in some direction
+        return covariance
+    return covariance if sampled is None or not np.all(np.isfinite(sampled)) else sampled
+
+
+def _sampled(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats | None:
+    """See `moments`; nothing where the covariance given is as good."""
     values, vectors = np.linalg.eigh(covariance)
     axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     size = len(axes)
     contour = float(np.sqrt(size))
     ends = chi2(contour * np.concatenate([axes, -axes]))
     if not np.any(np.abs(ends / size - 1.0) > BENT):
-        return covariance
+        return None
     rng = np.random.default_rng(0)
     mean, root = np.zeros(size), axes.T
     steps: list[Floats] = []
@@ -56,14 +66,17 @@ def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
         every = np.concatenate(steps)
         # all samples of all rounds, as of the mixture of their proposals
         density = np.mean([_t_density(every, *proposal) for proposal in proposals], axis=0)
-        weight = np.exp(-0.5 * np.concatenate(excess)) / density
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            weight = np.exp(-0.5 * np.concatenate(excess)) / density
         weight = np.where(np.isfinite(weight), weight, 0.0)
-        weight /= max(float(weight.sum()), 1e-300)
+        if not weight.any():
+            return None
+        weight /= float(weight.sum())
         mean = weight @ every
         spread = (every - mean).T @ (weight[:, None] * (every - mean)) + 1e-3 * covariance
         root = np.linalg.cholesky(spread)
     if 1.0 / float((weight**2).sum()) < ENOUGH:
-        return covariance
+        return None
     every = np.concatenate(steps)
     return np.asarray(every.T @ (weight[:, None] * every))
 

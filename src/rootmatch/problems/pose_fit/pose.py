@@ -122,7 +122,7 @@ def fitted_pose(
     return Pose(
         R,
         t,
-        covariance,
+        _nearest_covariance(covariance),
         scale=scale,
         focal=focal,
         chi2=chi2,
@@ -134,6 +134,25 @@ def fitted_pose(
         residuals=residuals,
         inliers=points[residuals <= GATE * sigma],
     )
+
+
+def _nearest_covariance(matrix: Floats) -> Floats | None:
+    """The covariance nearest to a matrix that is one up to rounding, which is large where points determine little.
+
+    None where they do not determine the pose at all: no number of the covariance can be believed then.
+    """
+    matrix = 0.5 * (matrix + matrix.T)
+    if not np.all(np.isfinite(matrix)):
+        return None
+    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    unit = np.outer(deviation, deviation)
+    scaled = matrix / np.where(unit > 0.0, unit, 1.0)
+    if not np.all(np.isfinite(scaled)):
+        return None
+    values, vectors = np.linalg.eigh(scaled)
+    if values[0] >= 0.0:
+        return matrix
+    return np.asarray(unit * ((vectors * np.maximum(values, 0.0)) @ vectors.T))
 
 
 def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:

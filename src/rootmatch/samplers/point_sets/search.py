@@ -64,6 +64,8 @@ class MotionSearch:
         self.log_density = math.log(self.n_target) - float(np.log(box).sum())
         self.hypotheses: list[MotionHypothesis] = []
         self.evaluated = self.judged = self.tried = 0
+        self._whole: set[frozenset[int]] = set()
+        """Triples that were compared with all triangles of the targets: once more would find nothing new."""
 
     @property
     def level(self) -> float:
@@ -81,7 +83,12 @@ class MotionSearch:
             if self.tried >= self.options.least and self._finished():
                 return
             triple = self._triple()
-            self._take(triple, self._alike(triple))
+            key = frozenset(triple.tolist())
+            # few points have few triples, which are drawn again and again
+            if key not in self._whole:
+                if self._sees_all_pairs(triple):
+                    self._whole.add(key)
+                self._take(triple, self._alike(triple))
             self.tried += 1
             if self.task.progress is not None and self.tried % BLOCK == 0:
                 self.task.progress(self.tried, self.options.triples)
@@ -103,6 +110,20 @@ class MotionSearch:
         area = (low + middle + high) * (low + middle - high) * (high + low - middle) * (high + middle - low)
         return np.asarray(drawn[int(np.argmax(area))], dtype=np.int64)
 
+    def _pairs_as_long(self, length: float) -> Integers:
+        """Pairs of targets (P, 2) that may be two source points so far apart; all where the scale is unknown."""
+        if self.clouds.scaled:
+            return self.pairs
+        window = self.options.gate * self.widest
+        low, high = np.searchsorted(self.lengths, [length - window, length + window])
+        return self.pairs[low:high]
+
+    def _sees_all_pairs(self, triple: Integers) -> bool:
+        """Whether none of the pairs is left out for being too many, whichever two of the points come first."""
+        a, b, c = triple.tolist()
+        sides = (self.near[a, b], self.near[b, c], self.near[a, c])
+        return max(len(self._pairs_as_long(side)) for side in sides) <= self.options.pairs
+
     def _alike(self, triple: Integers) -> Integers:
         """Triples of targets (H, 3) whose triangle is that of the source points, up to noise."""
         a, b, c = triple.tolist()
@@ -110,11 +131,7 @@ class MotionSearch:
             return np.empty((0, 3), np.int64)
         options, clouds = self.options, self.clouds
         ab, ac, bc = self.near[a, b], self.near[a, c], self.near[b, c]
-        pairs = self.pairs
-        if not clouds.scaled:
-            window = options.gate * self.widest
-            low, high = np.searchsorted(self.lengths, [ab - window, ab + window])
-            pairs = pairs[low:high]
+        pairs = self._pairs_as_long(ab)
         if len(pairs) > options.pairs:
             pairs = pairs[np.sort(self.rng.permutation(len(pairs))[: options.pairs])]
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
