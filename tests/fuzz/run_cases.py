@@ -25,7 +25,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 KEPT = HERE / "kept"
 SECONDS, GIBIBYTES = 60, 8
-"""Bounds of one case; compilation, which comes once, is in them. Seconds are of the processor: other work is no fault."""
+"""Bounds of one case; compilation, which comes once, is in them. Seconds of the processor: other work is no fault."""
 IDLE = 600
 """Seconds by the clock after which a case counts as hanging though it computes nothing."""
 
