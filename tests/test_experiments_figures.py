@@ -152,16 +152,18 @@ def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
     assert all(scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
 
 
-def test_one_problem_alone_writes_its_figure_only_and_a_second_call_works_nothing_out_again(tmp_path):
-    done = reproduce(("up2p",), tmp_path, instances=1, seed=7, jobs=1, function=fake)
-    assert {path.name.split("-")[1] for path in done.files if path.name.startswith("figure")} == {"4"}
-    before = {path.name: path.read_bytes() for path in done.files}
+def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worked_out_again(reproduced):
+    folder, everything = reproduced
+    before = {path.name: path.read_bytes() for path in everything.files if path.suffix != ".md"}
 
     def never(unit):
         raise AssertionError("nothing is missing")
 
-    again = reproduce(("up2p",), tmp_path, instances=1, seed=7, jobs=1, function=never)
-    assert {path.name: path.read_bytes() for path in again.files} == before
+    done = reproduce(("up2p",), folder, instances=2, jobs=1, function=never)
+    assert {path.name.split("-")[1] for path in done.files if path.name.startswith("figure")} == {"4"}
+    again = {path.name: path.read_bytes() for path in done.files if path.suffix != ".md"}
+    assert len(again) == 12
+    assert again == {name: before[name] for name in again}
 
 
 def test_writing_replaces_and_leaves_no_parts(tmp_path):

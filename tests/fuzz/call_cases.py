@@ -393,7 +393,9 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     assert np.all(np.isfinite(match.tensor.weights))
     if match.probability is not None:
         assert 0.0 <= match.probability <= 1.0
-    if match.status is rm.Status.MATCHED:
+    if match.bodies is not None:
+        check_bodies(match)
+    elif match.status is rm.Status.MATCHED:
         assert match.score > 0.0
         assert (match.assignment >= 0).any()
         sure = match.margin >= 0.2 if match.fitted_probability is None else match.fitted_probability >= 0.9
@@ -404,6 +406,15 @@ def check(match: rm.Match, candidates: Any = None) -> None:
         assert allowed[matched, match.assignment[matched]].all(), "a correspondence that was excluded"
     check_text(match.advice)
     json.dumps(match_record(match), allow_nan=False)
+
+
+def check_bodies(match: rm.Match) -> None:
+    """Each body's match is one by itself, and the whole is as trustworthy as the least of them."""
+    assert match.bodies is not None
+    for own in match.bodies.values():
+        check(own)
+    statuses = {own.status for own in match.bodies.values()}
+    assert (match.status is rm.Status.MATCHED) == (statuses == {rm.Status.MATCHED})
 
 
 def nothing_found(tensor: rm.AffinityTensor, *, seed: int = 0) -> Solution:
