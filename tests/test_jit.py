@@ -180,7 +180,7 @@ def test_each_loss_is_told_once(
         ([COMPILER], ["similarity"], "exhaustive", "power-l1"),
         ([MODEL], ["similarity"], "exhaustive", "power-l1"),
         ([TEMPLATE], ["similarity"], "random", "power-l1"),
-        ([DISPATCHER, COMPILER, MODEL, TEMPLATE], ["p3p", "up2p"], "exhaustive", "ascent"),
+        ([DISPATCHER, COMPILER, MODEL, TEMPLATE], ["up2p"], "exhaustive", "ascent"),
     ],
     ids=["entries", "options", "borrowed", "calls", "all"],
 )

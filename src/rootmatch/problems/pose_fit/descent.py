@@ -110,8 +110,10 @@ def polished(model: Callable[[int], Model], state: State, chi2: Floats, size: in
             hessian = 0.5 * (hessian + hessian.swapaxes(-1, -2))
             usable = np.isfinite(chi2) & np.isfinite(hessian).all(axis=(1, 2))
             hessian = np.where(usable[:, None, None], hessian, np.eye(size))
-            # only where it is a valley: elsewhere Newton's method climbs
-            usable &= np.linalg.eigvalsh(hessian)[:, 0] > 0.0
+            # only where it is a valley, beyond rounding: elsewhere Newton's method climbs
+            curvature = np.linalg.eigvalsh(hessian)
+            usable &= curvature[:, 0] > np.finfo(float).eps * curvature[:, -1]
+            hessian = np.where(usable[:, None, None], hessian, np.eye(size))
             step = -np.linalg.solve(invertible(hessian), _slope(once, state)[..., None])[..., 0]
             reached = once.moved(state, np.where(usable[:, None], step, 0.0))
             chi22 = chi2_of(once.residuals(reached))
