@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import struct
 import tempfile
@@ -15,6 +16,8 @@ from call_cases import check_text
 import rootmatch as rm
 from rootmatch.cameras.base import CameraModel
 from rootmatch.io import PointSet, read_camera, read_candidates, read_points, read_truth
+from rootmatch.io.frame_files import Frame, read_frames
+from rootmatch.io.pose_files import read_prior
 
 MODEL = b"id,x,y,z,nx,ny,nz\n" + b"".join(b"led %d,%d,%d.5,-1e%d,0,0,1\n" % (k, k, k * k, k) for k in range(6))
 IMAGE = b"x,y\r\n" + b"".join(b"%d.25,%d\r\n" % (300 + 17 * k, 200 + 5 * k * k) for k in range(7))
@@ -71,6 +74,14 @@ OWN = b"""{"fx": 1000, "fy": 1010.0, "cx": 640, "cy": 480, "dist": [-0.28, 0.07,
  "camera2": {"K": [[900, 0, 320], [0, 901, 240], [0, 0, 1]], "fisheye": [0.05, -0.02, 0.003, -0.0005]},
  "vertical_camera": [0, 1, 0], "vertical_world": [0.0, -0.0, 1e0], "axis": [1, 2, 3]}
 """
+MARKED = b"id,body,x,y,z,nx,ny,nz\n" + b"".join(
+    b"led %d,%s,%d.5,%d,0,0,0,1\n" % (k, (b"left", b"right")[k % 2], k, k * k) for k in range(8)
+)
+FRAMES = b"frame,x,y\n" + b"".join(b"%d,%d.25,%d\n" % (k // 4, 300 + 17 * k, 200 + k * k) for k in range(12))
+POSE = b"""{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0.0, 0.1, 2.0], "covariance":
+ [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0],
+  [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1e-4]]}
+"""
 PAIRS = b"source,target,weight\nled 0,3,1\nled 1,2,0.5\nled 5,6,1e3\n"
 
 Reader = Callable[[Path], Any]
@@ -87,6 +98,10 @@ KINDS: dict[str, tuple[str, bytes, Reader]] = {
     "kalibr, one": ("camchain.yaml", KALIBR, lambda path: read_camera(path, "cam1")),
     "ros": ("ros.yaml", ROS, rm.read_cameras),
     "colmap": ("cameras.txt", COLMAP, rm.read_cameras),
+    "bodies": ("bodies.csv", MARKED, lambda path: read_points(path, 3, 4)),
+    "frames": ("frames.csv", FRAMES, lambda path: list(read_frames(path))),
+    "prior": ("prior.json", POSE, lambda path: read_prior(path, False)),
+    "priors": ("priors.json", b'{"left": ' + POSE + b', "right": ' + POSE + b"}", lambda path: read_prior(path, True)),
     "colmap binary": ("cameras.bin", COLMAP_BINARY, rm.read_cameras),
 }
 """Name, content and reader of a good file of every kind."""
@@ -189,6 +204,15 @@ def attempt(recipe: dict[str, Any]) -> Any:
         assert all(name.isprintable() for name in found.names)
     elif isinstance(found, np.ndarray):
         assert np.all(np.isfinite(found))
+    elif isinstance(found, list):
+        assert all(isinstance(frame, Frame) and np.all(np.isfinite(frame.points)) for frame in found)
+        numbers = [frame.number for frame in found]
+        assert all(0 <= one < other < 2**63 for one, other in itertools.pairwise([*numbers, numbers[-1] + 1]))
+    elif "prior" in recipe["kind"]:
+        for pose in found.values() if isinstance(found, dict) else [found]:
+            np.testing.assert_allclose(pose.R @ pose.R.T, np.eye(3), atol=1e-9)
+            assert np.all(np.isfinite(pose.t))
+            assert np.all(np.linalg.eigvalsh(pose.covariance) > -1e-5 * np.abs(pose.covariance).max())
     else:
         cameras = found.values() if isinstance(found, dict) else [found.camera, found.camera2 or found.camera]
         for camera in cameras:

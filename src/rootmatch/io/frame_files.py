@@ -17,6 +17,8 @@ from rootmatch.errors import InputError, quoted
 from rootmatch.io.csv_tables import check_header, number
 
 STANDARD_INPUT = Path("-")
+MOST_DIGITS = 18
+"""Digits of a frame's number: it then is a 64-bit integer, as other programs read it."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ def _frames(path: Path, stream: Iterable[str], needed: tuple[str, ...]) -> Itera
 
 
 def _frame_number(path: Path, row: int, text: str) -> int:
-    if not text.isascii() or not text.isdigit():
+    if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
         raise InputError(f"{path}, row {row}: frame is {quoted(text)}; give a whole number, 0 or more")
     return int(text)
 

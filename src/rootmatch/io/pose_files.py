@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.io.csv_tables import read_text, write_table
+from rootmatch.io.calibrations.reading import load_json, read_small_text
+from rootmatch.io.csv_tables import write_table
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "tum"]
@@ -82,10 +83,7 @@ def read_prior(path: Path, labelled: bool) -> Pose | dict[str, Pose]:
         If the file is not of that form or a pose cannot be used.
     """
     expected = "give an object with R, t and covariance"
-    try:
-        content = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not JSON ({error}); {expected}") from None
+    content = load_json(path, read_small_text(path), expected)
     if not labelled:
         return _read_pose(path, content[0] if isinstance(content, list) and len(content) == 1 else content)
     if not isinstance(content, dict) or "R" in content:

@@ -66,8 +66,8 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     return cameras_of(file, content)
 
 
-def load_json(path: Path, text: str) -> Any:
-    """The value of a JSON text.
+def load_json(path: Path, text: str, expected: str = f"give {EXAMPLE}") -> Any:
+    """The value of a JSON text; ``expected`` tells the user what to give.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def load_json(path: Path, text: str) -> Any:
         try:
             return json.loads(text)
         except json.JSONDecodeError as error:
-            raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); give {EXAMPLE}") from None
+            raise InputError(f"{path}, row {error.lineno}: not JSON ({error.msg}); {expected}") from None
 
     return parsed(path, "JSON", load)
 

@@ -158,7 +158,7 @@ def _nearest_covariance(matrix: Floats) -> Floats | None:
 def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"pose: {name} is not an array of numbers; give {expected}") from None
     if not np.all(np.isfinite(array)):
         raise InputError(f"pose: {name} holds NaN or infinity; give {expected}")
