@@ -16,6 +16,9 @@ from rootmatch.errors import InputError
 
 Progress = Callable[[int, int], None]
 
+START_UP = 120.0
+"""Seconds that the first reply may take at least: compiling included."""
+
 
 def run_real(
     data: Path,
@@ -40,8 +43,8 @@ def run_real(
     only : list of str, optional
         Names of protocols.
     timeout : float
-        Seconds a reply may take; later counts as none. The first reply of a program may take two minutes, and its
-        scene is asked again, so that compiling is not timed.
+        Seconds a reply may take; later counts as none. The first reply to each protocol may take two minutes where
+        that is longer, and its scene is asked again, so that compiling is not timed.
     progress : callable, optional
         Called with (done, total).
 
@@ -67,13 +70,13 @@ def run_real(
         path = rows_file(output, method)
         there = {row["scene"] for row in read_rows(path)}
         done += sum(scene.name in there for scene in scenes)
-        with Program(method) as program:
+        with Program(method, max(START_UP, timeout)) as program:
             warm: set[str] = set()
             for scene in scenes:
                 if scene.name in there:
                     continue
                 if scene.protocol not in warm:
-                    program.ask(scene.request, max(timeout, program.start_up))  # compiles what this kind of scene needs
+                    program.ask(scene.request, program.start_up)  # compiles what this kind of scene needs
                     warm.add(scene.protocol)
                 append_row(path, _row(method, scene, program, timeout))
                 done += 1
