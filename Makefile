@@ -19,7 +19,7 @@ help:
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
 	@echo "make fuzz    try ten thousand calls and a hundred thousand files; goes on where it was stopped"
 	@echo "make torture kill a sweep a hundred times, and whatever else takes long to break"
-	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist"
+	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist; both checked"
 	@echo "make smoke-wheel  what the README shows, from that wheel in an environment of its own, compiling nothing"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
 	@echo "make lint    ruff, mypy and the import layers"
@@ -44,6 +44,7 @@ torture: $(VENV)/dev.stamp
 wheel: $(VENV)/dev.stamp
 	rm -rf dist
 	ROOTMATCH_PREBUILD=1 $(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
 
 smoke-wheel: wheel
 	rm -rf $(FRESH)
