@@ -19,6 +19,7 @@ from rootmatch.io import written_whole
 from rootmatch.report.drawn_poses import draw_poses
 from rootmatch.report.picture_axes import (
     DEFAULT_VIEW,
+    TOP,
     WIDTH,
     Layout,
     axes_frame,
@@ -148,8 +149,11 @@ def match_figure(
     titles = ("model", "image") if in_space else ("first image", "second image")
     if to_space:
         titles = ("source", "target")
-    for axes, name in zip((left, right), titles, strict=True):
-        axes.set_title(name, fontsize=10, y=0.94 if hasattr(axes, "get_proj") else None)
+    for axes, name, place in zip((left, right), titles, (layout.left, layout.right), strict=True):
+        if hasattr(axes, "get_proj"):  # the box may reach anywhere but into the corner
+            figure.text(place[0] + 0.04, 1.0 - 0.8 * TOP / layout.height, name, fontsize=10)
+        else:
+            axes.set_title(name, fontsize=10)
     figure.suptitle(title, fontsize=11, y=0.975)
 
     figure.draw_without_rendering()  # fixes the axes, and with them the projection of the 3D points

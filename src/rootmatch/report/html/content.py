@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.pipeline.posterior import ranked
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.text import match_weights, summary
 
@@ -106,12 +107,14 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
     named = _names(labels.source, len(match.source)), _names(labels.target, len(match.target))
     views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
+    odds = _odds(match)
     for rank, ((other, score), fitted) in enumerate(zip(match.alternatives, poses, strict=True), start=1):
         if rank > ALTERNATIVES:
             break
+        chance = odds(other)
         differs = _difference(other, match.assignment, *named)
         shown = f"Score {score:.4g} instead of {match.score:.4g}. Differs in: {differs}"
-        views.append(_view(match, other, fitted, f"alternative {rank}", differs=shown))
+        views.append(_view(match, other, fitted, f"alternative {rank}", probability=chance, differs=shown))
     if labels.truth is not None:
         for view in views:
             found = np.array(view["assignment"])
@@ -126,6 +129,13 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
         "advice": match.advice.partition(": ")[2] or match.advice,
         "views": views,
     }
+
+
+def _odds(match: Match) -> Callable[[Integers], float | None]:
+    """The posterior probability of each alternative, None where the match has none."""
+    if not match.alternatives or match.bodies or match.probability is None:
+        return lambda other: None
+    return ranked(match.task, [match.assignment, *(other for other, _ in match.alternatives)]).probability_of_assignment
 
 
 def _view(

@@ -11,7 +11,7 @@
   const quiet = Object.assign({}, config, { displayModeBar: false });
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const figure = (value, digits = 3) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toString());
-  const percent = (p) => (p === null || p === undefined ? null : p > 0.9999 ? "> 99.99 %" : (100 * p).toFixed(p > 0.99 ? 2 : 1) + " %");
+  const percent = (p) => (p === null || p === undefined ? null : p > 0.9999 ? "> 99.99 %" : p < 1e-4 ? "< 0.01 %" : (100 * p).toFixed(p > 0.99 || p < 0.01 ? 2 : 1) + " %");
   const state = { frame: 0, view: 0, scale: null, lit: null, timer: null };
 
   const frame = () => content.frames[state.frame];
@@ -80,7 +80,7 @@
   function scene(points) {
     const style = getComputedStyle(document.body), line = style.getPropertyValue("--line");
     const axis = (title) => ({ title: { text: title }, gridcolor: line, zerolinecolor: line, backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
-    return paper({ margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { aspectmode: "data", xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("z"), camera: state.camera } });
+    return paper({ margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { aspectmode: "data", xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("z"), camera: state.camera || { eye: { x: 1.6, y: 1.6, z: 1.1 } } } });
   }
 
   function imageLayout(side) {
@@ -153,6 +153,7 @@
     const base = { x: used.map((_, k) => k), customdata: used.map(([j, i]) => [i, j]), hovertext: used.map(([j, i]) => hoverOf(i, j)), hoverinfo: "text" };
     const traces = [Object.assign({ type: "bar", y: used.map(([, i]) => v.weights[i]), marker: { color: used.map(([, i]) => colourOf(v.motions[i])), opacity: 0.75 } }, base)];
     if (v.confidence) traces.push(Object.assign({ type: "scatter", mode: "markers", y: used.map(([, i]) => v.confidence[i]), marker: { color: "#d81b60", symbol: "diamond", size: 7 } }, base));
+    at("support-note").textContent = "Bars: weight of each match in the soft assignment." + (v.confidence ? " Diamonds: its confidence, the posterior probability that it is right." : "");
     const step = Math.max(1, Math.ceil(used.length / 24));
     Plotly.react("support", traces, paper({ xaxis: { tickvals: used.map((_, k) => k).filter((k) => k % step === 0), ticktext: names.filter((_, k) => k % step === 0) }, yaxis: { range: [0, 1.05] } }), quiet);
   }
@@ -171,7 +172,7 @@
     const rows = content.source.map((_, i) => {
       const row = document.createElement("tr"), j = v.assignment[i];
       row.dataset.source = i; row.dataset.target = j;
-      cell(row, sourceName(i)); cell(row, j < 0 ? "–" : targetName(j)); cell(row, figure(v.residuals[i])); cell(row, j < 0 ? "–" : v.weights[i].toFixed(3));
+      cell(row, sourceName(i)); cell(row, j < 0 ? "–" : targetName(j)); cell(row, v.residuals[i] === null ? "–" : v.residuals[i].toFixed(2)); cell(row, j < 0 ? "–" : v.weights[i].toFixed(3));
       if (v.confidence) cell(row, percent(v.confidence[i]));
       if (several) cell(row, v.motions[i] < 0 ? "–" : String(v.motions[i]));
       if (content.truth) {
@@ -206,7 +207,8 @@
   function drawHeader() {
     const f = frame();
     at("status").textContent = f.summary; at("status").className = `status ${f.status}`;
-    at("advice").textContent = f.advice;
+    // names between backticks are code
+    at("advice").replaceChildren(...f.advice.split("`").map((part, k) => { const piece = document.createElement(k % 2 ? "code" : "span"); piece.textContent = part; return piece; }));
     at("tabs").replaceChildren(...f.views.map((v, k) => {
       const button = document.createElement("button");
       const odds = percent(v.probability);
