@@ -307,7 +307,7 @@ def test_what_is_dropped_at_a_first_look_the_sequential_test_would_drop(
         given = tables, built, rules, sets, arrangements, 0, 4 * len(arrangements), allowed, 500, 2
         quick = run_sequential_tests(*given)
         with monkeypatch.context() as patched:
-            patched.setattr("rootmatch.samplers.guided.sequential_test._lookups", lambda *_: 0)
+            patched.setattr("rootmatch.samplers.guided.sequential_test.lookups_before_dropped", lambda *_: 0)
             slow = run_sequential_tests(*given)
         assert np.array_equal(quick[2][:, :2], slow[2][:, :2])
         rows = [{tuple(row) for row in one[0].reshape(-1, m + 2).tolist() if row[0] >= 0} for one in (quick, slow)]

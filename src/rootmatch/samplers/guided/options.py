@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.detection_grid import GridOptions
 from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
+from rootmatch.samplers.guided.local_options import LocalOptions
 from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
 from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
 from rootmatch.samplers.guided.stopping import StoppingOptions
@@ -20,6 +21,7 @@ __all__ = [
     "ClusteringOptions",
     "GridOptions",
     "GuidedOptions",
+    "LocalOptions",
     "MinimalSetOptions",
     "PointSetOptions",
     "RefinementOptions",
@@ -113,7 +115,7 @@ class GuidedOptions(Options):
         Most assignments that are handed on beside the hyper-edges, to be fitted by a pose each. A round value.
     chance_samples : int
         Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond; not tuned.
-    stopping, test, sets, verification, clustering, refinement, batches, grid, visibility
+    stopping, test, sets, verification, clustering, refinement, batches, grid, visibility, local
         Options of the parts; see their classes.
     point_sets : PointSetOptions
         Options of the search between two point sets of one space, which takes the place of all parts above.
@@ -139,5 +141,6 @@ class GuidedOptions(Options):
     batches: BatchOptions = option(BatchOptions())
     grid: GridOptions = option(GridOptions())
     visibility: VisibilityOptions = option(VisibilityOptions())
+    local: LocalOptions = option(LocalOptions())
     point_sets: PointSetOptions = option(PointSetOptions())
     views: TwoViewOptions = option(TwoViewOptions())

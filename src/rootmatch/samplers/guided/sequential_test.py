@@ -210,7 +210,7 @@ def run_sequential_tests(
     grid = grid._replace(rays=padded_rows(grid.rays, columns))
     flat_cells = grid.cells.reshape(-1)
     # where normals tell, few solutions of a set show their own three points; those are tested one by one
-    lookups = 0 if test.normals else _lookups(test, sets.others.shape[1], m)
+    lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
 
     def test_chunks(first_chunk: int, last_chunk: int) -> None:
         scratch = np.empty((2 * ROOTS, columns))
@@ -227,7 +227,7 @@ def run_sequential_tests(
     return survivors, ratios, counts
 
 
-def _lookups(test: SequentialTest, others: int, minimal: int) -> int:
+def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> int:
     """Points that are looked up before a hypothesis that misses all of them is dropped; 0 where none is."""
     lookups = int(test.floor / test.miss) + 1
     # a hypothesis without any hit is not reported

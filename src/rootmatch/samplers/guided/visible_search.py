@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.dispatch import has_listed
+from rootmatch.samplers.guided.local_search import LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
@@ -31,6 +32,8 @@ def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) ->
     normals = bool(np.any(task.tables.normals[:3]))
     if task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS:
         return VisibleSearch(task, options, deadline)
+    if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= options.local.least:
+        return LocalSearch(task, options, deadline)
     return Search(task, options, deadline)
 
 

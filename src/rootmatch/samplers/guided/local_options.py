@@ -1,0 +1,39 @@
+"""Options of the search by local triples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rootmatch.options import Options, option
+
+
+@dataclass(frozen=True)
+class LocalOptions(Options):
+    """How local triples are tried; what they find and cost: benchmarks/targets.py."""
+
+    least: int = option(30, least=4)
+    """Source points from which it is used: with 20 wide triples are as quick (benchmarks/matches.py)."""
+    points: tuple[float, ...] = option((4, 6, 8, 12), least=2)
+    """Neighbours of a point that triples are taken from, level after level; about as much work goes to each."""
+    images: tuple[float, ...] = option((4, 8, 16, 32), least=2)
+    """Neighbours of a detection that are taken as images, in each of these levels. Of neighbours among the nearest four
+    as many images are the nearest four in seven views of benchmarks/targets.py as of those among eight are the nearest
+    eight, for a fifth of the work."""
+    solved: int = option(30_000_000, least=1)
+    """Image triples after which wide triples are tried, or the search ends with what it has found: some seconds."""
+    first_wave: int = option(4, least=1)
+    """Triples of the first wave of a level; each has twice those of the one before. Not tuned."""
+    largest_wave: int = option(64, least=1)
+    """Triples of the largest wave. Not tuned."""
+    looked_up: int = option(24, least=1)
+    """Neighbours that a triple predicts in the sequential test. Not tuned."""
+    visible: float = option(0.4, above=0.0, most=1.0)
+    """Fraction of them that is assumed to be detected in the first wave of a level. With 0.6 true triples of the views
+    of benchmarks/targets.py that show 15 and 22 points were dropped twice as often; with 0.25 all take half as long
+    again."""
+    rounds: int = option(6, least=1)
+    """Most rounds of growth. A bound that is hardly met; not tuned."""
+    growth: float = option(3.0, least=0.0)
+    """Evidence that another round has to bring. A round value, not tuned."""
+    missed: float = option(0.05, above=0.0, most=1.0)
+    """Probability of having missed a pose that explains as much, below which the search ends. By construction."""

@@ -1,0 +1,192 @@
+"""The guided search for one motion of a large object: local triples, whose hypotheses grow to the whole object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import Deadline, Pace
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.local_triples import run_local_tests
+from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.search import Search
+from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, sequential_test
+
+Integers = NDArray[np.int64]
+
+
+@dataclass
+class Level:
+    """Local triples of one size, and how many of them were tried."""
+
+    points: int
+    """Neighbours of a point that they are taken from."""
+    images: int
+    """Detections near that of the first point which are tried as images of the others."""
+    cost: int
+    """Image triples of each."""
+    size: int
+    """Triples of the next wave."""
+    triples: Integers | None = None
+    """(T, 3) all of them, a point and two of its neighbours; made when they are first needed."""
+    done: int = 0
+    """Triples tried so far."""
+    waves: int = 0
+    """Waves of them."""
+
+    @property
+    def ahead(self) -> int:
+        """Image triples tried so far, and in the next wave."""
+        return (self.done + self.size) * self.cost
+
+    @property
+    def open(self) -> bool:
+        """Whether any are left."""
+        return self.triples is None or self.done < len(self.triples)
+
+
+class LocalSearch(Search):
+    """One search for one motion that begins with local triples; see `Search`."""
+
+    def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
+        super().__init__(task, options, deadline)
+        local = self.local = options.local
+        self.neighbours = _nearest(self.positions, int(max(*local.points, local.looked_up)))
+        self.near = _nearest(self.grid.positions.T, int(max(local.images)))
+        n, n_target = self.neighbours.shape[1], self.near.shape[1]
+        sizes = [(min(int(p), n), min(int(q), n_target)) for p, q in zip(local.points, local.images, strict=True)]
+        self.levels = [Level(p, q, self.n_target * q * (q - 1), local.first_wave) for p, q in sizes]
+        self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2
+        """Mean number of clutter detections within a gate."""
+        self.best: Integers | None = None
+        """Assignment of a hypothesis beyond chance, the strongest."""
+        self.shares = np.zeros(len(self.levels))
+        """Fraction of the triples of each level that meet that hypothesis."""
+
+    def run(self) -> None:
+        """Wave after wave of local triples, then, where they find nothing, of wide ones."""
+        pace = Pace(self.deadline, self.options.batches.first)
+        while (level := self._next_level()) is not None:
+            wanted = min(level.size, max(1, self.options.batches.largest // level.cost))
+            if (work := pace.block(wanted * level.cost)) == 0:
+                return
+            self._try_local(level, max(1, work // level.cost))
+            if self.progress is not None:
+                self.progress(min(self.evaluated, self.options.budget), self.options.budget)
+            if self._spent():
+                return
+            if self._beyond_chance():
+                self.conclusive = True
+                self._grow()
+                self._reckon()
+                if self.missed <= self.local.missed:
+                    return
+            if len(self.hypotheses) > self.options.batches.most_batches:
+                self._clustered()
+        if not self.conclusive:
+            super().run()
+
+    def _next_level(self) -> Level | None:
+        """Where the next wave comes from, None where enough was tried.
+
+        About as much work goes to each level until something is found, and then to the one that meets it most often
+        for its cost: what was missed would be met as often.
+        """
+        waiting = [number for number, level in enumerate(self.levels) if level.open]
+        if not waiting or sum(level.done * level.cost for level in self.levels) >= self.local.solved:
+            return None
+        if self.best is None:
+            return self.levels[min(waiting, key=lambda number: self.levels[number].ahead)]
+        return self.levels[max(waiting, key=lambda number: self.shares[number] / self.levels[number].cost)]
+
+    def _triples(self, level: Level) -> Integers:
+        """All triples (T, 3) of a level, in random order: one about each point, then another about each."""
+        if level.triples is not None:
+            return level.triples
+        pairs = np.array(list(combinations(range(level.points), 2)))
+        order = np.argsort(self.rng.random((self.n, len(pairs))), axis=1)
+        others = np.take_along_axis(self.neighbours[:, : level.points], pairs[order].reshape(self.n, -1), axis=1)
+        first = np.broadcast_to(np.arange(self.n)[:, None, None], (self.n, len(pairs), 1))
+        triples = np.concatenate([first, others.reshape(self.n, -1, 2)], axis=2)
+        level.triples = np.concatenate([self.rng.permutation(triples[:, turn]) for turn in range(len(pairs))])
+        return level.triples
+
+    def _try_local(self, level: Level, count: int) -> None:
+        """Test the next ``count`` triples of a level, and verify the survivors of the highest ratio."""
+        options, triples = self.options.batches, self._triples(level)
+        points = np.ascontiguousarray(triples[level.done : level.done + count])
+        near = np.ascontiguousarray(self.near[:, : level.images])
+        solved = len(points) * level.cost
+        most = max(options.least_verified, solved // options.sets_per_verified_with_normals)
+        keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
+        threads = max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
+        others = self._others_of(points)
+        sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
+        survivors, ratios, counts = run_local_tests(
+            self.tables, self.grid, self._local_test(level.waves), sets, near, self.allowed,
+            keep=keep, chunks=options.chunks, threads=threads,
+        )  # fmt: skip
+        self._keep(points, survivors, ratios, counts, most)
+        level.done, level.waves = level.done + len(points), level.waves + 1
+        level.size = min(2 * level.size, self.local.largest_wave)
+
+    def _others_of(self, points: Integers) -> Integers:
+        """The neighbours of each triple's first point that are not in it, nearest first."""
+        near = self.neighbours[points[:, 0]]
+        own = (near[:, :, None] == points[:, None, :]).any(axis=2)
+        order = np.argsort(own, axis=1, kind="stable")[:, : near.shape[1] - 2]
+        return np.ascontiguousarray(np.take_along_axis(near, order, axis=1))
+
+    def _local_test(self, wave: int) -> SequentialTest:
+        """The sequential test of a wave, ever more patient with hidden points."""
+        options, least = self.options.test, self.minimal + 1
+        return sequential_test(options, self.clutter, self.local.visible, wave, least=least, normals=False)
+
+    def _beyond_chance(self) -> bool:
+        evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
+        return evidence > self._false_alarm_level()
+
+    def _grow(self) -> None:
+        """Refine the best clusters until they grow no more: each round reaches farther than the one before."""
+        strongest = -math.inf
+        for _ in range(self.local.rounds):
+            self.refined_at = -1
+            self.refine()
+            before, strongest = strongest, float(self._clustered()[2].evidence[0])
+            if strongest <= before + self.local.growth:
+                return
+
+    def _reckon(self) -> None:
+        """Find the probability that a pose which explains as much as the best one was met by none of the triples tried.
+
+        It is met by as many as the best one is: those with all three points matched, to images near each other.
+        """
+        best = self._clustered()[2].best[0]
+        if self.best is None or not np.array_equal(best, self.best):
+            self.best = best
+            self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
+        met = (1.0 - self.options.visibility.failure) * self.shares
+        tried = np.array([level.done for level in self.levels])
+        self.missed = float(np.prod((1.0 - met) ** tried))
+
+    def _met(self, triples: Integers, images: int, best: Integers) -> float:
+        """Fraction of some triples that meet an assignment."""
+        matched = triples[(best[triples] >= 0).all(axis=1)]
+        near = self.near[best[matched[:, 0]], :images]
+        met = (near == best[matched[:, 1], None]).any(axis=1) & (near == best[matched[:, 2], None]).any(axis=1)
+        return float(met.sum()) / len(triples)
+
+
+def _nearest(positions: NDArray[np.float64], most: int) -> Integers:
+    """The nearest of the points (n, 2 or 3) to each, itself left out, nearest first: (n, at most ``most``)."""
+    from scipy.spatial import cKDTree  # slow to import, and only large objects need it
+
+    k = min(most, len(positions) - 1)
+    _, found = cKDTree(positions).query(positions, k=k + 1)
+    others = np.argsort(found == np.arange(len(positions))[:, None], axis=1, kind="stable")[:, :k]
+    return np.ascontiguousarray(np.take_along_axis(found, others, axis=1).astype(np.int64))

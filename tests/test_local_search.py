@@ -1,0 +1,111 @@
+"""The search by local triples against the exhaustive one among their images, and what it finds of hidden objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import rootmatch as rm
+from rootmatch.hypergraph.enumeration import target_arrangements
+from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.samplers.guided.local_search import LocalSearch
+from rootmatch.samplers.guided.local_triples import run_local_tests
+from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.sequential_test import prepare_sets, run_sequential_tests
+from rootmatch.samplers.guided.visible_search import search_of
+
+Points = NDArray[np.float64]
+CAMERA = rm.Camera(3000.0, 3000.0, 2000.0, 1500.0)
+SIGMA = 0.5
+
+
+def seen_from_one_side(source: Points, seed: int, clutter: int) -> tuple[Points, NDArray[np.int64]]:
+    """Detections of the half of a surface about the origin that faces the camera, and clutter; the truth."""
+    rng = np.random.default_rng(seed)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    inside = source @ (rotation * np.linalg.det(rotation)).T
+    seen = np.flatnonzero(inside[:, 2] < 0.0)
+    inside = inside[seen] + np.array([0.0, 0.0, 4.0])
+    pixels = inside[:, :2] / inside[:, 2:] * 3000.0 + [2000.0, 1500.0] + rng.normal(scale=SIGMA, size=(len(seen), 2))
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    pixels = np.concatenate([pixels, rng.uniform(low, high, (clutter, 2))])
+    order = rng.permutation(len(pixels))
+    truth = np.full(len(source), -1)
+    truth[seen] = np.argsort(order)[: len(seen)]
+    return pixels[order], truth
+
+
+def surface(n: int, seed: int) -> Points:
+    """Points all over an ellipsoid."""
+    normals = np.random.default_rng(seed).normal(size=(n, 3))
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True) * [1.0, 0.8, 0.6]
+
+
+def local_search(source: Points, target: Points) -> LocalSearch:
+    task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA, options=MatchOptions())
+    search = search_of(task.sampling_task, GuidedOptions(), task.deadline)
+    assert isinstance(search, LocalSearch)
+    return search
+
+
+def test_local_tests_are_those_of_all_images_that_are_near() -> None:
+    target, _ = seen_from_one_side(surface(40, 0), 1, clutter=0)
+    search = local_search(surface(40, 0), target)
+    level = search.levels[1]
+    points = np.ascontiguousarray(search._triples(level)[:6])
+    others = search._others_of(points)
+    sets = prepare_sets(search.tables, points, others, np.zeros(len(points), np.int64))
+    near, test = np.ascontiguousarray(search.near[:, : level.images]), search._local_test(3)
+    survivors, ratios, counts = run_local_tests(
+        search.tables, search.grid, test, sets, near, search.allowed, keep=500, chunks=2
+    )
+    arrangements = target_arrangements(search.n_target, 2)
+    every, every_ratios, _ = run_sequential_tests(
+        search.padded, search.grid, test, sets, arrangements, first=0, last=len(points) * len(arrangements),
+        allowed=search.allowed, keep=5000, chunks=1,
+    )  # fmt: skip
+    of_images = {
+        tuple(row): ratio
+        for row, ratio in zip(every[0].tolist(), every_ratios[0], strict=True)
+        if row[0] >= 0 and row[3] in near[row[2]] and row[4] in near[row[2]]
+    }
+    found = {
+        tuple(row): ratio
+        for row, ratio in zip(survivors.reshape(-1, 5).tolist(), ratios.reshape(-1), strict=True)
+        if row[0] >= 0
+    }
+    assert counts[:, 0].sum() == len(points) * level.cost
+    assert 0 < len(found) == len(of_images)
+    assert found == pytest.approx(of_images, abs=1e-9)
+
+
+def test_half_hidden_object_among_clutter_is_found_by_local_triples() -> None:
+    source = surface(120, 2)
+    target, truth = seen_from_one_side(source, 3, clutter=60)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA)
+    matched = match.assignment >= 0
+    assert match.status is rm.Status.MATCHED
+    assert (match.assignment == truth)[matched].mean() >= 0.98
+    assert (match.assignment == truth)[truth >= 0].mean() >= 0.95
+    # every image triple of one source triple is already more
+    assert match.hyperedges < 20 * len(target) ** 3
+
+
+def test_object_that_looks_like_itself_is_ambiguous() -> None:
+    half = surface(30, 4)
+    source = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
+    target, _ = seen_from_one_side(source, 5, clutter=20)
+    assert rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA).status is rm.Status.AMBIGUOUS
+
+
+def test_everything_tried_leaves_nothing_missed_by_the_reckoning() -> None:
+    source = surface(60, 6)
+    target, _ = seen_from_one_side(source, 7, clutter=0)
+    search = local_search(source, target)
+    search.run()
+    assert search.conclusive
+    assert search.missed <= search.local.missed
+    met = [search._met(search._triples(level), level.images, search.best) for level in search.levels]
+    assert search.shares.tolist() == met
+    assert all(0.0 < share < 1.0 for share in met)
