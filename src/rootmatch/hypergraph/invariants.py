@@ -14,7 +14,6 @@ from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from rootmatch.errors import InputError
 from rootmatch.problems.checks import check_points
@@ -145,6 +144,8 @@ def nearest_hyperedges(
     five points of which four are on a line. Symmetric sets have several right matches. Noise plays no part: small
     tuples, whose features it moves far, count like large ones; `rootmatch.Similarity` and `rootmatch.Rigid` model it.
     """
+    from scipy.spatial import cKDTree  # slow to import
+
     chosen = _chosen(invariant)
     dimension = np.shape(np.asarray(source))[-1] if np.ndim(source) == 2 else 0
     if dimension not in chosen.dimensions:

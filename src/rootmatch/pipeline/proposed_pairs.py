@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -131,6 +130,8 @@ class _Search:
 
     def _best_hypothesis(self, rows: Integers) -> tuple[tuple[Floats, Floats] | None, float]:
         """The pose of a minimal set that most pairs agree with, and the share that agrees with any."""
+        from scipy.spatial import cKDTree  # slow to import
+
         options = self.options
         _, near = cKDTree(self.points[rows]).query(self.points[rows], min(options.neighbours, len(rows)))
         screened = self.rng.permutation(rows)[: options.screened]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -157,6 +156,8 @@ class PoseSearch:
         visible = self.options.visible
         with np.errstate(divide="ignore"):
             gain = np.maximum(np.log(ratios * (visible / (1.0 - visible))), 0.0)
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
         rows, columns = linear_sum_assignment(gain, maximize=True)
         gained = gain[rows, columns]
         assignment = np.full(self.n, -1, np.int64)
