@@ -198,10 +198,11 @@ def attempt(recipe: dict[str, Any]) -> Any:
             return None
     if isinstance(found, PointSet):
         assert np.all(np.isfinite(found.points))
-        assert len(np.unique(found.points, axis=0)) == len(found.points)
+        labels = found.bodies or ("",) * len(found.points)
+        assert len({(label, *point) for label, point in zip(labels, found.points.tolist(), strict=True)}) == len(labels)
         assert found.normals is None or np.all(np.isfinite(found.normals))
         assert len(set(found.names)) == len(found.points)
-        assert all(name.isprintable() for name in found.names)
+        assert all(name.isprintable() for name in (*found.names, *labels))
     elif isinstance(found, np.ndarray):
         assert np.all(np.isfinite(found))
     elif isinstance(found, list):

@@ -90,10 +90,7 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
     bodies = None
     if "body" in rows[0][1]:
-        for row, cells in rows:
-            if not cells["body"]:
-                raise InputError(f"{path}, row {row}: the body is empty; label every point, or leave the column out")
-        bodies = tuple(cells["body"] for _, cells in rows)
+        bodies = _labels(path, rows, "body", "label")
     owners = bodies or ("",) * len(rows)
     each = zip(rows, points.tolist(), owners, strict=True)
     refuse_repeats(path, [(row, (owner, *point)) for (row, _), point, owner in each], "point")
@@ -105,18 +102,24 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
                 raise InputError(f"{path}, row {row}: a normal of length 0; give the surface's outward direction")
     ids = None
     if "id" in rows[0][1]:
-        for row, cells in rows:
-            if not cells["id"]:
-                raise InputError(f"{path}, row {row}: the id is empty; name every point, or leave the column out")
-            if not cells["id"].isprintable():
-                raise InputError(
-                    f"{path}, row {row}: the id {quoted(cells['id'])} has a line break or control character; remove it"
-                )
+        ids = _labels(path, rows, "id", "name")
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
-        ids = tuple(cells["id"] for _, cells in rows)
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
     return PointSet(points, ids, normals, bodies)
+
+
+def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
+    """What a column names each point, which is printed and drawn."""
+    for row, cells in rows:
+        if not cells[column]:
+            raise InputError(f"{path}, row {row}: the {column} is empty; {verb} every point, or leave the column out")
+        if not cells[column].isprintable():
+            raise InputError(
+                f"{path}, row {row}: the {column} {quoted(cells[column])} has a line break or control character; "
+                "remove it"
+            )
+    return tuple(cells[column] for _, cells in rows)
 
 
 def read_truth(path: Path, source: PointSet, target: PointSet) -> NDArray[np.int64]:
