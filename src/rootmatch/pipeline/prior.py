@@ -18,6 +18,7 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.options import Options, option
 from rootmatch.pipeline.prior_frame import Floats, Integers, PriorFit, PriorFrame, Projected, normal_density
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.problems.pose_fit.base import invertible
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.up2p import UP2P
@@ -215,7 +216,7 @@ def _updates(
     jacobian = first.jacobian[i]
     gain = covariance @ jacobian.swapaxes(-1, -2)
     total = jacobian @ gain + frame.variance[j][:, None, None] * np.eye(2)
-    kalman = gain @ np.linalg.inv(total)
+    kalman = gain @ np.linalg.inv(invertible(total))
     steps = step + (kalman @ (frame.target[j] - pixels[i])[..., None])[..., 0]
     covariances = covariance - kalman @ gain.swapaxes(-1, -2)
     shown = np.flatnonzero(candidates.any(axis=1))

@@ -176,6 +176,8 @@ class PoseSearch:
         Their evidence says too much, as the error of a pose shifts all points together: its differences count for
         ``trust`` of themselves.
         """
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
         if not self.hypotheses:
             return None
         first = self.hypotheses[0]
