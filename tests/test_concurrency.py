@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 SCENES = [p3p_scene(6, 2, noise=0.5, seed=seed) for seed in range(4)]
@@ -118,7 +119,7 @@ print(sorted_rows(np.array([[3, 1, 2], [9, 8, 7]], np.int32)).tolist())
 """
 
 
-@pytest.mark.parametrize("state", ["empty", "cut short", "garbage", "in the way", "full disk"])
+@pytest.mark.parametrize("state", ["empty", "cut short", "garbage", "in the way", "full disk", "read-only"])
 def test_two_processes_share_a_cache(tmp_path: Path, state: str) -> None:
     """Whatever lies in the folder of compiled code, or does not fit into it: compiled anew, and the same result."""
     cache = tmp_path / "cache"
@@ -133,6 +134,7 @@ def test_two_processes_share_a_cache(tmp_path: Path, state: str) -> None:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
+                preexec_fn=bound_by_permissions if state == "read-only" else None,
             )
             for _ in range(2)
         ]
@@ -143,6 +145,10 @@ def test_two_processes_share_a_cache(tmp_path: Path, state: str) -> None:
 
     if state == "in the way":
         cache.write_text("a file")
+    if state == "read-only":
+        if not CAN_BE_BOUND:
+            pytest.skip("nothing is read-only here")
+        cache.mkdir(mode=0o500)
     both()
     if state in ("cut short", "garbage"):
         files = [path for path in cache.rglob("*") if path.is_file() and path.stat().st_size]

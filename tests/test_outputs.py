@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.errors import MOST_QUOTED, InputError, printable, quoted
 from rootmatch.io import folder_written_whole, write_table, written_whole
 from rootmatch.report.pictures import match_figure, save_figure
@@ -148,11 +149,11 @@ def test_a_file_on_a_full_disk(scene: Path, tmp_path: Path, option: str) -> None
     assert list(tmp_path.iterdir()) == [kept]
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="nothing is read-only here")
+@pytest.mark.skipif(not CAN_BE_BOUND, reason="nothing is read-only here")
 def test_a_read_only_folder(scene: Path, tmp_path: Path) -> None:
     folder = tmp_path / "closed"
     folder.mkdir(mode=0o500)
-    found = run(arguments(scene, "--output", folder / "m.csv"))
+    found = run(arguments(scene, "--output", folder / "m.csv"), preexec_fn=bound_by_permissions)
     assert found.returncode == 2
     assert "cannot be written to" in found.stderr
 
