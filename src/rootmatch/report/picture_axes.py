@@ -76,16 +76,19 @@ def show_space(axes: Any, points: Floats, view: tuple[float, float, float], unit
     widest = max(float(np.max(high - low)), 1e-12)
     size = np.maximum(high - low, 0.12 * widest)  # give a plane some thickness, so that its axis is legible
     middle = (low + high) / 2.0
+    elevation, azimuth = np.deg2rad(view[:2])
+    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    drawn = size * np.sqrt(np.maximum(1.0 - towards**2, 0.0))  # lengths of the axes as the view shortens them
     for k, (name, centre, width) in enumerate(zip("xyz", middle, size, strict=True)):
         getattr(axes, f"set_{name}lim")(centre - 0.54 * width, centre + 0.54 * width)
         getattr(axes, f"set_{name}label")(f"{name} ({unit})", fontsize=8, labelpad=2)
         axis = getattr(axes, f"{name}axis")
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
         axis._axinfo["grid"].update(color=(0.0, 0.0, 0.0, 0.12), linewidth=0.6)
-        if width > 0.4 * widest:
+        if drawn[k] > 0.4 * widest:
             axis.get_major_locator().set_params(nbins=5)
-        else:
-            axis.set_ticks([low[k], high[k]] if high[k] - low[k] > 0.05 * widest else [centre])  # no space for more
+        else:  # no space for more
+            axis.set_ticks([low[k], high[k]] if min(high[k] - low[k], drawn[k]) > 0.05 * widest else [centre])
             axis.set_major_formatter("{x:.3g}")
     axes.set_box_aspect(size, zoom=1.0)
     axes.tick_params(labelsize=7, pad=0)
