@@ -24,6 +24,7 @@ from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
 from rootmatch.pipeline.sampling import affordable, sample
+from rootmatch.pipeline.searched_solution import searched_solution
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
 from rootmatch.predicted import match_predicted
@@ -256,8 +257,11 @@ def _solve(task: MatchingTask) -> Match:
     else:
         sampled = sample(task)
         deadline = task.deadline.part(SOLVED)
-        tensor = affordable(sampled.tensor, deadline)
-        solution = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
+        found = searched_solution(task, sampled)
+        if found is None:
+            tensor = affordable(sampled.tensor, deadline)
+            found = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
+        solution = found
     assessed = assess(task, solution, sampled)
     return Match(
         task=task,

@@ -63,7 +63,13 @@ def _subsets(
     every = math.comb(len(points), order)
     if every <= most:
         return points[np.array(list(combinations(range(len(points)), order)), dtype=np.int64).reshape(-1, order)], 1.0
-    drawn = np.unique(distinct_sets(rng, int(options.surplus * most), len(points), order), axis=0)
+    drawn = distinct_sets(rng, int(options.surplus * most), len(points), order)
+    # each once, by number: a row is a number to the base of how many points there are
+    places = len(points) ** np.arange(order - 1, -1, -1)
+    if every < 2**62:
+        drawn = drawn[np.unique(drawn @ places, return_index=True)[1]]
+    else:
+        drawn = np.unique(drawn, axis=0)
     drawn = drawn[np.sort(rng.permutation(len(drawn))[:most])]
     return points[drawn], len(drawn) / every
 
