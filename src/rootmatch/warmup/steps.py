@@ -80,6 +80,7 @@ def first_steps() -> dict[str, Step]:
         scene = simulated(name, 12, 8)
         steps[f"guided {name}"] = partial(matched, scene, hyperedges="guided")
         steps[f"motions {name}"] = partial(matched, simulated(name, 10, 2, motions=2), motions=2)
+    steps["guided p3p of many points"] = partial(matched, simulated("p3p", 30, 5), hyperedges="guided")
     return steps
 
 
