@@ -10,10 +10,11 @@ from scipy.stats import chi2
 
 import oracles
 from robot_scenes import moved_points
-from rootmatch import match, residuals
+from rootmatch import Status, match, residuals
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import affinity
+from rootmatch.io.pose_files import pose_record
 from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
 from rootmatch.problems.similarity.problem import Rigid, Similarity
 from rootmatch.samplers.exhaustive import exhaustive_tensor
@@ -149,6 +150,26 @@ def test_a_mirrored_set_of_a_plane_matches_only_where_that_is_allowed() -> None:
     allowed = residuals(source, target, Similarity(2, mirror=True), index, truth[index], "joint", 0.01)
     assert np.all(forbidden >= 1e6)
     assert np.all(allowed < 1e-6)
+
+
+def test_a_mirrored_set_in_space_is_trusted_only_where_that_is_allowed() -> None:
+    """Its hyper-edges agree all the same; but no rotation fits, and a reflection does."""
+    source, target, truth = moved_points(3, 8, noise=0.01, seed=4)
+    mirrored = source * [-1.0, 1.0, 1.0]
+    assert match(source, target, Rigid(3), noise=0.01).status is Status.MATCHED
+    refused = match(mirrored, target, Rigid(3), noise=0.01)
+    assert np.array_equal(refused.assignment, truth)
+    assert refused.status is Status.UNTRUSTED
+    found = match(mirrored, target, Rigid(3, mirror=True), noise=0.01)
+    assert found.status is Status.MATCHED
+    (pose,) = found.poses
+    assert pose is not None
+    assert np.linalg.det(pose.R) == pytest.approx(-1.0)
+    assert pose.rms is not None
+    assert pose.rms < 0.03
+    assert pose_record(pose)["quaternion"] is None
+    with pytest.raises(InputError, match="no quaternion"):
+        _ = pose.quaternion
 
 
 def test_the_scale_tells_rigid_from_similar() -> None:

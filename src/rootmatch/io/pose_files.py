@@ -43,8 +43,8 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
 def pose_record(pose: Pose) -> dict[str, Any]:
     """A pose as numbers, lists and strings that JSON can hold; what is absent or not finite is null.
 
-    Keys: ``R`` (rows), ``t``, ``quaternion`` (x, y, z, w; null in a plane), ``scale``, ``focal`` (pixels),
-    ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or focal
+    Keys: ``R`` (rows), ``t``, ``quaternion`` (x, y, z, w; null in a plane or of a reflection), ``scale``, ``focal``
+    (pixels), ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or focal
     length), ``chi2``, ``freedom``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source points),
     ``residuals`` of these, ``inliers``.
     """
@@ -53,7 +53,7 @@ def pose_record(pose: Pose) -> dict[str, Any]:
     return {
         "R": pose.R.tolist(),
         "t": pose.t.tolist(),
-        "quaternion": pose.quaternion.tolist() if in_space else None,
+        "quaternion": pose.quaternion.tolist() if in_space and not pose.mirrored else None,
         "scale": pose.scale,
         "focal": pose.focal,
         "parameters": list(_parameters(pose)[:size]),

@@ -54,7 +54,9 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     found: Ranked | None = None
     fault: Misfit | None = None
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
-    if not proposed and clear(assignment, lead, sampled.tensor):
+    if task.problem.point_clouds(task.points) is not None:
+        fault = misfit_of_motion(task, assignment)
+    elif not proposed and clear(assignment, lead, sampled.tensor):
         # hyper-edges may agree pair by pair without a pose that suits all of them
         fault = misfit(task, assignment) if fits(task, assignment) else None
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
@@ -90,6 +92,20 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     if found is None:
         return assessed
     return _point_by_point(task, assessed, found, sampled)
+
+
+def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
+    """How much larger the noise looks about the motion of one point set onto another; None where a motion says nothing.
+
+    Three points of a set in space have no handedness, so all hyper-edges of a mirrored set agree without a motion.
+    """
+    problem = task.problem
+    if task.affinity.residual.kind not in NOISE_KINDS or (assignment >= 0).sum() <= problem.least_for_pose:
+        return None
+    (pose,) = problem.poses(task.points, assignment[None])
+    if pose is None or pose.chi2 is None or not pose.freedom:
+        return None
+    return Misfit.of(pose.chi2, pose.freedom)
 
 
 def _does_not_fit(fault: Misfit) -> bool:

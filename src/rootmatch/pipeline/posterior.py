@@ -46,6 +46,13 @@ class Misfit(NamedTuple):
     freedom: int
     """Degrees of freedom of that."""
 
+    @classmethod
+    def of(cls, chi2: float, freedom: int, options: PosteriorOptions = DEFAULT_OPTIONS) -> Misfit:
+        """That of a fit with this χ²."""
+        given = options.noise_freedom
+        sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
+        return cls((given + chi2) / (given + freedom), sigma, freedom)
+
     @property
     def chance(self) -> float:
         """How often residuals are as large as that where σ is right."""
@@ -221,9 +228,7 @@ def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions =
 
 
 def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
-    given, chi2, freedom = options.noise_freedom, float(fit.chi2[k]), max(int(fit.freedom[k]), 0)
-    sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
-    return Misfit((given + chi2) / (given + freedom), sigma, freedom)
+    return Misfit.of(float(fit.chi2[k]), max(int(fit.freedom[k]), 0), options)
 
 
 def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.float64]) -> float:

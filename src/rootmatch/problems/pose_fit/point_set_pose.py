@@ -14,6 +14,8 @@ from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
 
 Integers = NDArray[np.int64]
 
+FLAT = 1e-6
+"""Least singular value, relative to the largest, of points that are in a plane, or two on a line. A round value."""
 ROUNDS = 20
 """Most rounds of closed-form fits, in which an unknown scale changes the weights. Not tuned: three are usual."""
 
@@ -145,7 +147,9 @@ def _closed(source: Floats, target: Floats, weight: Floats, scaled: bool, mirror
     first, second = source - centre, target - centre2
     u, values, vt = np.linalg.svd((second * share[:, None]).T @ first)
     signs = np.ones(source.shape[1])
-    if not mirror and np.linalg.det(u) * np.linalg.det(vt) < 0.0:
+    # points in a plane fit a rotation as well as its reflection, which is then not meant
+    flat = values[-1] <= FLAT * values[0]
+    if (flat or not mirror) and np.linalg.det(u) * np.linalg.det(vt) < 0.0:
         signs[-1] = -1.0
     rotation = (u * signs) @ vt
     scale = float((values * signs).sum() / (share @ (first**2).sum(axis=1))) if scaled else 1.0

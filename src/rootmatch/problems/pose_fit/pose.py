@@ -58,6 +58,8 @@ class Pose:
         Distance of each target from there.
     inliers : (m',) int array, optional
         Those of ``points`` within 3.5 σ of their prediction.
+    mirrored : bool
+        Whether R is a reflection, as `rootmatch.Similarity` finds with ``mirror=True``; it has no quaternion.
 
     Raises
     ------
@@ -79,9 +81,10 @@ class Pose:
     predicted: Floats | None = field(default=None, kw_only=True)
     residuals: Floats | None = field(default=None, kw_only=True)
     inliers: Integers | None = field(default=None, kw_only=True)
+    mirrored: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        R = _checked_rotation(self.R)
+        R = _checked_rotation(self.R, self.mirrored)
         t = _numbers(self.t, "t", f"{len(R)} numbers")
         if t.size != len(R):
             raise InputError(f"pose: t of shape {t.shape} given, ({len(R)},) expected")
@@ -97,6 +100,8 @@ class Pose:
         """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of TUM's trajectories."""
         from scipy.spatial.transform import Rotation  # slow to import, rarely needed
 
+        if self.mirrored:
+            raise InputError("pose: a reflection has no quaternion; write it as a matrix, to JSON")
         return np.asarray(Rotation.from_matrix(self.R).as_quat(canonical=True))
 
     def apply(self, points: ArrayLike) -> Floats:
@@ -136,6 +141,7 @@ def fitted_pose(
         predicted=predicted,
         residuals=residuals,
         inliers=points[residuals <= GATE * sigma],
+        mirrored=bool(np.linalg.det(R) < 0.0),
     )
 
 
@@ -168,13 +174,13 @@ def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:
     return array
 
 
-def _checked_rotation(value: ArrayLike) -> Floats:
-    """The rotation nearest to a matrix that is one up to rounding."""
+def _checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:
+    """The rotation, or reflection, nearest to a matrix that is one up to rounding."""
     R = _numbers(value, "R", "a rotation matrix (3, 3)")
     if R.shape not in ((3, 3), (2, 2)):
         raise InputError(f"pose: R of shape {R.shape} given; give a rotation matrix (3, 3), or (2, 2) in a plane")
     off = float(np.abs(R.T @ R - np.eye(len(R))).max())
-    if off > ROUNDED or (len(R) == 3 and np.linalg.det(R) < 0.0):
+    if off > ROUNDED or (len(R) == 3 and np.linalg.det(R) < 0.0 and not mirrored):
         why = f"RᵀR is {off:.2g} off the identity" if off > ROUNDED else "its determinant is −1, a reflection"
         raise InputError(f"pose: R is no rotation, {why}; give an orthonormal matrix with determinant 1")
     if off > 1e-12:

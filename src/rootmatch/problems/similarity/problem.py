@@ -31,8 +31,8 @@ class Similarity(Problem):
     dimension : int, optional
         2 or 3, of both sets; by default that of the source points which are matched.
     mirror : bool
-        In a plane: whether a mirrored set matches too. In space three points have no handedness, so a mirrored set
-        matches always.
+        Whether a mirrored set matches too: the motion may then be a reflection. In space the guided search, of
+        large sets, finds rotations only.
 
     Notes
     -----
@@ -40,8 +40,8 @@ class Similarity(Problem):
     target, and their root mean square that of the source; a pair gives source and target apart (a model is exact:
     ``noise=(0.0, 0.1)``).
 
-    The pose is the most likely motion of the source onto the target. In space it is a rotation, which does not fit a
-    mirrored set.
+    The pose is the most likely motion of the source onto the target. In space three points have no handedness, so the
+    hyper-edges of a mirrored set agree; without ``mirror`` no pose fits it, and the match is not trusted.
 
     Beyond two million hyper-edges the guided search takes triples of source points, finds the targets' triangles like
     them and judges the motion of each by all points: 100 points against 100 take a quarter of a second.
@@ -120,8 +120,7 @@ class Similarity(Problem):
 
         Covariances are 6 × 6 in space and 3 × 3 in a plane, with one row and column more for an unknown scale.
         """
-        mirror = self.mirror and points.source.shape[1] == 2
-        return [point_set_pose(points, one, scaled=self.scale == 0.0, mirror=mirror) for one in assignments]
+        return [point_set_pose(points, one, scaled=self.scale == 0.0, mirror=self.mirror) for one in assignments]
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials d x − e (E, 2) of pairs of points (E, 2, dimension)."""
