@@ -44,9 +44,9 @@ def pose_record(pose: Pose) -> dict[str, Any]:
     """A pose as numbers, lists and strings that JSON can hold; what is absent or not finite is null.
 
     Keys: ``R`` (rows), ``t``, ``quaternion`` (x, y, z, w; null in a plane or of a reflection), ``scale``, ``focal``
-    (pixels), ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or focal
-    length), ``chi2``, ``freedom``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source points),
-    ``residuals`` of these, ``inliers``.
+    (pixels), ``covariance`` (rows, in the order of ``parameters``: rotations in radians, translations, then scale or
+    focal length), ``chi2``, ``freedom``, ``rms`` (pixels, or the target's unit), ``rms_sigma``, ``points`` (source
+    points), ``residuals`` of these, ``inliers``.
     """
     in_space = len(pose.R) == 3
     size = 0 if pose.covariance is None else len(pose.covariance)
