@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.bodies import OPTIONS, _Body, _confirm
+from rootmatch.match import _solve
 from rootmatch.pipeline.body_labels import twin_points
+from rootmatch.pipeline.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -107,6 +111,56 @@ def test_twins_are_found_whatever_the_order_of_their_points() -> None:
     assert np.array_equal(order[found], np.arange(7))
     assert twin_points(shape, body(5), 0.02) is None
     assert twin_points(shape, shape[1:], 0.02) is None
+
+
+@pytest.mark.parametrize("again", [rm.Status.MATCHED, rm.Status.AMBIGUOUS])
+def test_a_search_cut_short_is_confirmed_where_its_detections_allow_no_other_pose(again: rm.Status) -> None:
+    shape = body(1)
+    target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
+    task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
+    found = _solve(task.body(0))
+    assert np.array_equal(found.assignment, expected)
+    unsure = replace(found, status=rm.Status.AMBIGUOUS)
+    asked: list[tuple[int, int]] = []
+
+    def solve(part: MatchingTask) -> rm.Match:
+        asked.append(part.shape)
+        return replace(_solve(part), status=again)
+
+    one = _Body(0, 0, np.arange(7), match=unsure, cut=True, budget=1)
+    _confirm(task, one, solve, OPTIONS)
+    assert asked == [(7, 7)]  # its own detections, without the clutter
+    assert one.match is not None
+    assert one.match.status is again
+    assert np.array_equal(one.match.assignment, expected)
+    _confirm(task, _Body(0, 0, np.arange(7), match=unsure), solve, OPTIONS)
+    assert len(asked) == 1  # a search that came to its end has looked for other poses itself
+
+
+def test_what_is_searched_again() -> None:
+    shape = body(1)
+    target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
+    task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
+    found = replace(_solve(task.body(0)), alternatives=[])
+    free = np.ones(len(target), np.bool_)
+    clutter, own = free.copy(), free.copy()
+    clutter[np.setdiff1d(np.arange(len(target)), expected)[0]] = False  # another body has taken that detection
+    own[expected[0]] = False
+
+    def searched(status: rm.Status, cut: bool, probability: float = 1.0) -> list[bool]:
+        match = replace(found, status=status, fitted_probability=probability)
+        one = _Body(0, 0, np.arange(7), match=match, budget=100, cut=cut, among=len(target))
+        return [one.worth_a_search(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
+
+    untrusted, ambiguous = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS
+    # (free, clutter taken, own taken) × (same budget, larger budget)
+    assert searched(untrusted, cut=False) == [False, False, True, True, True, True]
+    assert searched(untrusted, cut=True) == [False, True, True, True, True, True]
+    assert searched(ambiguous, cut=True, probability=0.95) == [False, True, True, True, True, True]
+    assert searched(ambiguous, cut=True, probability=0.5) == [False, False, True, True, True, True]
+    assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
+    assert _Body(0, 0, np.arange(7)).worth_a_search(free, 100)
+    assert not _Body(0, 0, np.arange(7), settled=True).worth_a_search(own, 300)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,10 @@ class InputError(RootmatchError, ValueError):
     """Unusable input: the text says what was given, what was expected and what to do."""
 
 
+class UnseenPixelError(InputError):
+    """Pixels where the lens model shows nothing: a fault of one frame, not of the camera or the options."""
+
+
 MOST_QUOTED = 60
 """Characters of a value that an error quotes."""
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.bodies import match_bodies
 from rootmatch.deadline import Deadline
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, UnseenPixelError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
@@ -127,8 +127,8 @@ class Matcher:
         Returns
         -------
         Match
-            Empty, untrusted, and with the reason as its advice where there are too few detections for one hyper-edge or
-            one comes twice: a loop over frames goes on.
+            Empty, untrusted, and with the reason as its advice where there are too few detections for one hyper-edge,
+            one comes twice, or one lies where the lens model shows nothing: a loop over frames goes on.
 
         Raises
         ------
@@ -156,7 +156,10 @@ class Matcher:
         )
         if self.bodies is None and self._sweeps(task):
             task = replace(task, options=replace(options, hyperedges=self._sweep))
-        return solve(task, started)
+        try:
+            return solve(task, started)
+        except UnseenPixelError as error:
+            return self._empty(detections, str(error), started)
 
     def follow(
         self,
@@ -196,10 +199,13 @@ class Matcher:
             prior=prior,
             options=self.options,
         )
-        if self.bodies is not None:
-            found = match_bodies(task, _not_searched)
-        else:
-            found = direct_match(task) or _not_searched(task)
+        try:
+            if self.bodies is not None:
+                found = match_bodies(task, _not_searched)
+            else:
+                found = direct_match(task) or _not_searched(task)
+        except UnseenPixelError as error:
+            return self._empty(detections, str(error), started)
         return replace(found, seconds=time.perf_counter() - started)
 
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:

@@ -12,7 +12,7 @@ from rootmatch.cameras.base import check_camera as check_camera
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError, UnseenPixelError, quoted
 
 LEAST_FOCAL, MOST = 1e-6, 1e18
 """Least focal length, and greatest size of any of the four numbers, in pixels: far beyond any camera's."""
@@ -244,7 +244,7 @@ class Camera(CameraModel):
         beyond = np.isnan(rays).any(axis=-1)
         if beyond.any():
             x, y = points[beyond][0]
-            raise InputError(
+            raise UnseenPixelError(
                 f"camera: {int(beyond.sum())} pixels, the first at ({x:g}, {y:g}), lie where the lens model shows "
                 f"nothing: it folds over about {self.lens.radius * self.focal:.0f} px from the principal point; "
                 "remove such points, or calibrate up to the rim"
