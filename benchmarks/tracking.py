@@ -109,7 +109,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
     parser.add_argument("--scenes", help="folder of the scenes' module")
     parser.add_argument("--max-seconds", type=float, help="bound of each search")
-    parser.add_argument("--memory", action="store_true", help="print the memory every 10,000 frames")
+    parser.add_argument("--memory", action="store_true", help="print the memory every 10,000 frames and at the end")
     parser.add_argument("--verbose", action="store_true", help="a line for each frame that is not right")
     given = parser.parse_args()
     numba.set_num_threads(1)
@@ -150,7 +150,7 @@ def main() -> None:
                     f"{int((truth >= 0).sum())} visible, {match.hyperedges} hyper-edges, {1e3 * seconds:.1f} ms",
                     flush=True,
                 )
-            if given.memory and k % 10_000 == 0:
+            if given.memory and (k % 10_000 == 0 or k == given.frames - 1):
                 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
                 with open("/proc/self/statm") as file:
                     now = int(file.read().split()[1]) * resource.getpagesize() / 2**20

@@ -82,7 +82,7 @@ def _judged(task: MatchingTask, found: Match) -> Match:
     every = [found.assignment, *(other for other, _ in found.alternatives)]
     every = [one for one in every if (one >= 0).sum() > task.problem.minimal]
     frame = PriorFrame(task, prior_of(task))
-    fits = [frame.fitted(one, *pose) for one, pose in zip(every, _poses(task, every), strict=True)]
+    fits = [frame.fitted(one, R, t) for one, (R, t) in zip(every, _poses(task, every), strict=True)]
     near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
     if not near:
         return replace(found, prior_holds=False)
@@ -109,7 +109,7 @@ def _judged(task: MatchingTask, found: Match) -> Match:
 
 
 def _pose(fit: PriorFit) -> Pose:
-    return Pose(fit.R, fit.t, fit.covariance)
+    return Pose.unchecked(fit.R, fit.t, fit.covariance)
 
 
 def _poses(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[tuple[NDArray[np.float64], ...]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.matcher import Matcher
 from rootmatch.options import Options, option
@@ -51,8 +52,9 @@ class TrackingOptions(Options):
     present: float = option(0.7, least=0.0)
     """Detections, over those of the last frame that was matched, from which it is searched: with fewer the body is
     hidden. A round value."""
-    search_budget: int = option(400_000, least=1)
-    """Evaluations of such a search; a lost body is searched for without this limit. A round value."""
+    search_budget: int = option(100_000, least=1)
+    """Evaluations of such a search, so that it ends within a few frames' time; a lost body is searched for without this
+    limit. A round value."""
     search_every: int = option(10, least=1)
     """With several bodies those that are not found are searched for in one of so many frames. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
@@ -102,6 +104,10 @@ class Tracker:
     ) -> None:
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels, as Matcher may estimate it")
+        if isinstance(getattr(problem, "camera", None), Rig):
+            raise InputError(
+                "tracker: a Rig given, whose poses are not predicted; match its frames by rootmatch.Matcher"
+            )
         self.matcher = Matcher(source, problem, noise=noise, **options)
         Capability.PRIOR.require(problem.takes_prior, problem.name)
         self.tracking = tracking

@@ -68,6 +68,7 @@ class MotionFilter:
         self.P[:6, :6] = covariance
         unknown = np.repeat([options.angular_velocity, options.velocity * self.radius], 3)
         self.P[6:, 6:] = np.diag(unknown**2)
+        self._ahead: tuple[float, Floats, Floats, Floats] | None = None
 
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""
@@ -88,7 +89,7 @@ class MotionFilter:
         self.P[:6, 6:] = self.P[6:, :6].T
         rest = P[6:, 6:] - gain @ (prior - covariance) @ gain.T
         self.P[6:, 6:] = 0.5 * (rest + rest.T)
-        self.time = time
+        self.time, self._ahead = time, None
         # what a step should be: as much of the prior's covariance as the detections took away
         expected = max(6.0 - float(np.trace(covariance @ inverse)), 0.1)
         ratio = min(float(step @ inverse @ step) / expected, 10.0)
@@ -97,7 +98,12 @@ class MotionFilter:
         self.scale = min(max(scale, options.least_scale), options.most_scale)
 
     def _at(self, time: float) -> tuple[Floats, Floats, Floats]:
-        dt = time - self.time
+        """Pose and covariance at a time, kept as an update asks for them once more."""
+        if self._ahead is None or self._ahead[0] != time:
+            self._ahead = (time, *self._ahead_by(time - self.time))
+        return self._ahead[1:]
+
+    def _ahead_by(self, dt: float) -> tuple[Floats, Floats, Floats]:
         turn = rotation_matrix(self.velocity[:3] * dt)
         F = np.eye(12)
         F[:3, :3] = turn
@@ -126,4 +132,4 @@ class MotionFilter:
         change = np.eye(6)
         change[3:, :3] = cross_matrix(turned)
         covariance = change @ covariance @ change.T
-        return Pose(R, t - turned, 0.5 * (covariance + covariance.T))
+        return Pose.unchecked(R, t - turned, 0.5 * (covariance + covariance.T))

@@ -109,12 +109,12 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
     pairs = int(candidates.sum())
     if not 0 < pairs <= options.most_pairs:
         return None
-    fits = [_settled(frame, frame.R, frame.t, frame.covariance, options)]
+    fits = [_settled(frame, frame.R, frame.t, frame.covariance, options=options, at=first)]
     tested = 1
     if not _convincing(fits[0], options):
         starts = _narrowed(frame, first, candidates, options)
         tested += pairs
-        fits += [_settled(frame, *start, options) for start in starts]
+        fits += [_settled(frame, *start, options=options) for start in starts]
     distinct = {fit.assignment.tobytes(): fit for fit in fits if fit is not None}
     ranked = sorted(distinct.values(), key=lambda fit: -fit.log_odds)
     if not ranked:
@@ -129,7 +129,7 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
         and best.chi2_prior < options.contradicted
         and best.misfit <= options.most_misfit
     )
-    pose = Pose(best.R, best.t, best.covariance)
+    pose = Pose.unchecked(best.R, best.t, best.covariance)
     alternatives = [(fit.assignment, fit.log_odds) for fit in ranked[1:]]
     return Found(
         assignment=best.assignment,
@@ -150,19 +150,22 @@ def _convincing(fit: PriorFit | None, options: PriorOptions) -> bool:
     return fit.matched >= options.complete * fit.expected and fit.chi2 <= options.fitting * max(fit.freedom, 1)
 
 
-def _settled(frame: PriorFrame, R: Floats, t: Floats, covariance: Floats, options: PriorOptions) -> PriorFit | None:
-    """Assignment and fit in turn until the assignment stays."""
-    at = frame.projected(R, t)
+def _settled(
+    frame: PriorFrame, R: Floats, t: Floats, covariance: Floats, *, options: PriorOptions, at: Projected | None = None
+) -> PriorFit | None:
+    """Assignment and fit in turn until the assignment stays; ``at``: what the start projects, where that is known."""
+    if at is None:
+        at = frame.projected(R, t)
     assignment = frame.assigned(at, covariance, options.gate)
     fit = None
     for _ in range(5):
         if not (assignment >= 0).any():
             return None
-        fit = frame.fitted(assignment, R, t)
+        fit = frame.fitted(assignment, R, t, at)
         new = frame.assigned(fit.at, fit.covariance, options.gate)
         if np.array_equal(new, assignment):
             break
-        assignment, R, t = new, fit.R, fit.t
+        assignment, R, t, at = new, fit.R, fit.t, fit.at
     return fit
 
 

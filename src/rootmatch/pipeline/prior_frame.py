@@ -25,7 +25,10 @@ EXACT = 1e-12
 STEPS = 8
 """Most steps of a fit; two or three are usual from a prediction."""
 SETTLED = 1e-4
-"""Fall of χ² over 1 + χ² that ends a fit: the step before it was 0.01 σ, and the next would be its square."""
+"""Fall of χ² over 1 + χ², expected or seen, that ends a fit: the step before it was 0.01 σ, and the next would be its
+square."""
+LEAST_DAMPING = 1e-3
+"""Damping of the first step after one that went too far, relative to the normal matrix's diagonal."""
 EDGE = 4.0
 """How much wider the edge of a view angle is, in standard deviations of the camera's direction: two on each side."""
 USUAL_DETECTION = 0.9
@@ -183,16 +186,19 @@ class PriorFrame:
         assignment[rows[taken[good]]] = images[good]
         return assignment
 
-    def fitted(self, assignment: Integers, R: Floats, t: Floats) -> PriorFit:
-        """The pose that fits an assignment and the prior best, from a start: damped Gauss–Newton."""
+    def fitted(self, assignment: Integers, R: Floats, t: Floats, at: Projected | None = None) -> PriorFit:
+        """The pose that fits an assignment and the prior best, from a start: damped Gauss–Newton.
+
+        ``at``: what the start projects, where that is known. That of the fit may be a step of ``SETTLED`` behind.
+        """
         used = np.flatnonzero(assignment >= 0)
         image = self.target[assignment[used]]
         weight = 1.0 / self.variance[assignment[used]]
         root = np.sqrt(weight)
-        at = self.projected(R, t)
+        if at is None:
+            at = self.projected(R, t)
         chi2, chi2_prior, step = self._deviation(at, used, image, weight, (R, t))
         damping, diagonal = 0.0, np.arange(6)
-        normal = np.eye(6)
         for _ in range(STEPS):
             rows = (at.jacobian[used] * root[:, None, None]).reshape(-1, 6)
             normal = rows.T @ rows + self.precision
@@ -201,16 +207,19 @@ class PriorFrame:
             damped[diagonal, diagonal] *= 1.0 + damping
             change = -np.linalg.solve(damped, slope)
             R2, t2 = rotation_matrix(change[:3]) @ R, t + change[3:]
+            if damping == 0.0 and -float(slope @ change) < SETTLED * (1.0 + chi2):
+                R, t = R2, t2
+                break
             at2 = self.projected(R2, t2)
             chi22, prior2, step2 = self._deviation(at2, used, image, weight, (R2, t2))
             fall = chi2 + chi2_prior - chi22 - prior2
             if fall >= 0.0:
                 R, t, at, chi2, chi2_prior, step = R2, t2, at2, chi22, prior2, step2
-                damping = 0.1 * damping
+                damping = 0.1 * damping if damping > LEAST_DAMPING else 0.0
                 if fall < SETTLED * (1.0 + chi2):
                     break
             else:
-                damping = max(10.0 * damping, 1e-3)
+                damping = max(10.0 * damping, LEAST_DAMPING)
         rows = (at.jacobian[used] * root[:, None, None]).reshape(-1, 6)
         normal = rows.T @ rows + self.precision
         covariance = np.linalg.inv(normal)
