@@ -5,8 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.pipeline.poses import poses_of
+from rootmatch.pipeline.task import MatchingTask
 
 Load = Callable[[str], dict[str, NDArray]]
 
@@ -131,3 +134,19 @@ def test_raw_pixels_give_the_assignment_of_undistorted_ones(load_shared: Load, v
     ]
     np.testing.assert_array_equal(matches[0].assignment, truth)
     np.testing.assert_array_equal(matches[1].assignment, truth)
+
+
+def test_poses_of_raw_pixels_are_those_of_the_calibration(load_shared: Load) -> None:
+    data = load_shared("aicon_targets")
+    deviations = []
+    for view, (R, t) in enumerate(zip(data["R"], data["t"], strict=True)):
+        source, raw, _, truth = shuffled_view(data, view, None, seed=view)
+        problem = rm.P3P(rm.Camera.from_opencv(data["K"][view], data["dist"]))
+        task = MatchingTask.of(problem, source, raw, noise=float(data["rms"][view]))
+        ((pose,),) = poses_of(task, [truth], np.where(truth >= 0, 0, -1))
+        assert pose is not None
+        assert pose.covariance is not None
+        error = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])
+        deviations.append(np.abs(error) / np.sqrt(np.diag(pose.covariance)))
+    assert len(deviations) == 57
+    assert np.max(deviations) < 3.0
