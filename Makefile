@@ -31,7 +31,7 @@ demo: $(VENV)/runtime.stamp $(VENV)/kernels.stamp
 	NUMBA_CACHE_DIR=$(KERNELS) $(BIN)/python examples/board/demo.py --output $(OUTPUT)
 
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 $(ARGS)
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(ARGS)
 
 # Minutes to an hour: .fuzz.json says how far it came. What fails is kept in tests/fuzz/kept and is a test from then on.
 fuzz: $(VENV)/dev.stamp $(VENV)/kernels.stamp
