@@ -64,6 +64,8 @@ def test_links_lead_somewhere(page: Path) -> None:
         if made:  # written while the site is built, from this example
             place = ROOT / "examples" / made.group(1) / f"plot_{made.group(2)}.py"
         assert place.exists(), f"{link} of {name_of(page)}"
+        if page.is_relative_to(ROOT / "docs"):  # the site would warn
+            assert made or place.is_relative_to(ROOT / "docs"), f"{link} of {name_of(page)} leads out of the site"
         if anchor and place.suffix == ".md":
             assert anchor in anchors(place), f"{link} of {name_of(page)}"
 
