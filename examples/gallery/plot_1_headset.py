@@ -48,7 +48,7 @@ match = matcher.match(image)
 print(match.advice)
 found = match.assignment >= 0
 right = np.sum(found & (match.assignment == truth))
-print(f"{len(visible)} LEDs visible: {right} matched rightly, {found.sum() - right} wrongly")
+print(f"{len(visible)} LEDs visible: {right} right, {found.sum() - right} wrong")
 
 # %%
 figure = match_figure(model, image, match.assignment, truth=truth, unit="m")

@@ -44,7 +44,7 @@ match = rm.match(field, pixels, rm.P3P(camera), noise=0.2)
 print(match.advice)
 found = match.assignment >= 0
 right = np.sum(found & (match.assignment == truth))
-print(f"{right} of 30 targets matched rightly, {found.sum() - right} wrongly")
+print(f"{right} of 30 targets right, {found.sum() - right} wrong")
 
 # %%
 # As if the lens had no distortion, the same detections agree on nothing:

@@ -38,7 +38,7 @@ for name in SOLVERS:
 # %%
 figure, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 ax.barh(list(accuracy), list(accuracy.values()), color="#0072B2")
-ax.set(xlabel="share of the points matched rightly", xlim=(0, 1))
+ax.set(xlabel="share of the points matched correctly", xlim=(0, 1))
 ax.invert_yaxis()
 plt.show()
 
