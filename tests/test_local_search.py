@@ -50,8 +50,8 @@ def local_search(source: Points, target: Points) -> LocalSearch:
 
 
 def test_local_tests_are_those_of_all_images_that_are_near() -> None:
-    target, _ = seen_from_one_side(surface(40, 0), 1, clutter=0)
-    search = local_search(surface(40, 0), target)
+    target, _ = seen_from_one_side(surface(50, 0), 1, clutter=0)
+    search = local_search(surface(50, 0), target)
     level = search.levels[1]
     points = np.ascontiguousarray(search._triples(level)[:6])
     others = search._others_of(points)
