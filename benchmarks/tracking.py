@@ -10,7 +10,7 @@ half is. The headset comes from ``constellations.py``, see benchmarks/constellat
 
 "right": of the frames with four visible sensors or more, those with no match wrong and nine tenths of the visible ones
 matched. "runs of wrong": frames one after another that are called matched and have a wrong match. Times are processor
-milliseconds a frame of one thread, all kernels compiled; the first frame of each flight, always a search, is told apart.
+milliseconds a frame of one thread, all kernels compiled; the first frame of each flight is told apart.
 """
 
 from __future__ import annotations
