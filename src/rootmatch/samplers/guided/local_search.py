@@ -128,7 +128,7 @@ class LocalSearch(Search):
         others = self._others_of(points)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         survivors, ratios, counts = run_local_tests(
-            self.tables, self.grid, self._local_test(level.waves), sets, near, self.allowed,
+            self.tables, self.grid, self._local_test(level.waves), sets, near=near, allowed=self.allowed,
             keep=keep, chunks=options.chunks, threads=threads,
         )  # fmt: skip
         self._keep(points, survivors, ratios, counts, most)

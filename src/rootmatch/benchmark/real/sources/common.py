@@ -70,7 +70,7 @@ def known_pose(points: Floats, pixels: Floats, K: Floats, dist: Floats | None = 
     """Pose of known correspondences by OpenCV, and the RMS distance of the pixels from their predictions."""
     cv2 = opencv()
     _, turn, t = cv2.solvePnP(points, pixels, K, dist, flags=cv2.SOLVEPNP_SQPNP)
-    turn, t = cv2.solvePnPRefineLM(points, pixels, K, dist, turn, t)
+    turn, t = cv2.solvePnPRefineLM(points, pixels, K, dist, rvec=turn, tvec=t)
     return cv2.Rodrigues(turn)[0], t.ravel(), rms(cv2.projectPoints(points, turn, t, K, dist)[0].reshape(-1, 2), pixels)
 
 
