@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.bodies import match_bodies
-from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
@@ -74,7 +74,7 @@ def residuals(
     InputError
         If points or indices cannot be used.
     """
-    if isinstance(getattr(problem, "camera", None), Rig):
+    if rig_of(problem) is not None:
         raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
     tables = problem.prepare(source, target, noise)
     n, n_target = len(np.asarray(source)), len(np.asarray(target))

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import confidence_of, confidence_of_motions, probability_of
+from rootmatch.pipeline.assessment import confidence_in, confidence_of_motions, weighed
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
+from rootmatch.pipeline.posterior import Ranked
 from rootmatch.pipeline.prior import fused_pose
 from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
@@ -134,7 +135,8 @@ class Match:
         if self.bodies is not None:
             known = [body.probability for body in self.bodies.values()]
             return None if None in known else float(np.prod(np.array(known, np.float64)))
-        return probability_of(self.task, self.assignment, self.alternatives)
+        found = self._weighed
+        return None if found is None else found.probability_of_assignment(self.assignment)
 
     @cached_property
     def confidence(self) -> NDArray[np.float64]:
@@ -155,7 +157,12 @@ class Match:
             return confidence
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motions)
-        return confidence_of(self.task, self.assignment, self.alternatives)
+        return confidence_in(self._weighed, self.assignment)
+
+    @cached_property
+    def _weighed(self) -> Ranked | None:
+        """What probability and confidence are read from where the status needed neither: found once for both."""
+        return weighed(self.task, self.assignment, self.alternatives)
 
     @property
     def source(self) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.rig import Rig, rig_of
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
@@ -59,7 +59,7 @@ UNREACHABLE = 1e9
 
 def is_rig(task: MatchingTask) -> bool:
     """Whether the detections of a task are those of a rig."""
-    return isinstance(getattr(task.problem, "camera", None), Rig)
+    return rig_of(task.problem) is not None
 
 
 def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:

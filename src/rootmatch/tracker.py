@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.rig import rig_of
 from rootmatch.errors import InputError
 from rootmatch.matcher import Matcher
 from rootmatch.options import Options, option
@@ -104,7 +104,7 @@ class Tracker:
     ) -> None:
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels, as Matcher may estimate it")
-        if isinstance(getattr(problem, "camera", None), Rig):
+        if rig_of(problem) is not None:
             raise InputError(
                 "tracker: a Rig given, whose poses are not predicted; match its frames by rootmatch.Matcher"
             )

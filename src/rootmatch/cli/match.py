@@ -101,9 +101,9 @@ def match(
         outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo, prior) if path)])
     posed = build_problem(str(problem), problem_options)
     from rootmatch import io
-    from rootmatch.cameras.rig import Rig
+    from rootmatch.cameras.rig import rig_of
 
-    of_rig = isinstance(getattr(posed, "camera", None), Rig)
+    of_rig = rig_of(posed) is not None
     if of_rig and has_frames(image):
         raise InputError(f"{image}: a column frame, which a rig does not take; give one file for each frame")
     # 0 where the points say it

@@ -161,22 +161,21 @@ def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
     return able and alone and int((assignment >= 0).sum()) > task.problem.minimal
 
 
-def probability_of(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> float | None:
-    """Probability of a clear assignment, whose fit the status had no need of; None where there is none."""
+def weighed(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> Ranked | None:
+    """An assignment whose fit the status had no need of, its alternatives and their neighbours, by probability.
+
+    None where there is no probability.
+    """
     if not fits(task, assignment):
         return None
     found = ranked(task, [assignment, *(other for other, _ in alternatives)])
-    return found.probability_of_assignment(assignment) if found.assignments else None
+    return found if found.assignments else None
 
 
-def confidence_of(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> NDArray[np.float64]:
-    """Confidence (n,) in each match of a clear assignment; NaN where there is no probability."""
-    unknown = np.full(len(assignment), math.nan)
-    if not fits(task, assignment):
-        return unknown
-    found = ranked(task, [assignment, *(other for other, _ in alternatives)])
-    if found.marginals is None:
-        return unknown
+def confidence_in(found: Ranked | None, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of an assignment that was weighed; NaN where there is no probability."""
+    if found is None or found.marginals is None:
+        return np.full(len(assignment), math.nan)
     if np.array_equal(found.assignments[0], assignment):
         return found.marginals.each
     return np.asarray(found.probabilities @ (np.array(found.assignments) == assignment))
@@ -197,7 +196,7 @@ def confidence_of_motions(
         pixels = np.setdiff1d(np.arange(task.shape[1]), others)
         place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
         own = np.where(assignment[points] >= 0, place, -1)
-        each = confidence_of(alone.subset(points, pixels), own, [])
+        each = confidence_in(weighed(alone.subset(points, pixels), own, []), own)
         confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
     return confidence
 

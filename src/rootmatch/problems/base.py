@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.rig import rig_of
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
@@ -128,9 +128,8 @@ class Problem(ABC):
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
-        camera = getattr(self, "camera", None)
-        joined: ArrayLike = camera.joined(target) if isinstance(camera, Rig) else target
-        return joined
+        rig = rig_of(self)
+        return target if rig is None else rig.joined(target)
 
     @property
     def noise_is_angular(self) -> bool:
