@@ -18,8 +18,8 @@ from rootmatch.jit.threads import in_threads
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
 from rootmatch.samplers.guided.screening import ROOTS, cell_of
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, lookups_before_dropped
-from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS
+from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, lookups_before_dropped, weakest_of
+from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS, keep_survivor
 
 FRAME = 12
 """Numbers of the frame of a triple in the camera."""
@@ -142,10 +142,7 @@ def _test_block(  # type: ignore[no-untyped-def]
     survivors, ratios,
 ):  # fmt: skip
     """Test what the screening leaves of a block, one by one; the last stamp used."""
-    weakest = 0
-    for q in range(ratios.size):
-        if ratios[q] < ratios[weakest]:
-            weakest = q
+    weakest = weakest_of(ratios)
     for k in range(filled):
         if hit[1, k] == 0:
             continue
@@ -153,14 +150,8 @@ def _test_block(  # type: ignore[no-untyped-def]
         stamp[picked[0, k]] = stamp[picked[1, k]] = stamp[picked[2, k]] = tick
         ratio, hits = _likelihood_ratio(grid, test, others, coordinates, k, masked, allowed, frames, stamp, tick)
         if ratio > ratios[weakest] and hits + 3 >= test.least:
-            ratios[weakest] = ratio
-            survivors[weakest, 0], survivors[weakest, 1] = s, root
-            survivors[weakest, 2], survivors[weakest, 3] = picked[0, k], picked[1, k]
-            survivors[weakest, 4] = picked[2, k]
-            weakest = 0
-            for q in range(ratios.size):
-                if ratios[q] < ratios[weakest]:
-                    weakest = q
+            found = s, root, picked[0, k], picked[1, k], picked[2, k]
+            weakest = keep_survivor(survivors, ratios, weakest, ratio, found)
     return tick
 
 

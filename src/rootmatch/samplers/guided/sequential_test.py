@@ -130,6 +130,16 @@ def prepare_sets(
 
 
 @part
+def weakest_of(ratios):  # type: ignore[no-untyped-def]
+    """Place of the lowest ratio of a chunk, which the next survivor takes."""
+    weakest = 0
+    for q in range(ratios.size):
+        if ratios[q] < ratios[weakest]:
+            weakest = q
+    return weakest
+
+
+@part
 def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
     """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
@@ -303,8 +313,5 @@ def _test_chunks(  # type: ignore[no-untyped-def]
                         survivors[chunk, weakest, 1] = root
                         for p in range(m):
                             survivors[chunk, weakest, 2 + p] = j[p]
-                        weakest = 0
-                        for q in range(ratios.shape[1]):
-                            if ratios[chunk, q] < ratios[chunk, weakest]:
-                                weakest = q
+                        weakest = weakest_of(ratios[chunk])
         counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked

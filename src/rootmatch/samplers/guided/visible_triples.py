@@ -19,7 +19,7 @@ from rootmatch.jit.threads import in_threads
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
 from rootmatch.samplers.guided.screening import ROOTS, away
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest
+from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, weakest_of
 
 BLOCK = 64
 """Image triples that are solved together."""
@@ -151,10 +151,7 @@ def _test_block(  # type: ignore[no-untyped-def]
             real = real & (away(frame, front[4:8], block[3, k], block[4, k], block[5, k]) <= 0.0)
             real = real & (away(frame, front[8:], block[6, k], block[7, k], block[8, k]) <= 0.0)
             passed[root, k] = real
-    tested, looked, weakest = 0, 0, 0
-    for q in range(ratios.size):
-        if ratios[q] < ratios[weakest]:
-            weakest = q
+    tested, looked, weakest = 0, 0, weakest_of(ratios)
     for k in range(filled):
         for root in range(ROOTS):
             if not passed[root, k]:
@@ -167,15 +164,18 @@ def _test_block(  # type: ignore[no-untyped-def]
             )
             looked += own_lookups
             if ratio > ratios[weakest] and hits + 3 >= test.least:
-                ratios[weakest] = ratio
-                survivors[weakest, 0], survivors[weakest, 1] = s, root
-                survivors[weakest, 2], survivors[weakest, 3] = picked[0, k], picked[1, k]
-                survivors[weakest, 4] = picked[2, k]
-                weakest = 0
-                for q in range(ratios.size):
-                    if ratios[q] < ratios[weakest]:
-                        weakest = q
+                found = s, root, picked[0, k], picked[1, k], picked[2, k]
+                weakest = keep_survivor(survivors, ratios, weakest, ratio, found)
     return tested, looked
+
+
+@part
+def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-untyped-def]
+    """Put a set, root and three images in the place of the weakest survivor; the place of the weakest afterwards."""
+    ratios[weakest] = ratio
+    for p in range(5):
+        survivors[weakest, p] = found[p]
+    return weakest_of(ratios)
 
 
 @part
