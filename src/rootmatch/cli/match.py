@@ -14,7 +14,6 @@ from rootmatch.cli.match_outputs import Outputs, print_match
 from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.frame_files import has_frames
 
 
 def match(
@@ -83,6 +82,8 @@ def match(
         "centre": centre,
         "dimension": dimension,
     }
+    from rootmatch.io.frame_files import has_frames
+
     if has_frames(image):
         lone = {"candidates": candidates, "plot": plot, "photo": photo, "truth": truth, "pose_format": pose_format}
         lone |= {"prior": prior, "report": report}
