@@ -11,8 +11,8 @@ from rootmatch.solvers import MultiStartAscent, ReweightedWalk
 from rootmatch.solvers.ascent.assignment_state import change, empty_state
 from rootmatch.solvers.ascent.pair_table import pairs_of, place_of_pair
 from rootmatch.solvers.ascent.random_walk_start import WalkOptions, _contract_among, random_walk_start
-from rootmatch.solvers.ascent.start_selection import different, within
-from rootmatch.solvers.ascent.subset_index import build_index, index_support
+from rootmatch.solvers.ascent.start_selection import next_starts, within
+from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
 
 
@@ -71,7 +71,11 @@ def test_table_against_the_definition(make, monkeypatch):
             assert index.sums[place] == pytest.approx(sum(h for _, h in held), abs=1e-12)
     totals = [sum(h for edge, h in zip(edges, tensor.weights, strict=True) if a in edge) for a in range(size)]
     np.testing.assert_allclose(index.marginals, totals, atol=1e-12)
-    np.testing.assert_allclose(index_support(index), naive_support(tensor.indices, tensor.weights), atol=1e-12)
+    rank, best = ranked_hyperedges(index)
+    np.testing.assert_allclose(rank, naive_support(tensor.indices, tensor.weights) + tensor.weights, atol=1e-12)
+    for a in range(size):
+        containing = np.flatnonzero((tensor.indices == a).any(axis=1))
+        assert best[a] == (containing[np.argmax(rank[containing])] if containing.size else -1)
 
 
 @pytest.mark.parametrize("make", [lambda: random_tensor(3), lambda: random_tensor(4, 5, 9, 30), one_pair, dense])
@@ -138,16 +142,23 @@ def test_a_walk_that_forgets_the_lightest_still_finds_what_is_planted(monkeypatc
     np.testing.assert_array_equal(random_walk_start(nowhere, 10), discretise(np.full((3, 3), 1 / 9)))
 
 
-def test_different_candidates_against_the_definition():
+@pytest.mark.parametrize("known", [0, 3])
+def test_next_starts_against_the_definition(known):
     rng = np.random.default_rng(3)
+    images = np.array([rng.permutation(6) for _ in range(known)], np.int64).reshape(-1, 6)
     for count in (1, 4, 30):
         candidates = random_edges(rng, 6, 6, 3, 60).astype(np.int32)
         open_ = rng.random(60) < 0.7
+        far = [all(sum(i * 6 + k in c for i, k in enumerate(s)) < 2 for s in images.tolist()) for c in candidates]
+        assert all(far) == (known == 0)
         chosen: list[int] = []
-        for c in np.flatnonzero(open_):
+        for c in np.flatnonzero(open_ & far):
             if all(len(set(candidates[c]) & set(candidates[s])) <= 1 for s in chosen) and len(chosen) < count:
                 chosen.append(int(c))
-        np.testing.assert_array_equal(different(candidates, open_, count), chosen)
+        left = open_ & far
+        left[chosen] = False
+        np.testing.assert_array_equal(next_starts(candidates, open_, images, 6, least=2, count=count), chosen)
+        np.testing.assert_array_equal(open_, left)
 
 
 def test_candidates_within_assignments_against_the_definition():

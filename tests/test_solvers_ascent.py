@@ -12,7 +12,7 @@ from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.ascent import subset_index
 from rootmatch.solvers.ascent.assignment_state import change
 from rootmatch.solvers.ascent.local_search import climb, scored_neighbours, state_of
-from rootmatch.solvers.ascent.subset_index import build_index, index_support
+from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import assignments, best_score, naive_support, objective, planted, random_edges
 
 
@@ -68,8 +68,12 @@ def test_gains_follow_a_random_walk_of_entries_and_removals(order, bits):
 @pytest.mark.parametrize("bits", [None, 1, 3, 20])
 def test_index_support_is_exact_but_for_collisions(order, bits):
     tensor = random_tensor(order, 5, 5, order, 150)
-    support = index_support(build_index(tensor, bucket_bits=bits))
-    np.testing.assert_allclose(support, naive_support(tensor.indices, tensor.weights), atol=1e-12)
+    rank, best = ranked_hyperedges(build_index(tensor, bucket_bits=bits))
+    expected = naive_support(tensor.indices, tensor.weights) + tensor.weights
+    np.testing.assert_allclose(rank, expected, atol=1e-12)
+    for a in range(25):
+        containing = np.flatnonzero((tensor.indices == a).any(axis=1))
+        assert best[a] == (containing[np.argmax(rank[containing])] if containing.size else -1)
 
 
 def test_index_in_parts_is_the_same_on_any_number_of_threads(monkeypatch):
@@ -90,7 +94,7 @@ def test_support_of_a_hot_bucket():
     # All hyper-edges share one pair of correspondences, so one bucket holds hundreds.
     edges = [[0, 31, i * 30 + k] for i in range(2, 30) for k in range(2, 30)]
     tensor = AffinityTensor(edges, np.ones(len(edges)), (30, 30))
-    np.testing.assert_allclose(index_support(build_index(tensor)), tensor.support())
+    np.testing.assert_allclose(ranked_hyperedges(build_index(tensor))[0], tensor.support() + tensor.weights)
 
 
 def tiny(seed):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.contraction import inside
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 
@@ -40,10 +39,24 @@ def drop_unsupported(
         As `AffinityTensor.score`.
     """
     kept = assignments.copy()
+    return kept, _weighed(tensor, kept, float(fraction))
+
+
+def scores_of(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Scores (K,) of assignments (K, n), as `AffinityTensor.score`, in one call."""
+    return _weighed(tensor, np.array(assignments, np.int64), ALL_STAY)
+
+
+ALL_STAY = -1.0
+"""In place of a fraction."""
+
+
+def _weighed(tensor: AffinityTensor, kept: NDArray[np.int64], fraction: float) -> NDArray[np.float64]:
+    """Scores of assignments, in which points are unmatched in place."""
     scores, edges = np.zeros(len(kept)), np.empty(len(tensor.indices), np.int64)
     unary = np.empty((0, 0)) if tensor.unary is None else tensor.unary
-    _drop(tensor.indices, tensor.weights, unary, tensor.shape[1], float(fraction), edges, kept, scores)
-    return kept, scores
+    _drop(tensor.indices, tensor.weights, unary, tensor.shape[1], fraction, edges, kept, scores)
+    return scores
 
 
 @driver(nogil=True)
@@ -76,6 +89,8 @@ def _drop(indices, weights, unary, n_target, fraction, edges, kept, scores):  # 
                         gains[indices[e, q] // n_target] += weights[e]
             count = inside
             scores[row] = score
+            if fraction < 0.0:
+                break
             matched = np.sort(gains[assignment >= 0])
             weak = False
             if matched.size > 0:
@@ -84,23 +99,3 @@ def _drop(indices, weights, unary, n_target, fraction, edges, kept, scores):  # 
                     if assignment[i] >= 0 and (gains[i] < fraction * median or gains[i] <= 0.0):
                         assignment[i] = -1
                         weak = True
-
-
-def scores_of(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Scores (K,) of assignments (K, n), as `AffinityTensor.score`, in one call."""
-    which, edges, a, i = _inside(tensor, assignments)
-    # of no hyper-edges at all the counts are integers, whatever the weights
-    scores = np.bincount(which, tensor.weights[edges], len(assignments)).astype(np.float64)
-    if tensor.unary is not None:
-        scores += np.bincount(a, tensor.unary[i, assignments[a, i]], len(assignments))
-    return np.asarray(scores)
-
-
-def _inside(
-    tensor: AffinityTensor, assignments: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """Assignment and number of each hyper-edge inside one; assignment and point of each match."""
-    a, i = np.nonzero(assignments >= 0)
-    chosen = np.zeros((*assignments.shape, tensor.shape[1]), np.bool_)
-    chosen[a, i, assignments[a, i]] = True
-    return *inside(tensor.indices, chosen.reshape(len(assignments), -1)), a, i

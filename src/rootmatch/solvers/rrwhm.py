@@ -67,6 +67,20 @@ class ReweightedWalk(Options):
         """Solve; nothing here is random, the seed is not used."""
         if is_empty(tensor):
             return empty_solution(tensor)
+        x, done, change = self.walked(tensor, deadline)
+        assignment = discretise(x)
+        return Solution(
+            soft=x,
+            assignment=assignment,
+            score=tensor.score(assignment),
+            alternatives=best_neighbours(tensor, assignment, self.keep),
+            converged=bool(change < self.tolerance),
+            iterations=done,
+            statistics={"change": change},
+        )
+
+    def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[NDArray[np.float64], int, float]:
+        """Where the walk comes to, (n, n'), in how many steps, and the squared change of the last."""
         n, n_target = tensor.shape
         x = np.full(tensor.shape, 1.0 / (n * n_target))
         change, done = np.inf, 0
@@ -81,16 +95,7 @@ class ReweightedWalk(Options):
             change = float(((new - x) ** 2).sum())
             x = new
             done += 1
-        assignment = discretise(x)
-        return Solution(
-            soft=x,
-            assignment=assignment,
-            score=tensor.score(assignment),
-            alternatives=best_neighbours(tensor, assignment, self.keep),
-            converged=bool(change < self.tolerance),
-            iterations=done,
-            statistics={"change": change},
-        )
+        return x, done, change
 
 
 def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:

@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, Pace
-from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, scored_neighbours, state_of
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import random_walk_start
-from rootmatch.solvers.ascent.start_selection import covered, different, forced, packed, within
+from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
 from rootmatch.solvers.ascent.stopping import patience, stands_out
-from rootmatch.solvers.ascent.subset_index import SubsetIndex, index_support
+from rootmatch.solvers.ascent.subset_index import SubsetIndex, ranked_hyperedges
 from rootmatch.solvers.base import Alternatives, Solution
 
 LOOKUPS_PER_SUBSET = 4.0
@@ -109,15 +108,15 @@ class MultiStart:
         grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
         tried, size, idle, walked = 0, options.first_round, 0, self.value
+        images = np.empty((0, self.index.n), np.int64)
         while tried < self.starts and not self.settled():
             if idle >= (self.patience if self.value > walked else after_walk):
                 break
-            chosen = different(self.candidates, open_, min(size, self.starts - tried))
+            most = min(size, self.starts - tried)
+            chosen = next_starts(self.candidates, open_, images, self.index.n_target, least=shared, count=most)
             if chosen.size == 0:
                 break
-            open_[chosen] = False
             images, values = self.ascents(self.empty, self.alone(chosen), self.density)
-            open_ &= ~within(self.candidates, images, self.index.n_target, shared)
             # The empty one is no core: its candidate was too light for its own penalty.
             new = {image.tobytes(): (image, v) for image, v in zip(images, values.tolist(), strict=True) if v > 0}
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
@@ -148,13 +147,11 @@ class MultiStart:
     def from_rivals(self) -> None:
         """The rest of step 3, whether or not the best assignment is settled: its rivals."""
         order = self.candidates.shape[1]
-        open_ = (self.promise >= self.options.hopeless * self.value) & ~within(
-            self.candidates, self.known(), self.index.n_target, order
-        )
+        open_ = self.promise >= self.options.hopeless * self.value
         # Fewer, down to a quarter, where an ascent is expensive.
         most = self.options.rivals
         count = int(min(most, max(most / 4, most / 2 / self.effort)))
-        rivals = different(self.candidates, open_, count)
+        rivals = next_starts(self.candidates, open_, self.known(), self.index.n_target, least=order, count=count)
         if rivals.size:
             self.climb(self.empty, self.alone(rivals))
 
@@ -242,28 +239,9 @@ def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
     return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
 
 
-@driver(nogil=True)
-def _best_of_each(indices, weights, rank, top, best):  # type: ignore[no-untyped-def]
-    """The hyper-edge of the highest rank that contains each correspondence; −1, as given, for none.
-
-    `rank` (E,) is the support, to which each hyper-edge's own weight is added; `top` (n n',) is −1 at first and becomes
-    the highest rank.
-    """
-    for e in range(indices.shape[0]):
-        own = rank[e] + weights[e]
-        rank[e] = own
-        for p in range(indices.shape[1]):
-            a = np.uint32(indices[e, p])
-            if own > top[a]:
-                top[a], best[a] = own, e
-
-
 def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Hyper-edges to start from, (P, d), and their rank (support and own weight), best first."""
-    rank = index_support(index)
-    each = np.full(index.unary.size, -1)
-    top = np.full(each.size, -1.0)
-    _best_of_each(index.indices, index.weights, rank, top, each)
+    rank, each = ranked_hyperedges(index)
     count = min(count, rank.size)
     best = np.argpartition(rank, rank.size - count)[rank.size - count :] if count else np.empty(0, np.int64)
     chosen = np.union1d(best, each[each >= 0])

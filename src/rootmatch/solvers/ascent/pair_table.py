@@ -94,14 +94,27 @@ def _fill(indices, weights, start, others, held, sums, marginals):  # type: igno
         marginals[high] = total
 
 
+@internal()
+def add_own_weights(indices, weights, rank, best):  # type: ignore[no-untyped-def]
+    """Add each hyper-edge's weight to its support; `best` (n n'), −1 as given, becomes the first of the highest."""
+    for e in range(indices.shape[0]):
+        own = rank[e] + weights[e]
+        rank[e] = own
+        for p in range(indices.shape[1]):
+            a = np.uint32(indices[e, p])
+            if best[a] < 0 or own > rank[best[a]]:
+                best[a] = e
+
+
 @driver(nogil=True)
-def pair_support(indices, weights, sums, support):  # type: ignore[no-untyped-def]
-    """Weights of the other hyper-edges that share two correspondences with each, (E,), from the sums of the pairs."""
+def pair_ranks(indices, weights, sums, support, best):  # type: ignore[no-untyped-def]
+    """Support of each hyper-edge, (E,), from the sums of the pairs, to which own weights are added."""
     for e in range(indices.shape[0]):
         a, b, c = np.uint32(indices[e, 0]), np.uint32(indices[e, 1]), np.uint32(indices[e, 2])
         shared = sums[place_of_pair(a, b)] + sums[place_of_pair(a, c)] + sums[place_of_pair(b, c)]
         # Rounding must not make a lonely hyper-edge's support negative.
         support[e] = max(shared - 3.0 * weights[e], 0.0)
+    add_own_weights(indices, weights, support, best)
 
 
 class PairTable(NamedTuple):

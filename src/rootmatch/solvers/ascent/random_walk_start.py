@@ -41,7 +41,7 @@ def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEF
     shape = (index.n, index.n_target)
     if not index.paired:
         tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
-        return ReweightedWalk(iterations=steps, keep=0)(tensor).assignment
+        return discretise(ReweightedWalk(iterations=steps).walked(tensor)[0])
     usual = ReweightedWalk()
     count = index.unary.size
     most = max(options.heaviest, count // options.heaviest_part)

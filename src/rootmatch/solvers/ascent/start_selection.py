@@ -11,17 +11,53 @@ from rootmatch.solvers.ascent.assignment_state import State
 Assignments = NDArray[np.int64]
 
 
-def different(candidates: NDArray[np.int32], open_: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
-    """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common."""
+def next_starts(
+    candidates: NDArray[np.int32],
+    open_: NDArray[np.bool_],
+    images: Assignments,
+    n_target: int,
+    *,
+    least: int,
+    count: int,
+) -> NDArray[np.int64]:
+    """Up to `count` open candidates (rows of flat indices), in order, no two with more than one entry in common.
+
+    First those are closed that have at least `least` correspondences in one of some assignments (B, n), and at last
+    those that are returned.
+    """
     chosen = np.empty(count, np.int64)
-    return chosen[: int(_different(candidates, open_, chosen))]
+    return chosen[: int(_select(candidates, open_, images, n_target, least, chosen))]
+
+
+def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> NDArray[np.bool_]:
+    """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
+    outside = np.ones(len(candidates), np.bool_)
+    _select(candidates, outside, images, n_target, least, np.empty(0, np.int64))
+    return ~outside
 
 
 @driver(nogil=True)
-def _different(candidates, open_, chosen):  # type: ignore[no-untyped-def]
-    """Fill in the selected ones as far as they fit; their number."""
-    order, count = candidates.shape[1], 0
+def _select(candidates, open_, images, n_target, least, chosen):  # type: ignore[no-untyped-def]
+    """Close what lies within the assignments, and fill in what is selected as far as it fits; its number."""
+    order = candidates.shape[1]
+    source, target = np.empty(order, np.int64), np.empty(order, np.int64)
     for c in range(open_.size):
+        if images.shape[0] == 0 or not open_[c]:
+            continue
+        for p in range(order):
+            source[p] = candidates[c, p] // n_target
+            target[p] = candidates[c, p] - source[p] * n_target
+        for b in range(images.shape[0]):
+            hits = 0
+            for p in range(order):
+                hits += images[b, source[p]] == target[p]
+            if hits >= least:
+                open_[c] = False
+                break
+    count = 0
+    for c in range(open_.size):
+        if count == chosen.size:
+            break
         fits = open_[c]
         for s in range(count):
             common = 0
@@ -32,32 +68,11 @@ def _different(candidates, open_, chosen):  # type: ignore[no-untyped-def]
             if not fits:
                 break
         if fits:
-            if count == chosen.size:
-                break
             chosen[count] = c
             count += 1
+    for s in range(count):
+        open_[chosen[s]] = False
     return count
-
-
-def within(candidates: NDArray[np.int32], images: Assignments, n_target: int, least: int) -> NDArray[np.bool_]:
-    """Which candidates have at least `least` correspondences in one of some assignments (B, n)."""
-    source, target = np.divmod(candidates, np.int32(n_target))
-    inside = np.zeros(len(candidates), np.bool_)
-    _within(source, target, images, least, inside)
-    return inside
-
-
-@driver(nogil=True)
-def _within(source, target, images, least, inside):  # type: ignore[no-untyped-def]
-    """Mark the candidates, given by their source and target points (C, d)."""
-    for c in range(inside.size):
-        for b in range(images.shape[0]):
-            hits = 0
-            for p in range(source.shape[1]):
-                hits += images[b, source[c, p]] == target[c, p]
-            if hits >= least:
-                inside[c] = True
-                break
 
 
 def covered(cores: Assignments, known: Assignments) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads, threads_worth
-from rootmatch.solvers.ascent.pair_table import pair_support, pair_table, worth_a_table
+from rootmatch.solvers.ascent.pair_table import add_own_weights, pair_ranks, pair_table, worth_a_table
 
 PART_BITS = 17
 """2^17 buckets are sorted at a time: their counters, half a megabyte, stay in the cache of one core."""
@@ -261,20 +261,24 @@ def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
         gap //= 3
 
 
-def index_support(index: SubsetIndex) -> NDArray[np.float64]:
-    """Support of each hyper-edge, (E,), as `AffinityTensor.support` has it, but for rare collisions of hashes."""
-    if not index.paired:
-        return np.asarray(_hashed_support(index))
-    support = np.empty(index.weights.size)
-    pair_support(index.indices, index.weights, index.sums, support)
-    return support
+def ranked_hyperedges(index: SubsetIndex) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Rank of each hyper-edge, (E,), and the best one of each correspondence, (n n',), −1 for none.
+
+    The rank is the weight with its support, the weights of all other hyper-edges that have d−1 correspondences in
+    common with it, as `AffinityTensor.support` has it, but for rare collisions of hashes.
+    """
+    rank, best = np.empty(index.weights.size), np.full(index.unary.size, -1)
+    if index.paired:
+        pair_ranks(index.indices, index.weights, index.sums, rank, best)
+    else:
+        _hashed_ranks(index, rank, best)
+    return rank, best
 
 
 @driver()
-def _hashed_support(index):  # type: ignore[no-untyped-def]
-    """Sums over the entries of each bucket that have the same bits of the hash."""
+def _hashed_ranks(index, support, best):  # type: ignore[no-untyped-def]
+    """Sums over the entries of each bucket that have the same bits of the hash, to which own weights are added."""
     order = index.indices.shape[1]
-    support = np.empty(index.weights.size)
     for e in range(support.size):
         support[e] = -order * index.weights[e]
     entries, weights = index.entries, index.weights
@@ -307,4 +311,4 @@ def _hashed_support(index):  # type: ignore[no-untyped-def]
                 t += 1
             for s in range(first, t):
                 support[entries[s] & mask] += total
-    return support
+    add_own_weights(index.indices, weights, support, best)

@@ -14,7 +14,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.ascent.assignment_state import empty_state
 from rootmatch.solvers.ascent.local_search import climb_from, state_of
 from rootmatch.solvers.ascent.start_selection import within
-from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, index_support
+from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, ranked_hyperedges
 from rootmatch.solvers.packing.options import GrowthOptions
 
 Groups = NDArray[np.int64]
@@ -54,8 +54,7 @@ class HyperedgeGroups:
         hyper-edge costs the mean agreement of one that passes the gate by chance.
         """
         index = self.index
-        rank = index_support(index)
-        rank += index.weights
+        rank, _ = ranked_hyperedges(index)
         candidates = index.indices[np.argsort(-rank, kind="stable")[: self.options.starts]]
         empty = empty_state(index)
         found: dict[bytes, Groups] = {}
