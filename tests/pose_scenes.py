@@ -47,7 +47,12 @@ class PoseScene(NamedTuple):
         """Errors (p,) in the order of the covariance."""
         turn = self.R @ pose.R.T
         angles = Rotation.from_matrix(turn).as_rotvec() if len(turn) == 3 else [np.arctan2(turn[1, 0], turn[0, 0])]
-        error = [*angles, *(self.t - pose.t)]
+        shift = self.t - pose.t
+        if isinstance(
+            self.problem, rm.ThreePlusOne | rm.PlanarMotion
+        ):  # of length 1: its covariance lies in the tangent plane
+            shift = shift - (shift @ pose.t) * pose.t
+        error = [*angles, *shift]
         assert pose.covariance is not None
         if len(pose.covariance) > len(error):
             error.append(self.focal - pose.focal if pose.focal is not None else self.scale - pose.scale)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 import rootmatch as rm
-from pose_scenes import CAMERA, SCENES, PoseScene, p3p, point_sets, three_plus_one, up2pf
+from pose_scenes import CAMERA, SCENES, PoseScene, p3p, point_sets, three_plus_one, three_plus_one_noisy, up2pf
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.simulation import p3p_scene
 
@@ -27,6 +27,12 @@ def test_the_truth_lies_within_the_covariance(name: str) -> None:
     # nor is it too wide: half of them lie within the median
     half = int((squared < chi2.ppf(0.5, scenes[0].freedom)).sum())
     assert binom.ppf(2.5e-4, 40, 0.5) <= half <= binom.ppf(1.0 - 2.5e-4, 40, 0.5)
+
+
+@pytest.mark.parametrize("seed", [1022, 1400, 1457])
+def test_noisy_directions_are_never_upside_down(seed: int) -> None:
+    """Half a turn about the baseline keeps the epipolar lines and takes the vertical to its opposite."""
+    assert three_plus_one_noisy(seed).fitted().R[1, 1] > 0.99
 
 
 def test_no_library_finds_a_better_pose() -> None:

@@ -21,6 +21,9 @@ ROUNDS = 5
 """Rounds, each with a proposal that fits the samples of those before. Not tuned."""
 TAILS = 4.0
 """Degrees of freedom of the proposal, a t distribution, whose tails are wider than those of any likelihood here."""
+TEMPERATURE = 2.0
+"""Log likelihoods are divided by this where proposals are fitted: they then reach along valleys that bend. Of 1, 2, 3
+the value with the most of 1,200 scenes with noisy directions inside the 95 % quantile, by 0.4 % (seeds from 1000)."""
 ENOUGH = 30.0
 """Least effective number of samples that is believed. Not tuned."""
 
@@ -66,19 +69,24 @@ def _sampled(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats | N
         every = np.concatenate(steps)
         # all samples of all rounds, as of the mixture of their proposals
         density = np.mean([_t_density(every, *proposal) for proposal in proposals], axis=0)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            weight = np.exp(-0.5 * np.concatenate(excess)) / density
-        weight = np.where(np.isfinite(weight), weight, 0.0)
+        weight, tempered = (_weights(np.concatenate(excess) / heat, density) for heat in (1.0, TEMPERATURE))
         if not weight.any():
             return None
-        weight /= float(weight.sum())
-        mean = weight @ every
-        spread = (every - mean).T @ (weight[:, None] * (every - mean)) + 1e-3 * covariance
+        mean = tempered @ every
+        spread = (every - mean).T @ (tempered[:, None] * (every - mean)) + 1e-3 * covariance
         root = np.linalg.cholesky(spread)
     if 1.0 / float((weight**2).sum()) < ENOUGH:
         return None
     every = np.concatenate(steps)
     return np.asarray(every.T @ (weight[:, None] * every))
+
+
+def _weights(chi2: Floats, density: Floats) -> Floats:
+    """Weights (S,) of samples drawn with a density, of sum 1; all 0 where no sample is possible."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        weight = np.exp(-0.5 * chi2) / density
+    weight = np.where(np.isfinite(weight), weight, 0.0)
+    return weight / max(float(weight.sum()), 1e-300)
 
 
 def _t_density(steps: Floats, mean: Floats, root: Floats) -> Floats:

@@ -39,7 +39,8 @@ class Pose:
         the *target* frame (a perturbation from the left), then three translations in the unit of t. In a plane (one
         angle, two translations). A seventh (fourth) row follows for what else was estimated, ``scale`` or ``focal``.
         What is known exactly, or fixed by convention, has no variance: UP2P with an exact vertical leaves rank 4, two
-        images with ∣t∣ = 1 rank 5 at most, so use a pseudo-inverse there.
+        images with ∣t∣ = 1 rank 5 at most, so use a pseudo-inverse there; τ is then the part of the error at right
+        angles to t (the rest is of second order).
     scale : float
         1 but for `rootmatch.Similarity`.
     focal : float, optional

@@ -65,7 +65,7 @@ class _TwoViewModel:
         deviation, _ = self.views.deviations(essential, np.arange(self.k.shape[1]), self.k)
         parts = [np.where(self.used, deviation, 0.0)]
         if self.views.tilt > 0.0:
-            parts.append(np.stack([rotation[:, 2, 1], -rotation[:, 0, 1]], axis=1) / self.views.tilt)
+            parts.append(_tilts(rotation) / self.views.tilt)
         return np.concatenate(parts, axis=1)
 
     def jacobian(self, state: State) -> Floats:
@@ -167,6 +167,18 @@ def _starts(views: Views, k: Integers, used: NDArray[np.bool_], planar: bool) ->
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
     best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :STARTS]
     return rotation[best], translation[np.arange(len(k))[:, None], best]
+
+
+def _tilts(rotation: Floats) -> Floats:
+    """By how much (B, 2) the common direction is rotated about x and z, in radians.
+
+    By the angle, not by its sine: half a turn about a horizontal baseline leaves the epipolar lines as they are, and
+    would cost nothing.
+    """
+    sine = np.stack([rotation[:, 2, 1], -rotation[:, 0, 1]], axis=1)
+    size = np.linalg.norm(sine, axis=1)
+    angle = np.arctan2(size, rotation[:, 1, 1])
+    return np.where(size > 0.0, angle / np.maximum(size, 1e-300), 1.0)[:, None] * sine
 
 
 def _pose(
