@@ -7,8 +7,9 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
-from rootmatch.pipeline.confidence import marginals
-from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.assessment import confidence_against_chance
+from rootmatch.pipeline.confidence import Marginals, marginals
+from rootmatch.pipeline.posterior import Misfit, Ranked, ranked
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.simulation import three_plus_one_scene, up2p_scene
 
@@ -28,6 +29,26 @@ def test_marginals_sum_over_local_changes_and_other_poses() -> None:
     sure = marginals([best, swapped], logarithms[:2], changes, np.full(len(changes.source), -50.0), 1.0)
     np.testing.assert_array_equal(sure.without_unsure(best, 3, 0.1), [-1, -1, 2, 3, 4])
     assert sure.without_unsure(best, 4, 0.1) is None
+
+
+def test_confidence_where_all_may_be_chance() -> None:
+    each, assignment = np.array([0.9, 0.6, 0.8]), np.array([4, 1, -1])
+    pose = Marginals(each, np.zeros(3), 1.0)
+    before = 0.0
+    for odds in (-700.0, -10.0, -3.0, 0.0, 5.0, 700.0):
+        found = Ranked([assignment], np.zeros(1), odds, Misfit(0.0, 1.0, 1), pose)
+        first, second, unmatched = confidence_against_chance(found, assignment)
+        assert first / each[0] == pytest.approx(second / each[1])
+        # of what is chance no match is right, and every point is rightly unmatched
+        real = first / each[0]
+        assert unmatched == pytest.approx(1.0 - real + real * each[2])
+        assert before <= real <= 1.0
+        before = real
+        if odds == -10.0:
+            assert real < 1e-3
+        if odds == 0.0:
+            assert 0.9 < real < 0.99
+    assert before == 1.0
 
 
 def test_one_exchangeable_pair_does_not_make_a_large_match_ambiguous() -> None:

@@ -148,7 +148,7 @@ def confidence_against_chance(found: Ranked, assignment: NDArray[np.int64]) -> N
     """Confidence (n,) in each match where all of them may be chance: then being unmatched is right."""
     assert found.marginals is not None
     odds = found.beyond_chance if math.isfinite(found.beyond_chance) else 0.0
-    real = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+    real = 1.0 / (1.0 + math.exp(min(-odds - TRUST.present, 700.0)))
     return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * found.marginals.each)
 
 

@@ -26,6 +26,11 @@ class TrustOptions:
         object in an image and for two views, …  For an object they are odds against clutter that crowds as the
         detections do: on the development seeds of `benchmarks/constellations.py` they never exceeded −3 where nothing
         was to be found (300 scenes of unrelated points, 40 of the headset against a stretched copy of itself).
+    present : float
+        Log-odds, before anything is seen, that the object is in view, or that two views show the same: they enter the
+        confidence of what is not trusted, not the status. On development seeds (`benchmarks/constellations.py`,
+        `benchmarks/accuracy.py`) 9 of 10 matches of untrusted assignments were right whose odds against chance were
+        even, and odds above −6 never came of unrelated points.
     listed, listed_probability : int, float
         … if the right one is among it and so many alternatives, or the pose is right, with that probability.
     wrong : float
@@ -60,6 +65,7 @@ class TrustOptions:
     false_alarms: float = -2.0
     beyond_clutter: float = 1.0
     beyond_clutter_of_views: float = math.log(100.0)
+    present: float = 3.0
     listed: int = 5
     listed_probability: float = 0.95
     noise_factor: float = 1.9
