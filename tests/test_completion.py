@@ -148,7 +148,7 @@ def test_completed_tensor_has_what_exhaustion_finds_of_the_truth() -> None:
         assert len(np.unique(flat, axis=0)) == len(flat)
         # the mean weight of a random hyper-edge; exhaustion also keeps some by which a badly conditioned set is met
         by_chance = every.weights.sum() / evaluated
-        assert 0.2 * by_chance < completed.chance_weight < 1.05 * by_chance
+        assert 0.2 * by_chance < completed.chance < 1.05 * by_chance
     assert wanted > 0.95 * 12 * len(list(combinations(range(10), 3)))
     assert shared >= 0.99 * wanted
 

@@ -23,7 +23,7 @@ from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
-from rootmatch.pipeline.sampling import affordable, sample
+from rootmatch.pipeline.sampling import affordable, sample, swept
 from rootmatch.pipeline.searched_solution import searched_solution
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
@@ -257,12 +257,15 @@ def _solve(task: MatchingTask) -> Match:
     else:
         sampled = sample(task)
         deadline = task.deadline.part(SOLVED)
-        found = searched_solution(task, sampled)
-        if found is None:
+        known = searched_solution(task, sampled)
+        if known is None:
             tensor = affordable(sampled.tensor, deadline)
-            found = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
-        solution = found
+            known = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
+        solution = known
     assessed = assess(task, solution, sampled)
+    if not assessed.status and (every := swept(task, sampled)) is not None:
+        found = _solve(every)
+        return replace(found, task=task, hyperedges=found.hyperedges + sampled.evaluated)
     return Match(
         task=task,
         assignment=assessed.assignment,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,4 +56,14 @@ def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArr
     InputError
         As `unit_direction`.
     """
+    if isinstance(direction, tuple):
+        return _rotation_of(direction, name)
     return rotation_onto_y(unit_direction(direction, name))
+
+
+@lru_cache(maxsize=16)
+def _rotation_of(direction: tuple[float, ...], name: str) -> NDArray[np.float64]:
+    """The rotation of a direction that is asked for again and again, as a problem's; not to be written to."""
+    rotation = rotation_onto_y(unit_direction(direction, name))
+    rotation.setflags(write=False)
+    return rotation

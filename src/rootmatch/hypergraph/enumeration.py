@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations
+from functools import lru_cache
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,28 @@ def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] |
     return count if mask is None else count * float(mask.mean()) ** order
 
 
+KEPT_SUBSETS = 16_384
+"""Subsets up to which they are kept for the next frame: 400 kB of triples."""
+
+
+def subsets(n: int, size: int) -> NDArray[np.int64]:
+    """All subsets (C(n, size), size) of the indices below n, ascending, in lexicographic order."""
+    return _kept_subsets(n, size).copy() if math.comb(n, size) <= KEPT_SUBSETS else _subsets(n, size)
+
+
+@lru_cache(maxsize=16)
+def _kept_subsets(n: int, size: int) -> NDArray[np.int64]:
+    return _subsets(n, size)
+
+
+def _subsets(n: int, size: int) -> NDArray[np.int64]:
+    every = chain.from_iterable(combinations(range(n), size))
+    return np.fromiter(every, np.int64, math.comb(n, size) * size).reshape(-1, size)
+
+
 def source_bases(n: int, order: int) -> NDArray[np.int64]:
     """Minimal sets (B, d − 1) of source points, increasing, that leave at least one later point to complete them."""
-    return np.array(list(combinations(range(n - 1), order - 1)), dtype=np.int64).reshape(-1, order - 1)
+    return subsets(n - 1, order - 1)
 
 
 def target_arrangements(n_target: int, length: int) -> NDArray[np.int32]:

@@ -234,7 +234,7 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
     outside of the assignment where it is not known.
     """
-    tensor, evaluated, share, chance = sampled[:4]
+    tensor, evaluated, share, chance = sampled.tensor, sampled.evaluated, sampled.coverage, sampled.chance
     if evaluated == 0 and chance is None:
         return math.inf  # no hyper-edge was possible: nothing speaks for anything
     problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS

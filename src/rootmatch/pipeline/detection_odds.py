@@ -51,6 +51,13 @@ class PosteriorOptions(Options):
     """Rounds of neighbourhood search. A round value, not tuned."""
     searched_per_round: int = option(6, least=1)
     """Assignments whose neighbours are fitted in each round. A round value, not tuned."""
+    settled_matches: int = option(6, least=1)
+    """Matches beyond a minimal set from which the neighbours of the best assignment are known to first order: a
+    detection's density about its prediction by the other points is what it adds to their evidence. A round value."""
+    fitted_odds: float = option(4.0, above=0.0)
+    """Log-odds against the best assignment up to which a change of one with so many matches is fitted, and its own
+    changes are looked at; the others count to first order. A round value; what it changes: benchmarks/record.py and
+    benchmarks/constellations.py."""
     neighbours: int = option(32, least=1)
     """Most probable changes of one assignment that are fitted. A round value, not tuned."""
 

@@ -83,7 +83,7 @@ def log10_false_alarms_of_groups(solution: Solution, shape: tuple[int, int]) -> 
 
 def _packed(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> Solution:
     tensor = affordable(sampled.tensor, deadline)
-    chance = sampled.chance_weight
+    chance = sampled.chance
     if chance is None:
         chance = max(float(tensor.weights.sum()), 1.0) / max(sampled.evaluated, 1)
     solver = GroupPacking(motions=task.options.motions, chance_weight=chance, fit=_group_fit(task))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
-from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
+from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.pipeline.confidence import Marginals, marginals
 from rootmatch.pipeline.detection_odds import (
     DEFAULT_OPTIONS,
@@ -20,8 +20,8 @@ from rootmatch.pipeline.detection_odds import (
     log_odds,
     log_odds_against_clutter,
     log_odds_against_uniform,
-    visibility,
 )
+from rootmatch.pipeline.fitted_pool import FittedPool
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.guided.detection_grid import local_density
@@ -33,6 +33,8 @@ FITTED_FIRST = 8
 """Assignments fitted at first where there is a deadline: that takes hardly longer than one."""
 IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
+OUT_OF_THE_QUESTION = 40.0
+"""Log-odds against a change at which it adds nothing to a double."""
 
 
 class Misfit(NamedTuple):
@@ -134,72 +136,79 @@ def ranked(
     """
     if consensus is not None:
         assignments = [*assignments, consensus]
-    least = task.problem.minimal + 1
-    pool = {assignment.tobytes(): assignment for assignment in assignments if (assignment >= 0).sum() >= least}
-    fits: dict[bytes, tuple[Fit, int]] = {}
-    visible: dict[bytes, NDArray[np.float64]] = {}
-    value: dict[bytes, float] = {}
-    visited: set[bytes] = set()
+    pool = FittedPool(task, task.problem.minimal + 1, options)
+    for assignment in assignments:
+        pool.add(assignment)
+    visited: set[int] = set()
+    beside: list[tuple[Integers, int, float]] = []
     leader, detected = assignments[0], _detected(task, assignments[0], np.ones(task.shape[0]))
-    pace = Pace(task.deadline, FITTED_FIRST)
+    pace, best, inflation, known = Pace(task.deadline, FITTED_FIRST), -1, 1.0, _NOTHING_KNOWN
     for turn in range(options.rounds + 1):
-        new = _fits(task, [key for key in pool if key not in fits], pool, pace)
-        fits |= new
-        visible |= {key: visibility(task, fit, k, options) for key, (fit, k) in new.items()}
-        inflation = _inflation(fits, options)
+        pool.fit(pace)
+        inflation = _inflation(pool.fits, options)
         # clutter and the share of the visible points that is detected are those of the best assignment
         for _ in range(2):
             odds = log_odds(task, leader)
-            for key, (fit, k) in fits.items():
-                matched = pool[key] >= 0
-                chance = detected * visible[key]
-                total = float(fit.inflated(inflation)[k] + odds[matched, pool[key][matched]].sum())
-                total += float(np.where(matched, np.log(chance), np.log1p(-chance)).sum())
-                value[key] = total if np.isfinite(total) else -np.inf
-            best = max(value, key=lambda key: value[key], default=None)
-            if best is None or value[best] == -np.inf:
+            value = pool.values(odds, detected, inflation)
+            best = int(value.argmax()) if len(value) else -1
+            if best < 0 or value[best] == -np.inf:
                 break
             before = leader, detected
-            leader, detected = pool[best], _detected(task, pool[best], visible[best])
+            leader, detected = pool.assignments[best], _detected(task, pool.assignments[best], pool.visible(best))
             if detected == before[1] and np.array_equal(leader, before[0]):
                 break
-        if turn == options.rounds or not value or task.deadline.left() <= 0.0:
+        if turn == options.rounds or not len(value) or task.deadline.left() <= 0.0:
             break
-        enough = max(value.values()) - options.negligible_odds
-        near = [key for key in sorted(value, key=lambda key: -value[key]) if value[key] > enough]
-        waiting = [key for key in near if key not in visited][: options.searched_per_round]
+        highest = float(value.max())
+        enough = highest - options.negligible_odds
+        near = [number for number in np.argsort(-value, kind="stable").tolist() if value[number] > enough]
+        waiting = [number for number in near if number not in visited][: options.searched_per_round]
         if not waiting:
             break
-        for key in waiting:
-            visited.add(key)
-            fit, k = fits[key]
-            gains = _gains(task, pool[key], fit.densities(k, inflation) + odds, detected * visible[key], fit=fit, k=k)
-            for other, gain in _neighbours(*_changes(gains, pool[key]), pool[key], options):
-                if value[key] + gain > enough and (other >= 0).sum() >= least:
-                    pool.setdefault(other.tobytes(), other)
-    order = sorted(value, key=lambda key: (-value[key], key))
-    order = [key for key in order if value[key] > -np.inf]
-    highest = max(value.values(), default=0.0)
-    if consensus is not None and consensus.tobytes() in order:
-        shares = np.exp([(value[key] - highest) / fits[key][0].doubt for key in order])
-        if 1.0 / shares.sum() < options.agreed:
-            order.remove(consensus.tobytes())
-            order.insert(0, consensus.tobytes())
-    logarithms = np.array([(value[key] - highest) / fits[key][0].doubt for key in order])
-    if not order:
-        return Ranked([], logarithms, np.nan, NO_POSE)
-    fit, k = fits[order[0]]
+        for number in waiting:
+            visited.add(number)
+            # where there are many matches a change is known to first order, and fitted only if it is probable
+            many = int((pool.assignments[number] >= 0).sum()) >= task.problem.minimal + options.settled_matches
+            worth = highest - options.fitted_odds if many else enough
+            if value[number] <= worth:
+                continue
+            known = _known(task, pool, number, (odds, detected, inflation), known)
+            for other, gain in _neighbours(known.changes, known.gains, pool.assignments[number], options):
+                if value[number] + gain > worth:
+                    pool.add(other)
+                elif value[number] + gain > enough and number == best:
+                    beside.append((other, number, gain))
+    if best < 0 or value[best] == -np.inf:
+        return Ranked([], np.empty(0), np.nan, NO_POSE)
+    every, values, numbers = list(pool.assignments[: len(value)]), value.tolist(), list(range(len(value)))
+    for other, number, gain in beside:
+        if pool.holds(other):
+            continue
+        every.append(other)
+        values.append(float(value[number]) + gain)
+        numbers.append(number)
+    order = sorted(range(len(values)), key=lambda place: (-values[place], every[place].tobytes()))
+    order = [place for place in order if values[place] > -np.inf]
+    doubt = np.array([pool.fits[numbers[place]][0].doubt for place in order])
+    logarithms = (np.array([values[place] for place in order]) - max(values)) / doubt
+    if consensus is not None and 1.0 / np.exp(logarithms).sum() < options.agreed:
+        (place,) = [rank for rank, place in enumerate(order) if np.array_equal(every[place], consensus)] or [0]
+        order.insert(0, order.pop(place))
+        logarithms = np.concatenate([logarithms[place : place + 1], np.delete(logarithms, place)])
+    number = numbers[order[0]]
+    fit, k = pool.fits[number]
     image, sigma = task.image
     density = local_density(image.T, float(np.median(sigma)))
     beyond = float(fit.inflated(inflation)[k]) + fit.of_pose(k, density)
+    first = every[order[0]]
     if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them
-        beyond += log_odds_against_uniform(task, pool[order[0]])
+        beyond += log_odds_against_uniform(task, first)
     else:
         rate = task.options.detection
-        beyond += log_odds_against_clutter(pool[order[0]], visible[order[0]], density, options, rate)
-    first, every = pool[order[0]], [pool[key] for key in order]
-    gains = _gains(task, first, fit.densities(k, inflation) + odds, detected * visible[order[0]], fit=fit, k=k)
-    each = marginals(every, logarithms, *_changes(gains, first), fit.doubt)
+        beyond += log_odds_against_clutter(first, pool.visible(number), density, options, rate)
+    known = _known(task, pool, number, (odds, detected, inflation), known)
+    every = [every[place] for place in order]
+    each = marginals(every, logarithms, known.changes, known.gains, fit.doubt)
     return Ranked(every, logarithms, beyond, _misfit(fit, k, options), each)
 
 
@@ -239,44 +248,50 @@ def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.floa
     return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 
 
-def _fits(
-    task: MatchingTask, keys: list[bytes], pool: dict[bytes, Integers], pace: Pace
-) -> dict[bytes, tuple[Fit, int]]:
-    """Pose fits of some assignments of the pool, and their rows in them; the first of them where time is up."""
-    fits: dict[bytes, tuple[Fit, int]] = {}
-    while len(fits) < len(keys) and (few := pace.block(len(keys) - len(fits))):
-        some = keys[len(fits) : len(fits) + few]
-        fit = task.problem.fitted(task.points, np.array([pool[key] for key in some]))
-        fits |= {key: (fit, k) for k, key in enumerate(some)}
-    return fits
-
-
-def _inflation(fits: dict[bytes, tuple[Fit, int]], options: PosteriorOptions) -> float:
+def _inflation(fits: list[tuple[Fit, int]], options: PosteriorOptions) -> float:
     """Factor on the given variances that the best fitting assignment asks for; at least 1.
 
     Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so
     that an assignment which no pose fits does not become probable by taking everything for noise.
     """
-    first, row = next(iter(fits.values()), (None, 0))
-    least = 0 if first is None else int(first.freedom[row]) - options.freedom_slack
-    fair = [_misfit(fit, k, options).variances for fit, k in fits.values() if int(fit.freedom[k]) >= least]
+    least = int(fits[0][0].freedom[fits[0][1]]) - options.freedom_slack if fits else 0
+    fair = [_misfit(fit, k, options).variances for fit, k in fits if int(fit.freedom[k]) >= least]
     return min(max(1.0, min(fair, default=1.0)), options.most_inflation)
 
 
-def _changes(gains: NDArray[np.float64], assignment: Integers) -> tuple[Changes, NDArray[np.float64]]:
-    """All changes of an assignment, and their log-odds against it to first order.
+class _Known(NamedTuple):
+    """Changes of a fitted assignment that are not out of the question, and what they were made of."""
 
-    ``gains`` (n, n') holds the log-odds of each correspondence against none, given the rest of the assignment.
-    """
-    own = np.where(assignment >= 0, gains[np.arange(len(assignment)), np.maximum(assignment, 0)], 0.0)
-    own = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    changes = one_change_neighbours(assignment, gains.shape[1], resize=True)
-    second = changes.other >= 0
-    change = np.where(changes.target >= 0, gains[changes.source, changes.target], 0.0)
-    change[second] += gains[changes.other[second], changes.other_target[second]]
-    change -= own[changes.source]
-    change[second] -= own[changes.other[second]]
-    return changes, change
+    number: int
+    odds: NDArray[np.float64]
+    detected: float
+    inflation: float
+    changes: Changes
+    gains: NDArray[np.float64]
+    """(K,) log-odds of each change against the assignment, to first order."""
+
+
+_NOTHING_KNOWN = _Known(-1, np.empty(0), 0.0, 1.0, Changes(*(np.empty(0, np.int64),) * 4), np.empty(0))
+
+
+def _known(
+    task: MatchingTask,
+    pool: FittedPool,
+    number: int,
+    given: tuple[NDArray[np.float64], float, float],
+    before: _Known,
+) -> _Known:
+    """The changes of a fitted assignment, given odds, the probability of a detection and the inflation."""
+    odds, detected, inflation = given
+    if before.number == number and before[2:4] == given[1:] and np.array_equal(before.odds, odds):
+        return before
+    assignment, (fit, k) = pool.assignments[number], pool.fits[number]
+    density, chance = fit.densities(k, inflation) + odds, detected * pool.visible(number)
+    gains = _gains(task, assignment, density, chance, fit=fit, k=k)
+    matched = np.flatnonzero(assignment >= 0)
+    own = gains[matched, assignment[matched]]
+    gains[matched, assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
+    return _Known(number, *given, *likely_changes(assignment, gains, -OUT_OF_THE_QUESTION * fit.doubt))
 
 
 def _neighbours(

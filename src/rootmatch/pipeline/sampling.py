@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +23,7 @@ from rootmatch.problems.residual_dispatch import has_single
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.completion import Completion
 from rootmatch.samplers.exhaustive import exhaustive_tensor
-from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.samplers.guided.sampler import Guided, is_quick, pays
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.random import random_tensor
 
@@ -53,6 +54,14 @@ def sample(task: MatchingTask) -> SampledTensor:
         consensus = consensus[place]
     tensor = selection.placed(_in_given_order(task, tensor), backend)
     return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
+
+
+def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
+    """The task with all hyper-edges, where a match that is not trusted comes of a quick search; else None."""
+    cheap = sampled.partial and task.options.sampler == "auto" and is_quick(task.sampling_task)
+    if not cheap or task.options.scheduler is not None or task.deadline.passed():
+        return None
+    return replace(task, options=replace(task.options, hyperedges="exhaustive"))
 
 
 def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
@@ -131,6 +140,8 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
+    if automatic and fallback and options.backend not in selection.ON_CARD and is_quick(sampling):
+        return Guided(budget=max(int(sampling.hyperedge_count) // LIMITS.per_searched, LIMITS.quick)), fallback
     if automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"

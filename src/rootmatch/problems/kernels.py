@@ -77,7 +77,7 @@ class HypothesisKernels:
         Of sets (S, m) and the other points (S, n − m) of each, in the frame of the set: the others' coordinates, which
         end with their normals and the cosines of their view angles, and those of the set's own points. Not jitted.
     solve : ``(tables, i, j, scratch)``
-        Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (8, n').
+        Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (2 · solutions, n').
     known : ``(tables, grid, i, j)`` → tuple of numbers
         What ``frame`` takes from the set before its last image is known.
     frame : ``(tables, grid, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
@@ -89,6 +89,8 @@ class HypothesisKernels:
         them (s11, s12, s22), and whether it can be visible (1 or 0).
     listed : ListedKernels, optional
         For triples of points with normals.
+    solutions : int
+        Most solutions of a minimal set, at most 4.
     """
 
     coordinates: Kernel
@@ -97,6 +99,7 @@ class HypothesisKernels:
     frame: Kernel
     predict: Kernel
     listed: ListedKernels | None = None
+    solutions: int = 4
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,18 @@ def padded(tables: Any, targets: int) -> Any:
     return tables._replace(**wider)
 
 
+def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
+    """Tables of some of the n' = ``targets`` target points."""
+    fewer = {}
+    for name in kernels_of(tables).target_fields:
+        field = getattr(tables, name)
+        for axis, size in enumerate(field.shape):
+            if size == targets and (axis == field.ndim - 1 or field.ndim > 1):
+                field = np.take(field, chosen, axis=axis)
+        fewer[name] = np.ascontiguousarray(field)
+    return tables._replace(**fewer)
+
+
 def padded_rows(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
     """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
     if rows.shape[1] == columns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -73,8 +74,8 @@ class SampledTensor(NamedTuple):
     """Evaluations in all: for a search, minimal sets solved, points looked up, predictions and hyper-edges."""
     coverage: float = 1.0
     """Fraction of the hyper-edges inside a correct assignment that were evaluated, 0 to 1."""
-    chance_weight: float | None = None
-    """Mean weight of a random hyper-edge, where known."""
+    chance_weight: float | Callable[[], float] | None = None
+    """Mean weight of a random hyper-edge, where known, or what estimates it: few assessments ask for it."""
     conclusive: bool = True
     """False for a search that ended without a hypothesis beyond chance: it spent its budget or tried everything."""
     partial: bool = False
@@ -85,6 +86,11 @@ class SampledTensor(NamedTuple):
     """Probability that a pose which explains as much as the best one was never met."""
     consensus: NDArray[np.int64] | None = None
     """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
+
+    @property
+    def chance(self) -> float | None:
+        """Mean weight of a random hyper-edge, estimated if need be; None where it is not known."""
+        return self.chance_weight() if callable(self.chance_weight) else self.chance_weight
 
 
 class Sampler(Protocol):

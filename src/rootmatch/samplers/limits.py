@@ -20,6 +20,11 @@ class SamplingLimits:
     per_searched : int
         Such a search spends one evaluation for so many hyper-edges, about the time of the sweep: the
         evaluations of a sweep are far cheaper.
+    swept : int
+        Up to here a sweep takes no longer than the quickest search by poses of one motion: three to five milliseconds.
+        From here to ``guided`` it follows where the match of such a search is not trusted.
+    quick : int
+        Evaluations that such a search may spend at least: about ten milliseconds.
     guided, guided_multi_motion : int
         Up to here an exhaustive sweep takes no longer than a search, for one motion and for several
         (docs/performance.md).
@@ -32,6 +37,8 @@ class SamplingLimits:
     affordable: int = 500_000_000
     random: int = 200_000_000
     per_searched: int = 8
+    swept: int = 100_000
+    quick: int = 100_000
     guided: int = 2_000_000
     guided_multi_motion: int = 200_000_000
     cheap_on_device: int = 1_000_000_000

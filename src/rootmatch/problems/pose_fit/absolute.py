@@ -76,14 +76,21 @@ class AbsoluteFit(Fit):
         left_out = self.target[image] - (away @ residual[..., None])[..., 0]
         predicted = np.where(matched[:, None], left_out, self.predicted[k])
         spread = np.where(matched[:, None, None], away @ spread, spread)
-        difference = self.target - predicted[:, None]
-        total = spread[:, None] + self.variance[:, None, None] * unit
-        a, b, c = total[..., 0, 0], 0.5 * (total[..., 0, 1] + total[..., 1, 0]), total[..., 1, 1]
+        # detections that are all equally noisy share a row's determinant
+        noise = self.variance[:1] if np.all(self.variance == self.variance[0]) else self.variance
+        a, c = spread[:, 0, 0, None] + noise, spread[:, 1, 1, None] + noise
+        b = 0.5 * (spread[:, 0, 1, None] + spread[:, 1, 0, None])
         determinant = np.maximum(a * c - b * b, 1e-300)
-        x, y = difference[..., 0], difference[..., 1]
-        squared = (c * x * x - 2.0 * b * x * y + a * y * y) / (determinant * inflation)
-        density = -0.5 * (squared + np.log(determinant)) - np.log(2.0 * np.pi * inflation)
-        return np.asarray(np.where(self.seen[k][:, None] & np.isfinite(density), density, -np.inf))
+        x, y = (self.target[:, axis] - predicted[:, axis, None] for axis in range(2))
+        half = -0.5 / (determinant * inflation)
+        density = x * x
+        density *= half * c
+        density += (half * a) * y * y
+        x *= y
+        density -= x * (2.0 * half * b)
+        density -= 0.5 * np.log(determinant) + np.log(2.0 * np.pi * inflation)
+        density[~(np.isfinite(density) & self.seen[k][:, None])] = -np.inf
+        return np.asarray(density)
 
     def of_pose(self, k: int, density: Floats) -> float:
         """See `Fit.of_pose`: any rotation, at the detections, at any distance within two decades."""

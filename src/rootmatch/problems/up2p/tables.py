@@ -28,6 +28,7 @@ KERNELS = ProblemKernels(
         known=hypotheses.known,
         frame=hypotheses.hypothesis,
         predict=hypotheses.predictions,
+        solutions=2,
     ),
     completion=CompletionKernels(solutions=2, fields=("points", "normals"), predict=completion.predict),
     target_fields=("rays", "variance"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.hypergraph.enumeration import subsets as every_subset
 from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import candidate_hyperedges, membership
@@ -57,12 +57,12 @@ def _subsets(
     """
     most = options.subsets
     if math.comb(n, order) <= most:
-        return np.array(list(combinations(range(n), order)), dtype=np.int64).reshape(-1, order), 1.0
+        return every_subset(n, order), 1.0
     beyond_chance = max(1, int((clusters.evidence > clusters.false_alarm_level).sum()))
     points = np.flatnonzero((clusters.lists[:beyond_chance, :, 0] >= 0).any(axis=0))
     every = math.comb(len(points), order)
     if every <= most:
-        return points[np.array(list(combinations(range(len(points)), order)), dtype=np.int64).reshape(-1, order)], 1.0
+        return points[every_subset(len(points), order)], 1.0
     drawn = distinct_sets(rng, int(options.surplus * most), len(points), order)
     # each once, by number: a row is a number to the base of how many points there are
     places = len(points) ** np.arange(order - 1, -1, -1)

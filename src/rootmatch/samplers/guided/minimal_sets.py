@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.options import Options, option
 
@@ -54,7 +54,7 @@ def minimal_sets(
     while True:
         if len(ranked) < wave:
             if listed:
-                drawn = np.array(list(combinations(range(n), size)), dtype=np.int64)
+                drawn = subsets(n, size)
             else:
                 # at least so many that the wider part makes a wave
                 drawn = distinct_sets(rng, max(options.drawn, math.ceil(wave / options.wider_part)), n, size)
@@ -92,7 +92,7 @@ def widest(
 ) -> Integers:
     """Up to ``count`` wide sets (≤ count, size) among some of the points."""
     if math.comb(len(members), size) <= options.drawn_in_cluster:
-        drawn = np.array(list(combinations(range(len(members)), size)), dtype=np.int64).reshape(-1, size)
+        drawn = subsets(len(members), size)
     else:
         drawn = distinct_sets(rng, options.drawn_in_cluster, len(members), size)
     sets = members[drawn]

@@ -31,6 +31,12 @@ def pays(task: SamplingTask) -> bool:
     return possible and task.hyperedge_count > most
 
 
+def is_quick(task: SamplingTask) -> bool:
+    """Whether a search by poses is quicker than a sweep that is cheap itself, and may follow if need be."""
+    by_poses = task.clouds is None and task.views is None and has_hypotheses(type(task.tables))
+    return task.motions == 1 and by_poses and LIMITS.swept < task.hyperedge_count <= LIMITS.guided
+
+
 @dataclass(frozen=True)
 class Guided(GuidedOptions):
     """Guided search, a sampler for `rootmatch.match`; its options are those of `GuidedOptions`."""
@@ -59,17 +65,23 @@ class Guided(GuidedOptions):
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()
         search.refine()
-        few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
+        few = self
+        if task.deadline.is_set:
+            few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
         source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, few, search.rng)
         task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
         tensor = given_tensor(task, source, target)
-        drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
-        by_chance = cpu.residuals(tables, task.kind, *drawn)
-        # no sample is large enough to say that chance never agrees
-        total = max(1.0, float(affinity.weights(by_chance[by_chance <= affinity.gate]).sum()))
-        evaluated = search.evaluated + len(source) + self.chance_samples
+
+        def chance() -> float:
+            """Mean weight of random hyper-edges."""
+            drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
+            by_chance = cpu.residuals(tables, task.kind, *drawn)
+            # no sample is large enough to say that chance never agrees
+            total = max(1.0, float(affinity.weights(by_chance[by_chance <= affinity.gate]).sum()))
+            return total / self.chance_samples
+
         return SampledTensor(
-            tensor, evaluated, coverage, total / self.chance_samples, search.conclusive,
+            tensor, search.evaluated + len(source), coverage, chance, search.conclusive,
             partial=True,
             assignments=search.assignments() if search.single else None,
             missed=search.missed,

@@ -98,7 +98,7 @@ def mark_facing(tables, grid, before, own, bearings, scratch, root, passed):  # 
 
 @part
 def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, lookups, scratch, cells, passed):  # type: ignore[no-untyped-def]
-    """Mark the solutions that cannot be dropped yet in ``passed`` (4, columns); how many solutions there are.
+    """Mark the solutions that cannot be dropped yet in ``passed`` (solutions, columns); how many solutions there are.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         Images of its points but the last.
     lookups : int
         Points that are looked up.
-    scratch : (8, columns) array
+    scratch : (2 solutions, columns) array
         Of `solve_set`; NaN where the last image is not free.
     cells : (2, columns) int64 array
         Scratch.
@@ -133,10 +133,10 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         bearings = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     found = 0
     if normals and lookups == 0:
-        for root in range(ROOTS):
+        for root in range(passed.shape[0]):
             found += mark_facing(tables, grid, before, fronts, bearings, scratch, root, passed)
         return found
-    for root in range(ROOTS):
+    for root in range(passed.shape[0]):
         for pair in range((lookups + 1) // 2 if lookups > 0 else 1):
             one = numbers(coordinates, 2 * pair)
             two = numbers(coordinates, min(2 * pair + 1, lookups - 1) if lookups > 0 else 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -12,15 +13,15 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.hypergraph import enumeration
-from rootmatch.problems.padding import padded
+from rootmatch.problems.padding import padded, with_targets
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.guided.detection_grid import build_grid
+from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid, build_grid, narrowed
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.screening import ROOTS
 from rootmatch.samplers.guided.sequential_test import (
     PreparedSets,
     SequentialTest,
@@ -33,6 +34,31 @@ from rootmatch.samplers.guided.verification import verify
 from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
 
 Integers = NDArray[np.int64]
+
+
+class _FewDetections(NamedTuple):
+    """Some of the detections, as the sequential test reads them."""
+
+    images: Integers
+    """(m,) their numbers."""
+    tables: Any
+    grid: DetectionGrid
+    allowed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, search: Search, images: Integers) -> _FewDetections:
+        """Those of a search; what another detection is nearest to in the grid meets nothing."""
+        grid = search.grid
+        number = np.full(search.n_target + 1, NOBODY, np.int16)  # the last for empty cells
+        number[images] = np.arange(len(images))
+        few = grid._replace(
+            cells=number[grid.cells],
+            positions=np.ascontiguousarray(grid.positions[:, images]),
+            rays=np.ascontiguousarray(grid.rays[:, images]),
+            density=grid.density[images],
+        )
+        allowed = np.ascontiguousarray(search.allowed[:, images]) if search.allowed.size else search.allowed
+        return cls(images, padded(with_targets(search.tables, images, search.n_target), len(images)), few, allowed)
 
 
 class Search:
@@ -59,9 +85,12 @@ class Search:
         self.allowed = task.allowed
         sigma = np.sqrt(tables.variance)
         usual = max(float(np.median(sigma)), float(sigma.max()) / options.grid.noise_ratio)
-        self.grid = build_grid(tables.rays, options.gate * usual, options.grid)
-        self.density = CROWDING * self.grid.density
         self.normals = bool(np.any(tables.normals[:3]))
+        gate = options.gate * usual
+        if not self.normals:
+            gate *= narrowed(tables.rays, gate, options.grid)
+        self.grid = build_grid(tables.rays, gate, options.grid)
+        self.density = CROWDING * self.grid.density
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
@@ -89,7 +118,7 @@ class Search:
                 last = min(tasks, done + pace.block(wanted))
                 if last == done:
                     return
-                self._try(sets, test, arrangements, first=done, last=last, allowed=self.allowed)
+                self._try(sets, test, arrangements, first=done, last=last)
                 done, batch = last, min(2 * batch, options.largest)
                 if self.progress is not None:
                     self.progress(min(self.evaluated, self.options.budget), self.options.budget)
@@ -181,13 +210,9 @@ class Search:
         Only they are tried as images, so this takes a fraction of what the search took.
         """
         _, _, hypotheses = self._clustered()
-        images = hypotheses.best[0][hypotheses.best[0] >= 0]
-        mask = np.zeros((self.n, self.n_target), np.bool_)
-        mask[:, images] = True
-        if self.allowed.size:
-            mask &= self.allowed
-        few = enumeration.target_arrangements(len(images), self.minimal - 1)
-        arrangements = np.ascontiguousarray(images[few].astype(np.int32))
+        images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
+        few = _FewDetections.of(self, images)
+        arrangements = enumeration.target_arrangements(len(images), self.minimal - 1)
         wanted = math.ceil(self.options.refinement.rival_sets * (self.n / len(images)) ** self.minimal)
         if wanted <= 0:
             self.missed = 0.0
@@ -199,7 +224,7 @@ class Search:
             sets = self._prepared(some, len(arrangements))
             tasks, done, pace = len(some) * len(arrangements), 0, Pace(self.deadline, self.options.batches.chunks)
             while done < tasks and (block := pace.block(tasks - done)):
-                self._try(sets, self._test(0), arrangements, first=done, last=done + block, allowed=mask)
+                self._try(sets, self._test(0), arrangements, first=done, last=done + block, among=few)
                 done += block
             if done == tasks:
                 wanted -= len(some)
@@ -225,15 +250,20 @@ class Search:
         *,
         first: int,
         last: int,
-        allowed: NDArray[np.bool_],
+        among: _FewDetections | None = None,
     ) -> None:
-        """Test one batch of tasks, and verify the survivors of the highest ratio."""
+        """Test one batch of tasks, some of the detections alone if need be, and verify the best survivors."""
         options = self.options.batches
-        most, keep, threads = self._kept_of((last - first) * (self.n_target - self.minimal + 1))
+        tables, grid, allowed = self.padded, self.grid, self.allowed
+        if among is not None:
+            tables, grid, allowed = among.tables, among.grid, among.allowed
+        most, keep, threads = self._kept_of((last - first) * (grid.positions.shape[1] - self.minimal + 1))
         survivors, ratios, counts = run_sequential_tests(
-            self.padded, self.grid, test, sets, arrangements,
+            tables, grid, test, sets, arrangements,
             first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
         )  # fmt: skip
+        if among is not None:
+            survivors[..., 2:] = among.images[survivors[..., 2:]]
         self._keep(sets.points, survivors, ratios, counts, most)
 
     def _kept_of(self, solved: int) -> tuple[int, int, int]:
@@ -282,18 +312,18 @@ class Search:
         if self.refined_at == self.solved:
             return
         self.refined_at = self.solved
-        options = self.options.refinement
+        options, solutions = self.options.refinement, hypothesis_kernels(self.tables).solutions
         leaders, _, hypotheses = self._clustered()
         beyond_chance = int((hypotheses.evidence[leaders] > self._false_alarm_level()).sum())
         points, images = [], []
         for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
             matched = np.flatnonzero(hypotheses.best[leader] >= 0)
             chosen = widest(self.positions, matched, self.minimal, options.sets, self.rng, options=self.options.sets)
-            points.append(np.repeat(chosen, ROOTS, axis=0))
-            images.append(np.repeat(hypotheses.best[leader][chosen], ROOTS, axis=0))
+            points.append(np.repeat(chosen, solutions, axis=0))
+            images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
         if points:
             stacked = np.concatenate(points)
-            roots = np.tile(np.arange(ROOTS), len(stacked) // ROOTS)
+            roots = np.tile(np.arange(solutions), len(stacked) // solutions)
             self._verify(stacked, np.column_stack([roots, np.concatenate(images)]))
 
     def clusters(self) -> HypothesisClusters:
@@ -315,9 +345,10 @@ class Search:
         if len(hypotheses.evidence) and hypotheses.evidence[0] > level:
             hypotheses = hypotheses.take(self._rivals(hypotheses.evidence))
         near = hypotheses.evidence > hypotheses.evidence.max(initial=0.0) - self.options.refinement.lag
-        hypotheses = hypotheses.take(near)
-        _, first = np.unique(hypotheses.best, axis=0, return_index=True)
-        return np.ascontiguousarray(hypotheses.best[np.sort(first)[: self.options.hypotheses]])
+        first: dict[bytes, int] = {}
+        for number in np.flatnonzero(near).tolist():
+            first.setdefault(hypotheses.best[number].tobytes(), number)
+        return np.ascontiguousarray(hypotheses.best[list(first.values())[: self.options.hypotheses]])
 
     def _rivals(self, evidence: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which hypotheses, strongest first, come near the first one."""

@@ -23,8 +23,8 @@ from rootmatch.jit.threads import in_threads
 from rootmatch.options import Options, option
 from rootmatch.problems.padding import padded_rows, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
-from rootmatch.samplers.guided.dispatch import set_coordinates, set_frame, set_known, solve_set
-from rootmatch.samplers.guided.screening import ROOTS, screen
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_frame, set_known, solve_set
+from rootmatch.samplers.guided.screening import screen
 
 
 @dataclass(frozen=True)
@@ -218,14 +218,14 @@ def run_sequential_tests(
     n_target, m = grid.positions.shape[1], sets.points.shape[1]
     columns = target_columns(tables, n_target)
     grid = grid._replace(rays=padded_rows(grid.rays, columns))
-    flat_cells = grid.cells.reshape(-1)
+    flat_cells, solutions = grid.cells.reshape(-1), hypothesis_kernels(tables).solutions
     # where normals tell, few solutions of a set show their own three points; those are tested one by one
     lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
 
     def test_chunks(first_chunk: int, last_chunk: int) -> None:
-        scratch = np.empty((2 * ROOTS, columns))
+        scratch = np.empty((2 * solutions, columns))
         cells = np.empty((2, columns), np.int64)
-        passed = np.empty((ROOTS, columns), np.bool_)
+        passed = np.empty((solutions, columns), np.bool_)
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
         _test_chunks(
@@ -251,8 +251,8 @@ def _test_chunks(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Chunks ``first_chunk … last_chunk − 1`` of the tasks.
 
-    ``scratch`` (8, columns), ``cells`` (2, columns), ``passed`` (4, columns), ``stamp`` (n',) and j (m,) are scratch,
-    made outside, as each array made in jitted code costs compile time.
+    ``scratch`` (2 s, columns), ``cells`` (2, columns), ``passed`` (s, columns) with s solutions of a set, ``stamp``
+    (n',) and j (m,) are scratch, made outside, as each array made in jitted code costs compile time.
     """
     tables, grid, flat_cells, sets = borrowed((tables, grid, flat_cells, sets))
     arrangements, allowed = borrowed((arrangements, allowed))
@@ -295,7 +295,7 @@ def _test_chunks(  # type: ignore[no-untyped-def]
             tested += hypotheses
             looked += hypotheses * lookups
             for k in range(n_target):
-                for root in range(ROOTS):
+                for root in range(passed.shape[0]):
                     if not passed[root, k]:
                         continue
                     j[m - 1] = k

@@ -117,6 +117,10 @@ def _verify(  # type: ignore[no-untyped-def]
             for k in range(n_target):
                 if masked and not allowed[d, k]:
                     continue
+                # far off along one of the axes is far off: most detections are
+                along = out[3, d] * rays[0, k] + out[4, d] * rays[1, k] + out[5, d] * rays[2, k]
+                if along * along > gate2 * (out[9, d] + variance[k]):
+                    continue
                 chi2, determinant = _squared_distance(rays, variance, out, d, k)
                 if not (chi2 <= gate2):
                     continue
