@@ -22,8 +22,6 @@ POSE = 0.9
 SHARED = 0.5
 """Fraction of its matches that an assignment of the same pose has in common with the most probable one; assignments of
 another pose, or of a symmetric relabelling, have hardly any. A round value, not tuned."""
-UNFITTED = 25.0
-"""Log-odds against a local change beyond which its own fit is not looked up: e⁻²⁵ is nothing."""
 FITTED = 256
 """Most probable local changes whose own fit is looked up; the others count to first order. Changes hardly anything."""
 
@@ -85,8 +83,7 @@ def marginals(
     """
     first = assignments[0]
     odds = gains / doubt
-    strong = np.argsort(-odds, kind="stable")[:FITTED]
-    strong = strong[odds[strong] > -UNFITTED]
+    strong = np.argsort(-odds, kind="stable")[: FITTED if len(assignments) > 1 else 0]
     relative = (logarithms - logarithms[0]).tolist()
     known = {assignment.tobytes(): value for assignment, value in zip(assignments, relative, strict=True)}
     for number, changed in zip(strong, changes.take(strong).applied_to(first), strict=True):

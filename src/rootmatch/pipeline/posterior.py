@@ -137,8 +137,11 @@ def ranked(
     if consensus is not None:
         assignments = [*assignments, consensus]
     pool = FittedPool(task, task.problem.minimal + 1, options)
+    # changes of one point are among the neighbours of the first
+    near_first = _has_many(task, assignments[0], options)
     for assignment in assignments:
-        pool.add(assignment)
+        if not near_first or (assignment != assignments[0]).sum() != 1 or assignment is consensus:
+            pool.add(assignment)
     visited: set[int] = set()
     beside: list[tuple[Integers, int, float]] = []
     leader, detected = assignments[0], _detected(task, assignments[0], np.ones(task.shape[0]))
@@ -168,7 +171,7 @@ def ranked(
         for number in waiting:
             visited.add(number)
             # where there are many matches a change is known to first order, and fitted only if it is probable
-            many = int((pool.assignments[number] >= 0).sum()) >= task.problem.minimal + options.settled_matches
+            many = _has_many(task, pool.assignments[number], options)
             worth = highest - options.fitted_odds if many else enough
             if value[number] <= worth:
                 continue
@@ -210,6 +213,11 @@ def ranked(
     every = [every[place] for place in order]
     each = marginals(every, logarithms, known.changes, known.gains, fit.doubt)
     return Ranked(every, logarithms, beyond, _misfit(fit, k, options), each)
+
+
+def _has_many(task: MatchingTask, assignment: Integers, options: PosteriorOptions) -> bool:
+    """Whether an assignment has so many matches that a change hardly moves its pose."""
+    return int((assignment >= 0).sum()) >= task.problem.minimal + options.settled_matches
 
 
 def _gains(

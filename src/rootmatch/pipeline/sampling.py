@@ -13,7 +13,7 @@ from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.affinity import Affinity
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
@@ -58,8 +58,7 @@ def sample(task: MatchingTask) -> SampledTensor:
 
 def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
     """The task with all hyper-edges, where a match that is not trusted comes of a quick search; else None."""
-    cheap = sampled.partial and task.options.sampler == "auto" and is_quick(task.sampling_task)
-    if not cheap or task.options.scheduler is not None or task.deadline.passed():
+    if not sampled.partial or not _searched_first(task) or task.deadline.passed():
         return None
     return replace(task, options=replace(task.options, hyperedges="exhaustive"))
 
@@ -140,7 +139,7 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
-    if automatic and fallback and options.backend not in selection.ON_CARD and is_quick(sampling):
+    if fallback and _searched_first(task):
         return Guided(budget=max(int(sampling.hyperedge_count) // LIMITS.per_searched, LIMITS.quick)), fallback
     if automatic and pays(sampling):
         on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
@@ -150,6 +149,14 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
             return Guided(), fallback
         return Guided(budget=max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)), fallback
     return sampler, fallback
+
+
+def _searched_first(task: MatchingTask) -> bool:
+    """Whether a quick search comes before a sweep that is cheap itself: where poses judge what it finds."""
+    options = task.options
+    default = options.sampler == "auto" and options.solver is None and options.scheduler is None
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    return default and in_noise and options.backend not in selection.ON_CARD and is_quick(task.sampling_task)
 
 
 def _for_workers(sampler: Any, backend: selection.Name) -> str:

@@ -193,7 +193,9 @@ def local_density(
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
-        distance2 = ((positions[:, :, None] - positions[:, None, :]) ** 2).sum(axis=0)
+        distance2, along = (axis[:, None] - axis for axis in positions)
+        distance2 *= distance2
+        distance2 += along * along
         return np.asarray(np.partition(distance2, k, axis=1)[:, k])
     from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
 

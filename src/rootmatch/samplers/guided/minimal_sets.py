@@ -60,7 +60,7 @@ def minimal_sets(
                 drawn = distinct_sets(rng, max(options.drawn, math.ceil(wave / options.wider_part)), n, size)
             blurred = width(positions, drawn) * rng.uniform(options.evenness, 1.0, len(drawn))
             used = len(drawn) if listed else int(options.wider_part * len(drawn))
-            ranked = np.concatenate([ranked, drawn[np.argsort(-blurred, kind="stable")[:used]]])
+            ranked = np.concatenate([ranked, drawn[np.argsort(-blurred)[:used]]])
         while len(ranked) and (listed or len(ranked) >= wave):
             yield np.ascontiguousarray(ranked[:wave])
             ranked = ranked[wave:]

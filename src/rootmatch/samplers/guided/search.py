@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -13,11 +12,12 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.hypergraph import enumeration
-from rootmatch.problems.padding import padded, with_targets
+from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid, build_grid, narrowed
+from rootmatch.samplers.guided.detection_grid import build_grid, narrowed
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
+from rootmatch.samplers.guided.few_detections import FewDetections
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
@@ -34,31 +34,6 @@ from rootmatch.samplers.guided.verification import verify
 from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
 
 Integers = NDArray[np.int64]
-
-
-class _FewDetections(NamedTuple):
-    """Some of the detections, as the sequential test reads them."""
-
-    images: Integers
-    """(m,) their numbers."""
-    tables: Any
-    grid: DetectionGrid
-    allowed: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, search: Search, images: Integers) -> _FewDetections:
-        """Those of a search; what another detection is nearest to in the grid meets nothing."""
-        grid = search.grid
-        number = np.full(search.n_target + 1, NOBODY, np.int16)  # the last for empty cells
-        number[images] = np.arange(len(images))
-        few = grid._replace(
-            cells=number[grid.cells],
-            positions=np.ascontiguousarray(grid.positions[:, images]),
-            rays=np.ascontiguousarray(grid.rays[:, images]),
-            density=grid.density[images],
-        )
-        allowed = np.ascontiguousarray(search.allowed[:, images]) if search.allowed.size else search.allowed
-        return cls(images, padded(with_targets(search.tables, images, search.n_target), len(images)), few, allowed)
 
 
 class Search:
@@ -211,7 +186,7 @@ class Search:
         """
         _, _, hypotheses = self._clustered()
         images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
-        few = _FewDetections.of(self, images)
+        few = FewDetections.of(self.tables, self.grid, self.allowed, images)
         arrangements = enumeration.target_arrangements(len(images), self.minimal - 1)
         wanted = math.ceil(self.options.refinement.rival_sets * (self.n / len(images)) ** self.minimal)
         if wanted <= 0:
@@ -250,7 +225,7 @@ class Search:
         *,
         first: int,
         last: int,
-        among: _FewDetections | None = None,
+        among: FewDetections | None = None,
     ) -> None:
         """Test one batch of tasks, some of the detections alone if need be, and verify the best survivors."""
         options = self.options.batches

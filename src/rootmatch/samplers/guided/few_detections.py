@@ -1,0 +1,40 @@
+"""Some of the detections as the sequential test reads them, for a search among those of one hypothesis."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.padding import padded, with_targets
+from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid
+
+
+class FewDetections(NamedTuple):
+    """Some of the detections: no others are solved for, and what others are nearest to meets nothing."""
+
+    images: NDArray[np.int64]
+    """(m,) their numbers."""
+    tables: Any
+    """With padding."""
+    grid: DetectionGrid
+    allowed: NDArray[np.bool_]
+    """(n, m), or (0, 0) for all."""
+
+    @classmethod
+    def of(
+        cls, tables: Any, grid: DetectionGrid, allowed: NDArray[np.bool_], images: NDArray[np.int64]
+    ) -> FewDetections:
+        """Those with some numbers, of tables without padding, a grid and a mask of all detections."""
+        count = grid.positions.shape[1]
+        number = np.full(count + 1, NOBODY, np.int16)  # the last for empty cells
+        number[images] = np.arange(len(images))
+        few = grid._replace(
+            cells=number[grid.cells],
+            positions=np.ascontiguousarray(grid.positions[:, images]),
+            rays=np.ascontiguousarray(grid.rays[:, images]),
+            density=grid.density[images],
+        )
+        fewer = padded(with_targets(tables, images, count), len(images))
+        return cls(images, fewer, few, np.ascontiguousarray(allowed[:, images]) if allowed.size else allowed)
