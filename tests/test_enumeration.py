@@ -10,6 +10,7 @@ from rootmatch.hypergraph.enumeration import (
     exhaustive_count,
     random_hyperedges,
     source_bases,
+    subsets,
     target_arrangements,
     wide_first,
 )
@@ -26,6 +27,14 @@ def test_count_is_the_number_of_tuples(n: int, n_target: int, order: int) -> Non
 def test_arrangements_are_all_ordered_choices(n_target: int, length: int) -> None:
     rows = [tuple(map(int, row)) for row in target_arrangements(n_target, length)]
     assert rows == list(permutations(range(n_target), length))
+
+
+@pytest.mark.parametrize(("n", "size"), [(5, 2), (6, 3), (3, 3), (2, 3)])
+def test_subsets_are_all_combinations_and_the_callers_own(n: int, size: int) -> None:
+    for _ in range(2):
+        rows = subsets(n, size)
+        assert [tuple(row) for row in rows.tolist()] == list(combinations(range(n), size))
+        rows[:] = 0
 
 
 def test_bases_leave_a_later_point() -> None:

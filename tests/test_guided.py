@@ -18,13 +18,23 @@ from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.match import match
 from rootmatch.problems.base import Problem
 from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.padding import padded
+from rootmatch.result import Status
 from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.guided.detection_grid import GridOptions, build_grid, narrowed
+from rootmatch.samplers.guided.few_detections import FewDetections
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
 from rootmatch.samplers.guided.sampler import Guided, pays
-from rootmatch.samplers.guided.sequential_test import SequentialTestOptions
+from rootmatch.samplers.guided.sequential_test import (
+    SequentialTest,
+    SequentialTestOptions,
+    prepare_sets,
+    run_sequential_tests,
+)
 from rootmatch.samplers.guided.stopping import StoppingOptions
 from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
@@ -307,3 +317,56 @@ def test_mistakes_are_said() -> None:
     with pytest.raises(InputError, match="no hypotheses to guide"):
         Guided()(SamplingTask(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_some_of_the_detections_alone_are_searched_as_if_the_others_were_forbidden(name: str) -> None:
+    scene = SCENES[name](9, 6, noise=1.0, seed=4)
+    m, n_target = scene.problem.minimal, 15
+    tables = scene.problem.prepare(scene.source, scene.target, 1.0)
+    grid = build_grid(tables.rays, 0.008)
+    images = np.sort(scene.truth[:7])
+    mask = np.zeros((9, n_target), np.bool_)
+    mask[:, images] = True
+    points = np.array([[0, 1, 2], [3, 4, 5]], np.int64)[:, :m]
+    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(2, np.int64))
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-3.5, least=m + 1, normals=False)
+    arrangements = enumeration.target_arrangements(7, m - 1)
+    few = FewDetections.of(tables, grid, mask, images)
+    tasks = {"first": 0, "last": 2 * len(arrangements), "keep": 500, "chunks": 1}
+    found, ratios, _ = run_sequential_tests(
+        few.tables, few.grid, rules, sets, arrangements, allowed=few.allowed, **tasks
+    )
+    every, every_ratio, _ = run_sequential_tests(
+        padded(tables, n_target), grid, rules, sets, images[arrangements].astype(np.int32), allowed=mask, **tasks
+    )
+    found[..., 2:] = images[found[..., 2:]]
+    rows = [
+        {tuple(row): ratio for row, ratio in zip(one[0].tolist(), each[0].tolist(), strict=True) if row[0] >= 0}
+        for one, each in ((found, ratios), (every, every_ratio))
+    ]
+    assert rows[0]
+    assert rows[0] == pytest.approx(rows[1])
+
+
+def test_all_are_evaluated_where_a_quick_search_is_not_trusted() -> None:
+    scene = up2p_scene(10, 2, noise=0.5, seed=3)
+    everything = enumeration.exhaustive_count(10, 12, 3)
+    found = match(scene.source, scene.target, scene.problem, noise=0.5)
+    assert np.array_equal(found.assignment, scene.truth)
+    assert found.hyperedges < everything / 10
+    unrelated = np.random.default_rng(1).uniform(0.0, 480.0, (12, 2))
+    refused = match(scene.source, unrelated, scene.problem, noise=0.5)
+    assert refused.status is Status.UNTRUSTED
+    assert refused.hyperedges > everything
+    swept = match(scene.source, unrelated, scene.problem, noise=0.5, hyperedges="exhaustive")
+    assert np.array_equal(refused.assignment, swept.assignment)
+
+
+def test_the_gate_is_narrower_where_detections_crowd() -> None:
+    rng = np.random.default_rng(0)
+    factors = []
+    for count in (10, 60, 2000):
+        pixels = rng.uniform((0.0, 0.0), (640.0, 480.0), (count, 2))
+        factors.append(narrowed(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
+    assert factors[0] == 1.0 > factors[1] > factors[2] == GridOptions().narrowest

@@ -140,9 +140,10 @@ def match(
     hyperedges : {"auto", "exhaustive", "random", "guided"} or Sampler
         Which are evaluated: all, random ones, or those that a guided search finds. A sampler can be given instead:
         `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own, which takes
-        a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` where there are more than two million. With
-        several motions it is ``"guided"`` beyond 200 million or, where the problem supports it, all hyper-edges that
-        agree are found by completing minimal sets.
+        a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` where there are more than two million; for
+        P3P and UP2P more than a hundred thousand, and up to two million all are evaluated after it where its match is
+        not trusted. With several motions it is ``"guided"`` beyond 200 million or, where the problem supports it, all
+        hyper-edges that agree are found by completing minimal sets.
     samples : int
         Number of random hyper-edges.
     residual : str or Residual

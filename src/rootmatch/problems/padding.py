@@ -26,16 +26,11 @@ def padded(tables: Any, targets: int) -> Any:
     fields = kernels_of(tables).target_fields
     if padding == 0 or not fields:
         return tables
-    wider = {}
-    for name in fields:
-        field = getattr(tables, name)
-        axes = [(0, padding if size == targets else 0) for size in field.shape[:-1]] + [(0, padding)]
-        wider[name] = np.pad(field, axes, mode="edge")
-    return tables._replace(**wider)
+    return with_targets(tables, np.minimum(np.arange(targets + padding), targets - 1), targets)
 
 
 def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
-    """Tables of some of the n' = ``targets`` target points."""
+    """Tables of some of the n' = ``targets`` target points, one of them more than once if need be."""
     fewer = {}
     for name in kernels_of(tables).target_fields:
         field = getattr(tables, name)

@@ -28,10 +28,14 @@ class FewDetections(NamedTuple):
     ) -> FewDetections:
         """Those with some numbers, of tables without padding, a grid and a mask of all detections."""
         count = grid.positions.shape[1]
-        number = np.full(count + 1, NOBODY, np.int16)  # the last for empty cells
+        number = np.full(count, NOBODY, np.int16)
         number[images] = np.arange(len(images))
+        cells = grid.cells.copy()
+        flat = cells.reshape(-1)
+        taken = np.flatnonzero(flat >= 0)  # most are empty
+        flat[taken] = number[flat[taken]]
         few = grid._replace(
-            cells=number[grid.cells],
+            cells=cells,
             positions=np.ascontiguousarray(grid.positions[:, images]),
             rays=np.ascontiguousarray(grid.rays[:, images]),
             density=grid.density[images],
