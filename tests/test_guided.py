@@ -321,19 +321,19 @@ def test_mistakes_are_said() -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_some_of_the_detections_alone_are_searched_as_if_the_others_were_forbidden(name: str) -> None:
-    scene = SCENES[name](9, 6, noise=1.0, seed=4)
+    scene = SCENES[name](9, 6, noise=0.3, seed=4)
     m, n_target = scene.problem.minimal, 15
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     grid = build_grid(tables.rays, 0.008)
     images = np.sort(scene.truth[:7])
     mask = np.zeros((9, n_target), np.bool_)
     mask[:, images] = True
-    points = np.array([[0, 1, 2], [3, 4, 5]], np.int64)[:, :m]
-    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(2, np.int64))
-    rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-3.5, least=m + 1, normals=False)
+    points = np.array([[0, 1, 2], [3, 4, 5], [1, 4, 6], [0, 3, 6]], np.int64)[:, :m]
+    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(4, np.int64))
+    rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-6.0, least=m + 1, normals=False)
     arrangements = enumeration.target_arrangements(7, m - 1)
     few = FewDetections.of(tables, grid, mask, images)
-    tasks = {"first": 0, "last": 2 * len(arrangements), "keep": 500, "chunks": 1}
+    tasks = {"first": 0, "last": 4 * len(arrangements), "keep": 500, "chunks": 1}
     found, ratios, _ = run_sequential_tests(
         few.tables, few.grid, rules, sets, arrangements, allowed=few.allowed, **tasks
     )
