@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -101,9 +103,9 @@ print(hashlib.sha256(repr([matched(number) for number in NUMBERS]).encode()).hex
 """
 
 
-def test_the_number_of_threads_changes_no_bit() -> None:
-    found = set()
-    for threads in ("1", "2", "4"):
+def test_the_number_of_threads_changes_no_bit(alone: list[tuple[Any, ...]]) -> None:
+    found = {hashlib.sha256(repr(alone).encode()).hexdigest() + "\n"}  # with as many threads as there are processors
+    for threads in ("1", "4"):
         command = [sys.executable, "-c", THREADS, str(Path(__file__).parent), threads]
         environment = {**os.environ, "NUMBA_NUM_THREADS": threads}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -119,44 +121,54 @@ print(sorted_rows(np.array([[3, 1, 2], [9, 8, 7]], np.int32)).tolist())
 """
 
 
+def both(cache: Path, state: str = "") -> None:
+    """Two processes beside one another which need the same compiled code."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n" if state == "full disk" else ""
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", limit + CACHED],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=bound_by_permissions if state == "read-only" else None,
+        )
+        for _ in range(2)
+    ]
+    for process in running:
+        stdout, stderr = process.communicate(timeout=300)
+        assert process.returncode == 0, stderr
+        assert stdout == "[[1, 2, 3], [7, 8, 9]]\n"
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of compiled code that two processes leave which began with an empty one."""
+    cache = tmp_path_factory.mktemp("filled") / "cache"
+    both(cache)
+    return cache
+
+
 @pytest.mark.parametrize("state", ["empty", "cut short", "garbage", "in the way", "full disk", "read-only"])
-def test_two_processes_share_a_cache(tmp_path: Path, state: str) -> None:
+def test_two_processes_share_a_cache(tmp_path: Path, filled: Path, state: str) -> None:
     """Whatever lies in the folder of compiled code, or does not fit into it: compiled anew, and the same result."""
     cache = tmp_path / "cache"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n" if state == "full disk" else ""
-
-    def both() -> None:
-        running = [
-            subprocess.Popen(
-                [sys.executable, "-c", limit + CACHED],
-                env=environment,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                preexec_fn=bound_by_permissions if state == "read-only" else None,
-            )
-            for _ in range(2)
-        ]
-        for process in running:
-            stdout, stderr = process.communicate(timeout=300)
-            assert process.returncode == 0, stderr
-            assert stdout == "[[1, 2, 3], [7, 8, 9]]\n"
-
-    if state == "in the way":
+    files = [path for path in filled.rglob("*") if path.is_file() and path.stat().st_size]
+    assert files
+    if state == "empty":
+        return
+    if state in ("cut short", "garbage"):
+        shutil.copytree(filled, cache)
+        for path in (cache / path.relative_to(filled) for path in files):
+            data = path.read_bytes()
+            path.write_bytes(data[: len(data) // 2] if state == "cut short" else b"\x80\x05garbage" * 30)
+    elif state == "in the way":
         cache.write_text("a file")
-    if state == "read-only":
+    elif state == "read-only":
         if not CAN_BE_BOUND:
             pytest.skip("nothing is read-only here")
         cache.mkdir(mode=0o500)
-    both()
-    if state in ("cut short", "garbage"):
-        files = [path for path in cache.rglob("*") if path.is_file() and path.stat().st_size]
-        assert files
-        for path in files:
-            data = path.read_bytes()
-            path.write_bytes(data[: len(data) // 2] if state == "cut short" else b"\x80\x05garbage" * 30)
-        both()
+    both(cache, state)
 
 
 def test_the_global_random_state_is_left_alone() -> None:

@@ -120,15 +120,14 @@ with warnings.catch_warnings(record=True) as caught:
     from rootmatch.problems.residual_kinds import Joint
     from rootmatch.samplers.exhaustive import exhaustive_tensor
     from rootmatch.samplers.random import random_tensor
-    from rootmatch.simulation import up2p_scene
     from rootmatch.solvers import get_solver
     from rootmatch.warmup.scenes import sample
+    scene = sample("similarity") if WORK else None  # of all problems its kernels are the quickest to compile
     if WORK == "match":
-        scene = up2p_scene(6, 1, 0.5, 1)
         match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, seed=1)
-        found["match"] = match.assignment.tolist(), scene.truth.tolist(), match.score
-    elif WORK:  # the kernels of one stage after another, of the problem whose are the quickest to compile
-        scene, affinity = sample("similarity"), Affinity(Residual("joint"), 1.0, 3.5)
+        found["match"] = match.assignment.tolist(), list(range(8)), match.score
+    elif WORK:  # the kernels of one stage after another
+        affinity = Affinity(Residual("joint"), 1.0, 3.5)
         tables = scene.problem.prepare(scene.source, scene.target, scene.noise)
         sizes = (tables, Joint(), affinity, (len(scene.source), len(scene.target)), 3)
         tensor, _ = exhaustive_tensor(*sizes) if WORK == "exhaustive" else random_tensor(*sizes, 20_000, 1)

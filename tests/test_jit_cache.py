@@ -21,7 +21,23 @@ from rootmatch.jit.decorators import driver
 def double(x):
     return 2.0 * x
 """
-SCRIPT = "import kernels; print(kernels.double(1.5), sum(kernels.double.stats.cache_hits.values()))"
+SCRIPT = """
+import importlib, sys
+from pathlib import Path
+import kernels
+
+def tell():
+    print(kernels.double(1.5), sum(kernels.double.stats.cache_hits.values()))
+
+tell()
+for path in map(Path, sys.argv[1:]):  # what takes the place of the module, or of its compiled code
+    place = Path(kernels.__file__) if path.suffix == ".py" else next(Path(sys.path[1], "cache").rglob("*.kernel"))
+    place.write_bytes(path.read_bytes())
+    for _ in range(2):  # as two processes after one another: a module that is imported anew has nothing compiled at hand
+        importlib.invalidate_caches()
+        importlib.reload(kernels)
+        tell()
+"""
 
 
 class Gone:
@@ -47,17 +63,18 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-def run(folder: Path, **more: str) -> list[str]:
-    """What the script prints, the compiled code kept in the folder."""
+def run(folder: Path, *instead: Path, **more: str) -> list[str]:
+    """What the script prints, the compiled code kept in the folder; and what with other files in place of its own."""
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": str(folder / "cache"),
         "PYTHONPATH": f"{folder}{os.pathsep}{SOURCES}",
         **more,
     }
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", SCRIPT, *map(str, instead)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return done.stdout.split()
+    return done.stdout.splitlines()
 
 
 SOURCES = Path(__file__).resolve().parents[1] / "src"
@@ -68,36 +85,43 @@ def kept(folder: Path) -> list[Path]:
     return sorted((folder / "cache").rglob(f"*{SUFFIX}"))
 
 
+@pytest.fixture(scope="module")
+def damaged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """What the next process says, and the one after it, once the compiled code is damaged in each of the ways."""
+    folder = tmp_path_factory.mktemp("damaged")
+    (folder / "kernels.py").write_text(MODULE)
+    assert run(folder) == ["3.0 0"]
+    (path,) = kept(folder)
+    for name, damage in DAMAGES.items():
+        (folder / name).write_bytes(damage(path.read_bytes()))
+    first, *told = run(folder, *(folder / name for name in DAMAGES))
+    assert first == "3.0 1"
+    return {name: told[2 * k : 2 * k + 2] for k, name in enumerate(DAMAGES)}
+
+
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_cache_that_cannot_be_read_is_made_anew(tmp_path: Path, damage: str) -> None:
-    (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0", "0"]
-    (path,) = kept(tmp_path)
-    if damage == "of another version":
-        assert run(tmp_path) == ["3.0", "1"]
-    path.write_bytes(DAMAGES[damage](path.read_bytes()))
-    assert run(tmp_path) == ["3.0", "0"]
-    assert run(tmp_path) == ["3.0", "1"]
+def test_a_cache_that_cannot_be_read_is_made_anew(damaged: dict[str, list[str]], damage: str) -> None:
+    assert damaged[damage] == ["3.0 0", "3.0 1"]
 
 
 def test_an_edited_driver_is_compiled_anew_and_nothing_else_is_left(tmp_path: Path) -> None:
     (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0", "0"]
-    (tmp_path / "kernels.py").write_text(MODULE.replace("2.0 * x", "2.0 * x + 1.0"))
-    assert run(tmp_path) == ["4.0", "0"]
-    assert run(tmp_path) == ["4.0", "1"]
+    (tmp_path / "edited.py").write_text(MODULE.replace("2.0 * x", "2.0 * x + 1.0"))
+    assert run(tmp_path, tmp_path / "edited.py") == ["3.0 0", "4.0 0", "4.0 1"]
+    assert (tmp_path / "kernels.py").read_text() != MODULE
+    assert run(tmp_path) == ["4.0 1"]
     (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0", "1"]
+    assert run(tmp_path) == ["3.0 1"]
     assert {path.suffix for path in (tmp_path / "cache").rglob("*") if path.is_file()} == {SUFFIX}
 
 
 def test_what_other_sources_have_left_is_removed(tmp_path: Path) -> None:
     (tmp_path / "kernels.py").write_text(MODULE)
-    assert run(tmp_path) == ["3.0", "0"]
+    assert run(tmp_path) == ["3.0 0"]
     (path,) = kept(tmp_path)
     stem, _, key = path.name.removesuffix(SUFFIX).rsplit(".", 2)
     path.rename(path.with_name(f"{stem}.{'0' * 16}.{key}{SUFFIX}"))
-    assert run(tmp_path) == ["3.0", "0"]
+    assert run(tmp_path) == ["3.0 0"]
     assert kept(tmp_path) == [path]
 
 
@@ -105,11 +129,11 @@ def test_two_processes_compile_once(tmp_path: Path) -> None:
     (tmp_path / "kernels.py").write_text(MODULE)
     with ThreadPoolExecutor(2) as pool:
         told = sorted(pool.map(run, [tmp_path] * 2))
-    assert told == [["3.0", "0"], ["3.0", "1"]] or os.name == "nt"
+    assert told == [["3.0 0"], ["3.0 1"]] or os.name == "nt"
 
 
 def test_a_driver_serves_where_no_folder_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "kernels.py").write_text(MODULE)
     (tmp_path / "cache").write_text("a file in the way")
     (tmp_path / "__pycache__").write_text("another")
-    assert run(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == ["3.0", "0"]
+    assert run(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) == ["3.0 0"]

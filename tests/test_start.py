@@ -14,17 +14,21 @@ from rootmatch.errors import RootmatchError
 from rootmatch.warmup import warm_up, workers
 from rootmatch.warmup.steps import STEPS
 
-CALL = """
-import json, sys
+CALLS = """
+import json, os, sys
 from rootmatch.cli import main
-sys.argv = ["rootmatch", *json.loads(sys.argv[1])]
-code = 0
-try:
-    main()
-except SystemExit as end:
-    code = end.code
+found = []
+for folder, *words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    sys.argv = ["rootmatch", *words]
+    code = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code
+    found.append([code, [name for name in ("numpy", "numba") if name in sys.modules]])
 print()
-print(json.dumps([code, [name for name in ("numpy", "numba") if name in sys.modules]]))
+print(json.dumps(found))
 """
 MATCH = ["match", "model.csv", "image.csv", "--problem", "p3p", "--camera"]
 
@@ -40,29 +44,32 @@ assert not compiled.buffer, compiled.buffer
 """
 
 
-def called(folder: Path, *words: str) -> list[object]:
-    """The exit code of a command, and which it has imported of NumPy and Numba."""
+def called(*commands: tuple[str, ...]) -> list[list[object]]:
+    """Of commands, each with its folder before it, the exit codes, and which of NumPy and Numba are imported by then."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    program = [sys.executable, "-c", CALL, json.dumps(words)]
-    done = subprocess.run(program, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    program = [sys.executable, "-c", CALLS, json.dumps(commands)]
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    found: list[object] = json.loads(done.stdout.splitlines()[-1])
+    found: list[list[object]] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
 def test_help_scenes_and_bad_input_take_no_numba(tmp_path: Path) -> None:
-    assert called(tmp_path, "--help") == [0, []]
-    assert called(tmp_path, "match", "--help") == [0, []]
-    for name in ("p3p", "up2p", "3p1"):
-        assert called(tmp_path, "simulate", name, "--points", "6", "--output", name) == [0, ["numpy"]]
-    scene = tmp_path / "p3p"
-    assert called(scene, *MATCH, "camera.json", "--seed", "none") == [2, []]
-    assert called(scene, *MATCH, "absent.json") == [2, ["numpy"]]
-    (scene / "image.csv").write_text("x,y\n1,none\n")
+    here, scene, broken = (str(tmp_path / name) for name in (".", "p3p", "broken"))
+    Path(broken).mkdir()
+    (tmp_path / "broken" / "image.csv").write_text("x,y\n1,none\n")
+    (tmp_path / "broken" / "model.csv").write_text("x,y,z\n1,2,3\n")
+    (tmp_path / "broken" / "camera.json").write_text(json.dumps({"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}))
+    plain = [(here, "--help"), (here, "match", "--help"), (broken, *MATCH, "camera.json", "--seed", "none")]
+    made = [(here, "simulate", name, "--points", "6", "--output", name) for name in ("p3p", "up2p", "3p1")]
+    refused = [(scene, *MATCH, "absent.json")]
     for name in ("p3p", "up2p", "3p1", "similarity"):
         words = ["--problem", name, *(() if name == "similarity" else ("--camera", "camera.json"))]
         model = "image.csv" if name in ("3p1", "similarity") else "model.csv"
-        assert called(scene, "match", model, "image.csv", *words) == [2, ["numpy"]]
+        refused.append((broken, "match", model, "image.csv", *words))
+    found = called(*plain, *made, *refused)
+    assert found[:3] == [[0, []], [0, []], [2, []]]
+    assert found[3:] == [[0, ["numpy"]]] * len(made) + [[2, ["numpy"]]] * len(refused)
 
 
 def test_a_match_imports_scipy_where_it_is_needed_only() -> None:
