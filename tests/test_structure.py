@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[1] / "src" / "rootmatch"
 
 
+@cache
+def calls() -> list[tuple[str, str]]:
+    """Each name that is called, and the file."""
+    return [
+        (getattr(node.func, "id", getattr(node.func, "attr", "")), path.relative_to(SOURCES).as_posix())
+        for path in SOURCES.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+    ]
+
+
 def callers(name: str) -> set[str]:
     """Files that call a function of that name."""
-    found = set()
-    for path in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == name:
-                found.add(path.relative_to(SOURCES).as_posix())
-    return found
+    return {path for called, path in calls() if called == name}
 
 
 def test_noise_is_parsed_in_one_place() -> None:

@@ -47,7 +47,7 @@ def draw(table: Table, problem: str, rule: Rule, beside: Improvement | None = No
     from matplotlib.figure import Figure
 
     rows, columns = GRIDS[problem]
-    figure = Figure(figsize=(5.2 * columns + 0.3, 3.9 * rows + 1.3), layout="constrained")
+    figure = Figure(figsize=(5.2 * columns + 0.3, 3.9 * rows + 1.3))
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis, panel in zip(axes, PANELS[problem], strict=False):
         _panel(axis, table, panel, rule, beside)
@@ -119,7 +119,7 @@ def draw_scan(rhos: Rhos) -> Figure:
     """Mean accuracy of the sparse solver against ρ, a panel a residual; the choices are marked."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 4.8), layout="constrained")
+    figure = Figure(figsize=(13.0, 4.8))
     colours = dict(zip(PROBLEMS, ("#0072B2", "#E69F00", "#009E73"), strict=True))
     looks: list[tuple[str, Rule, str, dict[str, Any]]] = [("all", "one", "mean of the problems", {"color": "#000000"})]
     for problem, colour in colours.items():

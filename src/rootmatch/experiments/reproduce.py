@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 from rootmatch.errors import InputError
 from rootmatch.experiments.claims_report import claims_markdown
 from rootmatch.experiments.curves import curves_csv, scan_csv
+from rootmatch.experiments.figure_files import contents
 from rootmatch.experiments.figures import FIGURES, draw, draw_scan
 from rootmatch.experiments.plan import Table, plan_of
 from rootmatch.experiments.progress import Progress
@@ -98,25 +98,16 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
         put(output / name, content)
         files.append(output / name)
 
-    import matplotlib as mpl
-
-    # Text stays text, and the same results give the same file.
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rootmatch"}):
-        drawings = {"rho-scan": draw_scan(table.rhos)}
-        for problem in table.problems:
-            stem = f"figure-{FIGURES[problem]}-{problem}"
-            drawings[stem] = draw(table, problem, "one")
-            drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
-            drawings[f"{stem}-balanced"] = draw(table, problem, "own", "balanced")
-            drawings[f"{stem}-default-pipeline"] = draw(table, problem, "one", "pipeline")
-        for stem, figure in drawings.items():
-            # Both files get one layout, worked out once.
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")
-            for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-                buffer = BytesIO()
-                figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-                add(f"{stem}.{kind}", buffer.getvalue())
+    drawings = {"rho-scan": draw_scan(table.rhos)}
+    for problem in table.problems:
+        stem = f"figure-{FIGURES[problem]}-{problem}"
+        drawings[stem] = draw(table, problem, "one")
+        drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
+        drawings[f"{stem}-balanced"] = draw(table, problem, "own", "balanced")
+        drawings[f"{stem}-default-pipeline"] = draw(table, problem, "one", "pipeline")
+    for stem, figure in drawings.items():
+        for kind, content in contents(figure):
+            add(f"{stem}.{kind}", content)
     for problem in table.problems:
         add(f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode())
     add("rho-scan.csv", scan_csv(table.rhos).encode())

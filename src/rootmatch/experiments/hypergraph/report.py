@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.experiments.figure_files import contents
 from rootmatch.experiments.hypergraph.protocol import DEFORMATION, POINTS
 from rootmatch.experiments.hypergraph.published import ACCURACY, METHODS, MILLISECONDS
 from rootmatch.experiments.settings import Setting
@@ -133,7 +134,7 @@ def draw(results: Results) -> Figure:
     """A panel for each protocol: accuracy with 95 % bands; crosses are what is published."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.6 * len(results.settings) + 0.4, 5.0), layout="constrained")
+    figure = Figure(figsize=(5.6 * len(results.settings) + 0.4, 5.0))
     axes = figure.subplots(1, len(results.settings), squeeze=False)[0]
     for axis, (protocol, settings) in zip(axes, results.settings.items(), strict=True):
         title, sign = _title(protocol)
@@ -167,17 +168,10 @@ def draw(results: Results) -> Figure:
 
 def write(results: Results, output: Path) -> tuple[Path, ...]:
     """Write table, numbers and figure; a file that is being replaced stays whole until the new one is."""
-    import matplotlib as mpl
-
-    contents = {"hypergraph.md": markdown(results).encode(), "hypergraph.csv": numbers(results).encode()}
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "rootmatch"}):
-        figure = draw(results)
-        for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-            contents[f"hypergraph.{kind}"] = buffer.getvalue()
+    written = {"hypergraph.md": markdown(results).encode(), "hypergraph.csv": numbers(results).encode()}
+    written |= {f"hypergraph.{kind}": content for kind, content in contents(draw(results))}
     files = []
-    for name, content in contents.items():
+    for name, content in written.items():
         put(output / name, content)
         files.append(output / name)
     return tuple(files)
