@@ -269,17 +269,19 @@ def turned_rays(instance: Instance) -> tuple[np.ndarray, np.ndarray]:
     return first @ to_y(instance.axis).T, second @ to_y(instance.axis2).T
 
 
-def normals(q: np.ndarray, p: np.ndarray, angle: float) -> np.ndarray:
-    return np.cross(Rotation.from_rotvec(angle * Y).apply(q), p)
+def normals(q: np.ndarray, p: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """Normals of the epipolar planes; of several angles, or several sets of rays, one after another."""
+    turn = Rotation.from_rotvec(np.multiply.outer(angle, Y)).as_matrix()
+    return np.cross(q @ np.swapaxes(turn, -1, -2), p)
 
 
 def slow_quartic(instance: Instance, triple: tuple[int, ...], p: np.ndarray | None = None) -> np.ndarray:
     q, second = turned_rays(instance)
     p = second if p is None else p
     angles = np.linspace(-2.0, 2.0, 9)
-    values = [np.linalg.det(normals(q[list(triple)], p[list(triple)], angle)) for angle in angles]
+    values = np.linalg.det(normals(q[list(triple)], p[list(triple)], angles))
     x = np.tan(0.5 * angles)
-    return np.polyfit(x, np.array(values) * (1.0 + x * x) ** 2, 4)
+    return np.polyfit(x, values * (1.0 + x * x) ** 2, 4)
 
 
 def sylvester(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -295,19 +297,20 @@ def by_svd(p: np.ndarray, q: np.ndarray) -> float:
     return float(np.linalg.svd(sylvester(p, q))[1][-1])
 
 
-def determinant_slopes(q: np.ndarray, p: np.ndarray, angle: float) -> tuple[float, float, float]:
+def determinant_slopes(q: np.ndarray, p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D, D' and D'' of three correspondences, by differences."""
     step = 1e-4
-    low, middle, high = (float(np.linalg.det(normals(q, p, angle + k * step))) for k in (-1, 0, 1))
+    low, middle, high = (np.linalg.det(normals(q, p, angle + k * step)) for k in (-1, 0, 1))
     return middle, (high - low) / (2.0 * step), (high - 2.0 * middle + low) / step**2
 
 
-def solved(q: np.ndarray, p: np.ndarray, angle: float) -> tuple[float, np.ndarray]:
-    """Root of D near an angle by Newton's method, and the baseline."""
+def solved(q: np.ndarray, p: np.ndarray, start: float) -> tuple[np.ndarray, np.ndarray]:
+    """Roots of D near an angle by Newton's method, of each set of three correspondences, and the baselines."""
+    angle = np.full(len(q), start)
     for _ in range(8):
         value, slope, _ = determinant_slopes(q, p, angle)
-        angle -= value / slope
-    return angle, np.linalg.svd(normals(q, p, angle))[2][-1]
+        angle = angle - value / slope
+    return angle, np.linalg.svd(normals(q, p, angle))[2][:, -1]
 
 
 def slow_residuals(q: np.ndarray, p: np.ndarray, sigma: np.ndarray, sigma2: np.ndarray) -> list[tuple[float, bool]]:
@@ -315,35 +318,32 @@ def slow_residuals(q: np.ndarray, p: np.ndarray, sigma: np.ndarray, sigma2: np.n
 
     With each, whether all four points lie in front of both cameras.
     """
-    found = []
     step = 1e-6
-    instance_roots = [math.atan(x.real) * 2.0 for x in real_roots(q[:3], p[:3])]
-    for start in instance_roots:
-        angle, t = solved(q[:3], p[:3], start)
-
-        def e4(first: np.ndarray, second: np.ndarray, angle: float = angle, t: np.ndarray = t) -> float:
-            new_angle, new_t = solved(first[:3], second[:3], angle)
-            new_t = new_t if new_t @ t > 0.0 else -new_t
-            return float(normals(first[3:], second[3:], new_angle)[0] @ new_t)
-
-        variance = 0.0
-        for k, side in itertools.product(range(4), range(2)):
-            ray = (q, p)[side][k]
-            for direction in np.linalg.svd(ray[None])[2][1:]:
-                ends = []
-                for sign in (step, -step):
-                    moved = [q.copy(), p.copy()]
-                    moved[side][k] = ray + sign * direction
-                    ends.append(e4(*moved))
-                variance += ((ends[0] - ends[1]) / (2.0 * step) * (sigma, sigma2)[side][k]) ** 2
-        found.append((abs(e4(q, p)) / math.sqrt(variance), in_front(q, p, angle, t)))
+    first, second, deviations = [q], [p], []
+    for k, side in itertools.product(range(4), range(2)):
+        for direction in np.linalg.svd((q, p)[side][k][None])[2][1:]:
+            for sign in (step, -step):
+                moved = [q.copy(), p.copy()]
+                moved[side][k] += sign * direction
+                first.append(moved[0])
+                second.append(moved[1])
+            deviations.append((sigma, sigma2)[side][k])
+    every, every2 = np.array(first), np.array(second)
+    found = []
+    for start in [math.atan(x.real) * 2.0 for x in real_roots(q[:3], p[:3])]:
+        angle, t = solved(every[:, :3], every2[:, :3], start)
+        t = np.where(t @ t[0] > 0.0, 1.0, -1.0)[:, None] * t
+        e4, *ends = (normals(every[:, 3:], every2[:, 3:], angle)[:, 0] * t).sum(axis=1)
+        slopes = (np.array(ends[::2]) - np.array(ends[1::2])) / (2.0 * step)
+        variance = float(((slopes * deviations) ** 2).sum())
+        found.append((abs(e4) / math.sqrt(variance), in_front(q, p, float(angle[0]), t[0])))
     return found
 
 
 def real_roots(q: np.ndarray, p: np.ndarray) -> np.ndarray:
     angles = np.linspace(-2.0, 2.0, 9)
     x = np.tan(0.5 * angles)
-    values = np.array([np.linalg.det(normals(q, p, angle)) for angle in angles])
+    values = np.linalg.det(normals(q, p, angles))
     roots = np.roots(np.polyfit(x, values * (1.0 + x * x) ** 2, 4))
     return roots[np.abs(roots.imag) < 1e-9]
 

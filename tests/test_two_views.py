@@ -26,6 +26,10 @@ def about_y(angle: float) -> np.ndarray:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
+ANGLES = np.linspace(-np.pi, np.pi, 1500)
+TURNS = np.array([about_y(angle) for angle in ANGLES])
+
+
 def bearings(n: int, rng: np.random.Generator) -> np.ndarray:
     rays = rng.normal(size=(n, 3)) * [0.4, 0.4, 0.1] + [0.0, 0.0, 1.0]
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -34,21 +38,19 @@ def bearings(n: int, rng: np.random.Generator) -> np.ndarray:
 def brute_force(first: np.ndarray, second: np.ndarray, planar: bool) -> list[np.ndarray]:
     """Poses (cosine, sine, t, scale) of corresponding bearings: sign changes of a determinant over all rotations."""
 
-    def normals(angle: float) -> np.ndarray:
-        rows = np.cross(first @ about_y(angle).T, second)
-        return np.vstack([rows, [0.0, 1.0, 0.0]]) if planar else rows
+    def normals(turns: np.ndarray) -> np.ndarray:
+        rows = np.cross(first @ np.swapaxes(turns, -1, -2), second)
+        upright = np.broadcast_to([[0.0, 1.0, 0.0]], (*rows.shape[:-2], 1, 3))
+        return np.concatenate([rows, upright], axis=-2) if planar else rows
 
     def determinant(angle: float) -> float:
-        return float(np.linalg.det(normals(angle)))
+        return float(np.linalg.det(normals(about_y(angle))))
 
-    angles = np.linspace(-np.pi, np.pi, 1500)
-    values = [determinant(angle) for angle in angles]
+    values = np.linalg.det(normals(TURNS))
     found = []
-    for k in range(len(angles) - 1):
-        if values[k] * values[k + 1] >= 0.0:
-            continue
-        angle = brentq(determinant, angles[k], angles[k + 1], xtol=1e-14)
-        t = np.linalg.svd(normals(angle))[2][-1]
+    for k in np.flatnonzero(values[:-1] * values[1:] < 0.0):
+        angle = brentq(determinant, ANGLES[k], ANGLES[k + 1], xtol=1e-14)
+        t = np.linalg.svd(normals(about_y(angle)))[2][-1]
         for sign in (1.0, -1.0):
             distances = []
             for q, p in zip(first @ about_y(angle).T, second, strict=True):
