@@ -1,8 +1,8 @@
 """Slow, obvious re-statements of the package's mathematics in plain numpy and scipy. Nothing here imports the package.
 
-Polynomials are coefficient arrays, highest degree first. A *minimal set* is a callable ``rays -> coefficients``, so
-that every derivative can be taken by differences. Where the package eliminates in closed form, these oracles sample and
-interpolate, factorise, or minimise.
+Polynomials are coefficient arrays, highest degree first. A *minimal set* is a callable ``rays -> coefficients``, of a
+stack of rays too, so that every derivative can be taken by differences, all of them in one call. Where the package
+eliminates in closed form, these oracles sample and interpolate, factorise, or minimise.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ Polynomial = Callable[[np.ndarray], np.ndarray]
 
 CHART = 0.3
 """P3P works in z with x = 1 + CHART z, because its roots crowd about x = 1."""
+
+
+FROM_ONE = np.array([np.pad(np.atleast_1d(np.poly([1.0] * k)), (4 - k, 0)) for k in (4, 3, 2, 1, 0)])
+"""The powers of x - 1, from the fourth, in those of x."""
 
 
 def bearings(pixels: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
@@ -51,23 +55,20 @@ def p3p_polynomial(source: np.ndarray, rays: np.ndarray, chart: float | None = N
     """
     a, b, c = np.asarray(source, dtype=float)
     ab, bc, ca = (b - a) @ (b - a), (c - b) @ (c - b), (a - c) @ (a - c)
-    u, v, w = rays
+    u, v, w = np.moveaxis(np.asarray(rays), -2, 0)
     # |u - v|^2 / 2 instead of 1 - u.v keeps small angles
-    hp, hq, hr = (0.5 * ((s - t) @ (s - t)) for s, t in ((u, v), (v, w), (w, u)))
+    hp, hq, hr = (0.5 * ((s - t) ** 2).sum(axis=-1)[..., None] for s, t in ((u, v), (v, w), (w, u)))
     nodes = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    values = []
-    for node in nodes:
-        shift = node if chart is None else chart * node  # x - 1
-        x = 1.0 + shift
-        base = shift**2 + 2.0 * hp * x  # 1 + x^2 - 2 p x
-        # in t = y - 1: ca-law and bc-law, both divided by the ab-law
-        first = np.array([ab, 2.0 * ab * hr, 2.0 * ab * hr - ca * base])
-        second = np.array([ab, 2.0 * ab * (hq * x - shift), ab * (shift**2 + 2.0 * hq * x) - bc * base])
-        values.append(np.linalg.det(sylvester(first / ab, second / ab)))
-    shifted = np.linalg.solve(np.vander(nodes, 5), np.array(values))
-    if chart is not None:
-        return shifted
-    return np.array(np.poly1d(shifted)(np.poly1d([1.0, -1.0])).coeffs) if shifted[0] else shifted
+    shift = nodes if chart is None else chart * nodes  # x - 1
+    x = 1.0 + shift
+    base = shift**2 + 2.0 * hp * x  # 1 + x^2 - 2 p x
+    # in t = y - 1: ca-law and bc-law, both divided by the ab-law
+    ones = np.ones_like(base)
+    first = np.stack((ones, 2.0 * hr * ones, 2.0 * hr - ca / ab * base), axis=-1)
+    second = np.stack((ones, 2.0 * (hq * x - shift), shift**2 + 2.0 * hq * x - bc / ab * base), axis=-1)
+    values = np.linalg.det(sylvester(first, second))
+    shifted = np.linalg.solve(np.vander(nodes, 5), values[..., None])[..., 0]
+    return shifted if chart is not None else shifted @ FROM_ONE
 
 
 def up2p_polynomial(
@@ -80,15 +81,12 @@ def up2p_polynomial(
     y = np.array([0.0, 1.0, 0.0])
     to_camera = _shortest_arc(np.asarray(vertical_camera, dtype=float), y)
     to_world = _shortest_arc(np.asarray(vertical_world, dtype=float), y)
-    normal = np.cross(rays[0], rays[1])
+    normal = np.cross(rays[..., 0, :], rays[..., 1, :])
     step = np.asarray(source[1], dtype=float) - np.asarray(source[0], dtype=float)
     nodes = np.array([-1.0, 0.0, 1.0])
-    values = []
-    for x in nodes:
-        turn = Rotation.from_rotvec(2.0 * math.atan(x) * y).as_matrix()
-        rotation = to_camera.T @ turn @ to_world
-        values.append((1.0 + x * x) * (normal @ (rotation @ step)))
-    return np.linalg.solve(np.vander(nodes, 3), np.array(values))
+    turns = Rotation.from_rotvec(np.multiply.outer(2.0 * np.arctan(nodes), y)).as_matrix()
+    values = (1.0 + nodes**2) * (normal @ (to_camera.T @ turns @ to_world @ step).T)
+    return np.linalg.solve(np.vander(nodes, 3), values[..., None])[..., 0]
 
 
 def up2p_angle(rotation: np.ndarray, vertical_camera: np.ndarray, vertical_world: np.ndarray) -> float:
@@ -115,7 +113,7 @@ def p3p_polynomials(
     triples = [(a, b, c), (a, b, d)]
 
     def maker(triple: tuple[int, int, int]) -> Polynomial:
-        return lambda rays: p3p_polynomial(source[list(triple)], rays[list(triple)], chart)
+        return lambda rays: p3p_polynomial(source[list(triple)], rays[..., list(triple), :], chart)
 
     return maker(triples[0]), maker(triples[1])
 
@@ -127,7 +125,7 @@ def up2p_polynomials(
 
     def maker(pair: Sequence[int]) -> Polynomial:
         chosen = list(pair)
-        return lambda rays: up2p_polynomial(source[chosen], rays[chosen], vertical_camera, vertical_world)
+        return lambda rays: up2p_polynomial(source[chosen], rays[..., chosen, :], vertical_camera, vertical_world)
 
     return maker(sets[0]), maker(sets[1])
 
@@ -137,11 +135,11 @@ def up2p_polynomials(
 
 def sylvester(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Sylvester matrix of two polynomials of degree k, as the paper's equation 3."""
-    k = len(p) - 1
-    m = np.zeros((2 * k, 2 * k))
+    k = p.shape[-1] - 1
+    m = np.zeros((*p.shape[:-1], 2 * k, 2 * k))
     for row in range(k):
-        m[row, row : row + k + 1] = p
-        m[k + row, row : row + k + 1] = q
+        m[..., row, row : row + k + 1] = p
+        m[..., k + row, row : row + k + 1] = q
     return m
 
 
@@ -203,23 +201,22 @@ def tangents(ray: np.ndarray) -> np.ndarray:
 def ray_gradient(
     function: Callable[[np.ndarray], np.ndarray], rays: np.ndarray, step: float = 1e-6, ambient: bool = False
 ) -> np.ndarray:
-    """Central differences of a vector function of rays, (outputs, 2 m), by small turns of each ray.
+    """Central differences of a vector function of a stack of rays, (outputs, 2 m), by small turns of each ray.
 
     ``ambient``: by small steps along x, y and z instead, (outputs, 3 m), off the unit sphere too. What vanishes when a
     ray gets longer has the same variance either way.
     """
-    columns = []
+    stack = []
     for k, ray in enumerate(rays):
         for direction in np.eye(3) if ambient else tangents(ray):
-            ends = []
             for sign in (1.0, -1.0):
                 moved = rays.copy()
                 moved[k] = ray + sign * step * direction
                 if not ambient:
                     moved[k] /= np.linalg.norm(moved[k])
-                ends.append(np.atleast_1d(function(moved)))
-            columns.append((ends[0] - ends[1]) / (2.0 * step))
-    return np.array(columns).T
+                stack.append(moved)
+    values = function(np.array(stack))
+    return (values[::2] - values[1::2]).T / (2.0 * step)
 
 
 def linearised(p: Polynomial, q: Polynomial, rays: np.ndarray, sigma: np.ndarray, x: float) -> float:
@@ -228,10 +225,10 @@ def linearised(p: Polynomial, q: Polynomial, rays: np.ndarray, sigma: np.ndarray
     slopes = np.polyval(np.polyder(second), x), np.polyval(np.polyder(first), x)
 
     def f(moved: np.ndarray) -> np.ndarray:
-        return np.atleast_1d(slopes[0] * np.polyval(p(moved), x) - slopes[1] * np.polyval(q(moved), x))
+        return np.asarray(slopes[0] * np.polyval(p(moved).T, x) - slopes[1] * np.polyval(q(moved).T, x))
 
-    gradient = ray_gradient(f, rays)[0]
-    return float(abs(f(rays)[0]) / math.sqrt(((gradient * np.repeat(sigma, 2)) ** 2).sum()))
+    gradient = ray_gradient(f, rays)
+    return float(abs(f(rays)) / math.sqrt(((gradient * np.repeat(sigma, 2)) ** 2).sum()))
 
 
 def normalised_by_pixels(
@@ -239,17 +236,13 @@ def normalised_by_pixels(
 ) -> float:
     """|Res| / sigma_Res: the Sylvester determinant and its central differences in every pixel coordinate."""
 
-    def resultant(coordinates: np.ndarray) -> float:
-        rays = bearings(coordinates.reshape(-1, 2), intrinsics)
-        return float(np.linalg.det(sylvester(p(rays), q(rays))))
-
     flat = np.asarray(pixels, dtype=float).ravel()
-    gradient = []
-    for k in range(flat.size):
-        shift = np.zeros(flat.size)
-        shift[k] = step
-        gradient.append((resultant(flat + shift) - resultant(flat - shift)) / (2.0 * step))
-    return abs(resultant(flat)) / (sigma * float(np.linalg.norm(gradient)))
+    moves = step * np.eye(flat.size)
+    moved = np.concatenate((flat[None], flat + moves, flat - moves))
+    rays = np.array([bearings(coordinates.reshape(-1, 2), intrinsics) for coordinates in moved])
+    middle, *ends = np.linalg.det(sylvester(p(rays), q(rays)))
+    gradient = (np.array(ends[: flat.size]) - np.array(ends[flat.size :])) / (2.0 * step)
+    return float(abs(middle) / (sigma * np.linalg.norm(gradient)))
 
 
 def eliminated_chi2(values: np.ndarray, by_unknowns: np.ndarray, by_noise: np.ndarray) -> float:
@@ -342,7 +335,8 @@ def p3p_joint(source: np.ndarray, rays: np.ndarray, sigma: np.ndarray) -> float:
 
         expected = predicted(rays[:3])
         across = tangents(expected)
-        spread = across @ ray_gradient(predicted, rays[:3]) * np.repeat(sigma[:3], 2)
+        gradient = ray_gradient(lambda stack: np.array([predicted(one) for one in stack]), rays[:3])
+        spread = across @ gradient * np.repeat(sigma[:3], 2)
         offset = across @ rays[3]
         covariance = spread @ spread.T + sigma[3] ** 2 * np.eye(2)
         if expected @ rays[3] > 0.0:
@@ -365,8 +359,9 @@ class Upright:
         self.rays = rays @ self.to_camera.T
 
     def equations(self, pairs: Sequence[tuple[int, int]], angle: float, rays: np.ndarray) -> np.ndarray:
-        turn = Rotation.from_rotvec(angle * self.y)
-        return np.array([np.cross(rays[a], rays[b]) @ turn.apply(self.source[b] - self.source[a]) for a, b in pairs])
+        a, b = np.transpose(pairs)
+        steps = Rotation.from_rotvec(angle * self.y).apply(self.source[b] - self.source[a])
+        return np.asarray((np.cross(rays[..., a, :], rays[..., b, :]) * steps).sum(axis=-1))
 
     def angles(self, pair: tuple[int, int]) -> list[float]:
         """Angles at which the pair's equation holds; where there is none, the one of the nearest approach."""

@@ -1,5 +1,6 @@
 """Verdicts on made-up tables: each claim is upheld by results as the paper describes them, and can fall."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -76,18 +77,23 @@ def test_no_verdict_without_a_case():
         verdict([])
 
 
+@cache
+def judged(accuracy):
+    return {j.claim.title: j for j in judge_all(made_up_table(accuracy, spread=0.002))}
+
+
 @pytest.mark.parametrize("title", TITLES)
 def test_every_claim_holds_in_the_papers_world(title):
-    judged = {j.claim.title: j for j in judge_all(made_up_table(as_the_paper_says, spread=0.002))}
-    for rule in judged[title].cases:
-        assert judged[title].verdict(rule) == "holds", judged[title].cases[rule]
+    found = judged(as_the_paper_says)[title]
+    for rule in found.cases:
+        assert found.verdict(rule) == "holds", found.cases[rule]
 
 
 @pytest.mark.parametrize("title", TITLES)
 def test_every_claim_falls_in_the_opposite_world(title):
-    judged = {j.claim.title: j for j in judge_all(made_up_table(opposite, spread=0.002))}
-    for rule in judged[title].cases:
-        assert judged[title].verdict(rule) != "holds", judged[title].cases[rule]
+    found = judged(opposite)[title]
+    for rule in found.cases:
+        assert found.verdict(rule) != "holds", found.cases[rule]
 
 
 def test_partial_truth_names_its_cases():

@@ -33,7 +33,7 @@ tell()
 for path in map(Path, sys.argv[1:]):  # what takes the place of the module, or of its compiled code
     place = Path(kernels.__file__) if path.suffix == ".py" else next(Path(sys.path[1], "cache").rglob("*.kernel"))
     place.write_bytes(path.read_bytes())
-    for _ in range(2):  # as two processes after one another: a module that is imported anew has nothing compiled at hand
+    for _ in range(2):  # as two processes one after the other: a module imported anew has nothing compiled at hand
         importlib.invalidate_caches()
         importlib.reload(kernels)
         tell()

@@ -13,6 +13,7 @@ How firm a choice is, resampled scenes tell: how often another ρ would have bee
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -82,7 +83,14 @@ class Rhos:
 
     def chosen(self, residual: str, problem: str, rule: Rule) -> float:
         """The ρ for a residual and a problem; by the rule ``"one"`` it is the same for all problems."""
-        return best(self.curve(residual, problem, rule))
+        key = residual, problem, rule
+        if key not in self._chosen:  # asked for with every cell of every table
+            self._chosen[key] = best(self.curve(*key))
+        return self._chosen[key]
+
+    @cached_property
+    def _chosen(self) -> dict[tuple[str, str, Rule], float]:
+        return {}
 
     def choices(self, residual: str, problem: str, rule: Rule) -> dict[float, float]:
         """Each ρ that is chosen on resampled seeds, and on what share of them, the most frequent first."""
