@@ -112,6 +112,6 @@ def random_tensor(order: int) -> tuple[AffinityTensor, NDArray[np.float64]]:
     """Tensor of random hyper-edges, and what to contract it with."""
     rng = np.random.default_rng(order)
     n, n_target = 5, 6
-    rows = [np.array([rng.permutation(n)[:order] * n_target + rng.permutation(n_target)[:order] for _ in range(200)])]
-    tensor = AffinityTensor(np.concatenate(rows), rng.random(200), (n, n_target), rng.random((n, n_target)))
+    rows = [np.array([rng.permutation(n)[:order] * n_target + rng.permutation(n_target)[:order] for _ in range(100)])]
+    tensor = AffinityTensor(np.concatenate(rows), rng.random(100), (n, n_target), rng.random((n, n_target)))
     return tensor, rng.random((n, n_target))

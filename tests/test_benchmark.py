@@ -9,7 +9,8 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from rootmatch.benchmark import Plan, run
+from rootmatch import benchmark
+from rootmatch.benchmark import Plan, Results, run
 from rootmatch.benchmark.operation_count import Counted, operations
 from rootmatch.cli.app import app
 
@@ -41,9 +42,15 @@ def test_operations_of_a_hyperedge() -> None:
     assert large < small / 2
 
 
-def test_run_of_the_least_sizes() -> None:
+@pytest.fixture(scope="module")
+def measured() -> tuple[Plan, Results, list[tuple[int, int]]]:
+    """All measurements of the least sizes, and how far they said to be."""
     plan, seen = Plan.tiny(), []
-    results = run(plan, lambda done, total: seen.append((done, total)))
+    return plan, run(plan, lambda done, total: seen.append((done, total))), seen
+
+
+def test_run_of_the_least_sizes(measured: tuple[Plan, Results, list[tuple[int, int]]]) -> None:
+    plan, results, seen = measured
     assert seen == [(k + 1, plan.steps) for k in range(plan.steps)]
     assert [(row["problem"], row["kind"]) for row in results.kernels] == [("p3p", "joint"), ("up2p", "joint")]
     # C(5, 4) · 6·5·4·3 and C(5, 3) · 6·5·4
@@ -57,13 +64,16 @@ def test_run_of_the_least_sizes() -> None:
     assert {row["case"] for row in results.matches} == {"p3p 5 + 3, tracked", "up2p 6 + 2"}
 
 
-def test_the_command_prints_one_json_object_or_tables() -> None:
+def test_the_command_prints_one_json_object_or_tables(
+    measured: tuple[Plan, Results, list[tuple[int, int]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     done = CliRunner().invoke(app, ["benchmark", "--tiny", "--json"])
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
     assert "ratios" in found["note"].lower()
     assert len(found["kernels"]) == 2
     assert "100 %" in done.stderr
+    monkeypatch.setattr(benchmark, "run", lambda plan, progress: measured[1])
     done = CliRunner().invoke(app, ["benchmark", "--tiny", "--quiet"])
     assert "numpy.linalg.qr" in done.stdout
     assert "peak memory" in done.stdout

@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from permissions import CAN_BE_BOUND, bound_by_permissions
+from rootmatch.cli.app import app
 from rootmatch.errors import MOST_QUOTED, InputError, printable, quoted
 from rootmatch.io import folder_written_whole, write_table, written_whole
 from rootmatch.report.pictures import match_figure, save_figure
@@ -50,8 +52,9 @@ def run(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
 
 
 def test_names_are_drawn_and_printed_as_they_are(scene: Path, tmp_path: Path) -> None:
-    found = run(arguments(scene, "--plot", tmp_path / "m.svg", "--output", tmp_path / "m.csv"))
-    assert found.returncode == 0, found.stderr
+    command = arguments(scene, "--plot", tmp_path / "m.svg", "--output", tmp_path / "m.csv")
+    found = CliRunner().invoke(app, command)
+    assert found.exit_code == 0, found.stderr
     drawing = (tmp_path / "m.svg").read_text(encoding="utf-8")
     for name in NAMES:
         assert name in found.stdout
@@ -238,5 +241,5 @@ def test_signals_during_the_work(scene: Path, tmp_path: Path, number: signal.Sig
 
 
 def test_json_is_one_object_whatever_the_names(scene: Path) -> None:
-    found = run(arguments(scene, "--json"))
+    found = CliRunner().invoke(app, arguments(scene, "--json"))
     assert json.loads(found.stdout)["status"] == "matched"
