@@ -45,7 +45,7 @@ assert not compiled.buffer, compiled.buffer
 
 
 def called(*commands: tuple[str, ...]) -> list[list[object]]:
-    """Of commands, each with its folder before it, the exit codes, and which of NumPy and Numba are imported by then."""
+    """Exit codes of commands, each with its folder before it, and what is imported by then of NumPy and Numba."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     program = [sys.executable, "-c", CALLS, json.dumps(commands)]
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
