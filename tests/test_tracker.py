@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.pipeline.motion_filter import MotionFilter
+from rootmatch.rival_poses import RivalPose, decided
 from rootmatch.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
@@ -85,6 +86,35 @@ def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
     assert one.state is rm.TrackingState.TRACKING
     one.reset()
     assert one.state is rm.TrackingState.LOST
+
+
+def test_twin_poses_are_followed_until_another_view_decides() -> None:
+    """Six points, their copy half a turn away, and three more: either six alone look the same."""
+    rng = np.random.default_rng(6)
+    six = rng.uniform((0.1, -0.3, -0.3), (0.7, 0.3, 0.3), (6, 3))
+    body = np.concatenate([six, six * [-1.0, -1.0, 1.0], rng.uniform(-0.3, 0.3, (3, 3))])
+    R, t = Rotation.random(random_state=1).as_matrix(), np.array([0.1, 0.0, 3.0])
+    poses = [rm.Pose(turned, t, np.diag([1e-4] * 6)) for turned in (R * [-1.0, -1.0, 1.0], R)]
+    rivals = [RivalPose(MotionFilter(body, known, 0.0)) for known in poses]
+    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
+    for k in range(1, 4):
+        shown = np.arange(6 if k < 3 else 15)
+        target = CAMERA.project(body @ R.T + t)[shown] + rng.normal(0.0, 0.2, (len(shown), 2))
+
+        def follow(known: rm.Pose, image: NDArray[np.float64] = target) -> rm.Match:
+            return one.follow(image, known, searching=False)
+
+        after = decided(rivals, follow, k * INTERVAL)
+        rivals = after.left
+        if k < 3:
+            assert not after.sure
+            assert after.match.status is rm.Status.AMBIGUOUS
+            assert len(rivals) == 2
+    assert after.sure
+    assert np.array_equal(after.match.assignment, np.arange(15))
+    nothing = decided(rivals, lambda known: one.follow(np.array([[1.0, 2.0]]), known, searching=False), 1.0)
+    assert not nothing.left
+    assert nothing.match.status is rm.Status.UNTRUSTED
 
 
 def test_times_go_forward() -> None:

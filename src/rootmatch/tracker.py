@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -23,6 +23,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
+from rootmatch.rival_poses import RivalPose, decided, rivals_of
 
 LIKELY = 0.5
 """Probability of an assignment about a prediction from which its pose is taken: more likely than all others."""
@@ -52,9 +53,9 @@ class TrackingOptions(Options):
     present: float = option(0.7, least=0.0)
     """Detections, over those of the last frame that was matched, from which it is searched: with fewer the body is
     hidden. A round value."""
-    search_budget: int = option(100_000, least=1)
-    """Evaluations of such a search, so that it ends within a few frames' time; a lost body is searched for without this
-    limit. A round value."""
+    search_budget: int = option(30_000, least=1)
+    """Evaluations of a search, all but that of the first frame, so that it ends within 50 ms; it is as good as one of
+    100,000 (benchmarks/tracking.py, six flights, seeds from 1000)."""
     search_every: int = option(10, least=1)
     """With several bodies those that are not found are searched for in one of so many frames. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
@@ -150,7 +151,7 @@ class Tracker:
         """Forget all poses: the next frame is searched."""
         self.time, self._frame = None, 0
         for body in self._bodies.values():
-            body.filter, body.missed = None, 0
+            body.filter, body.missed, body.rivals = None, 0, []
 
     def match(
         self,
@@ -200,8 +201,11 @@ class Tracker:
             lost = self.time is None or any(body.missed or body.filter is None for body in self._bodies.values())
             searching = lost and self._frame % self.tracking.search_every == 0
         self._frame += 1
-        coasting = self.state is not TrackingState.LOST
-        budget = self.tracking.search_budget if coasting else None
+        single = self._bodies.get(None)
+        if single is not None and single.rivals and prior is None:
+            self.time = when
+            return single.settle(target, lambda pose: self.matcher.follow(target, pose, noise, searching=False), when)
+        budget = None if self.time is None else self.tracking.search_budget
         found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=budget)
         self.time = when
         if self.labels is None:
@@ -230,6 +234,7 @@ class _Followed:
     def __init__(self, source: NDArray[np.float64], options: TrackingOptions) -> None:
         self.source, self.options = source, options
         self.filter: MotionFilter | None = None
+        self.rivals: list[RivalPose] = []
         self.missed = 0
         self.detections = 0
 
@@ -250,8 +255,11 @@ class _Followed:
         """
         held = match is not None and match.prior_holds is True and match.status is not Status.UNTRUSTED
         sure = match is not None and match.status is Status.MATCHED
+        self.rivals = []
         if match is None or not (sure or (held and (match.fitted_probability or 0.0) >= LIKELY)):
             self.missed += 1
+            if self.filter is None and match is not None and match.status is Status.AMBIGUOUS and match.bodies is None:
+                self.rivals = rivals_of(match, self.source, time, self.options.motion)
             if self.filter is not None and time - self.filter.time > self.options.coasting:
                 self.filter, self.missed = None, 0
             return
@@ -260,3 +268,12 @@ class _Followed:
             self.filter.update(match.fused_pose, time)
             return
         self.filter = MotionFilter(self.source, free_pose(match), time, self.options.motion)
+
+    def settle(self, target: ArrayLike, follow: Callable[[Pose], Match], time: float) -> Match:
+        """The match of a frame where the pose is one of several; see `rootmatch.rival_poses`."""
+        after = decided(self.rivals, follow, time)
+        self.rivals = after.left
+        if after.sure:
+            self.filter, self.rivals = after.left[0].filter, []
+            self.missed, self.detections = 0, len(np.asarray(target))
+        return after.match

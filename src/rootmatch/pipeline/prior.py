@@ -34,8 +34,8 @@ class PriorOptions(Options):
     """Candidate pairs beyond which a prior is too wide to decide alone."""
     tried: int = option(64, least=1)
     """Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
-    beams: int = option(8, least=1)
-    """Hypotheses that are fitted. A round value."""
+    beams: int = option(4, least=1)
+    """Hypotheses that are fitted: four find as much as eight (benchmarks/tracking.py, six flights, seeds from 1000)."""
     complete: float = option(0.8, above=0.0, most=1.0)
     """Part of the visible points from which the first assignment is taken without trying others, if it also fits."""
     fitting: float = option(2.5, above=0.0)
@@ -109,12 +109,13 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
     pairs = int(candidates.sum())
     if not 0 < pairs <= options.most_pairs:
         return None
-    fits = [_settled(frame, frame.R, frame.t, frame.covariance, options=options, at=first)]
+    known: dict[bytes, PriorFit] = {}
+    fits = [_settled(frame, frame.R, frame.t, frame.covariance, options=options, known=known, at=first)]
     tested = 1
     if not _convincing(fits[0], options):
         starts = _narrowed(frame, first, candidates, options)
         tested += pairs
-        fits += [_settled(frame, *start, options=options) for start in starts]
+        fits += [_settled(frame, *start, options=options, known=known) for start in starts]
     distinct = {fit.assignment.tobytes(): fit for fit in fits if fit is not None}
     ranked = sorted(distinct.values(), key=lambda fit: -fit.log_odds)
     if not ranked:
@@ -151,9 +152,19 @@ def _convincing(fit: PriorFit | None, options: PriorOptions) -> bool:
 
 
 def _settled(
-    frame: PriorFrame, R: Floats, t: Floats, covariance: Floats, *, options: PriorOptions, at: Projected | None = None
+    frame: PriorFrame,
+    R: Floats,
+    t: Floats,
+    covariance: Floats,
+    *,
+    options: PriorOptions,
+    known: dict[bytes, PriorFit],
+    at: Projected | None = None,
 ) -> PriorFit | None:
-    """Assignment and fit in turn until the assignment stays; ``at``: what the start projects, where that is known."""
+    """Assignment and fit in turn until the assignment stays; ``at``: what the start projects, where that is known.
+
+    ``known``: the fits of assignments that other starts have met, to which those of this one are added.
+    """
     if at is None:
         at = frame.projected(R, t)
     assignment = frame.assigned(at, covariance, options.gate)
@@ -161,7 +172,9 @@ def _settled(
     for _ in range(5):
         if not (assignment >= 0).any():
             return None
-        fit = frame.fitted(assignment, R, t, at)
+        key = assignment.tobytes()
+        fit = known.get(key) or frame.fitted(assignment, R, t, at)
+        known[key] = fit
         new = frame.assigned(fit.at, fit.covariance, options.gate)
         if np.array_equal(new, assignment):
             break
