@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.algebra.rotation import cross
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -24,6 +25,12 @@ def least_chi2(scene, answer, sigma):  # type: ignore[no-untyped-def]
         return ((scene.problem.camera.project(places) - image) / sigma[answer[matched], None]).ravel()
 
     return 2.0 * least_squares(residual, np.zeros(4 if upright else 6), xtol=1e-12, ftol=1e-12).cost
+
+
+def test_cross_products_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(4, 1, 3)), rng.normal(size=(5, 3))
+    np.testing.assert_array_equal(cross(first, second), np.cross(first, second))
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])

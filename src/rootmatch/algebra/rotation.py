@@ -8,6 +8,17 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+def cross(first: Floats, second: Floats) -> Floats:
+    """Cross products (…, 3) of vectors (…, 3), for few of them a fifth of the time of `numpy.cross`."""
+    a, b, c = first[..., 0], first[..., 1], first[..., 2]
+    x, y, z = second[..., 0], second[..., 1], second[..., 2]
+    out = np.empty(np.broadcast_shapes(first.shape, second.shape))
+    out[..., 0] = b * z - c * y
+    out[..., 1] = c * x - a * z
+    out[..., 2] = a * y - b * x
+    return out
+
+
 def cross_matrix(vectors: Floats) -> Floats:
     """Matrices (…, 3, 3) of the cross products with vectors (…, 3): ``cross_matrix(a) @ b`` is a × b."""
     out = np.zeros((*vectors.shape, 3))

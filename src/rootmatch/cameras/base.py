@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.algebra.rotation import cross
 from rootmatch.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -71,7 +72,7 @@ class CameraModel(ABC):
         jacobian = self.jacobian(xyz / np.linalg.norm(xyz, axis=-1, keepdims=True))
         first, second = jacobian[..., 0, :], jacobian[..., 1, :]
         # across the ray alone, as a point that moves along its ray stays on its pixel
-        area: Floats = 1.0 / np.maximum(np.linalg.norm(np.cross(first, second), axis=-1), 1e-300)
+        area: Floats = 1.0 / np.maximum(np.linalg.norm(cross(first, second), axis=-1), 1e-300)
         return area
 
     def chart(self, pixels: Floats, sigma: Floats) -> tuple[CameraModel, Floats, Floats]:

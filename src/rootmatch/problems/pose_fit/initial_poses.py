@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import rotation_about_y
+from rootmatch.algebra.rotation import cross, rotation_about_y
 
 Floats = NDArray[np.float64]
 
@@ -91,9 +91,9 @@ def _frames(corners: Floats) -> Floats:
     """Orthonormal frames (…, 3, 3), columns, of triangles (…, 3, 3)."""
     first = corners[..., 1, :] - corners[..., 0, :]
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    normal = np.cross(first, corners[..., 2, :] - corners[..., 0, :])
+    normal = cross(first, corners[..., 2, :] - corners[..., 0, :])
     normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(normal, first), normal], axis=-1)
+    return np.stack([first, cross(normal, first), normal], axis=-1)
 
 
 def upright_start(points: Floats, rays: Floats, weight: Floats) -> tuple[Floats, Floats]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import cross
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.options import Options, option
@@ -78,7 +79,7 @@ def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]
     second = corners[:, 2] - corners[:, 0]
     longest = np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1))
     longest = np.maximum(longest, ((second - first) ** 2).sum(axis=1))
-    area2 = (np.cross(first, second) ** 2).sum(axis=1)
+    area2 = (cross(first, second) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(area2 / np.maximum(longest, 1e-300)))
 
 
