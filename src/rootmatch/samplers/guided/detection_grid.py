@@ -46,7 +46,7 @@ class GridOptions(Options):
     crowd: float = option(0.03, above=0.0)
     """Mean number of detections within a gate from which it is narrowed, without normals: a false solution that meets
     one goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead of eight take P3P 50 + 50 from
-    206 to 110 ms and up2p 100 + 100 from 54 to 42, with as many minimal sets solved and the same accuracy."""
+    206 to 139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
     narrowest: float = option(0.6, above=0.0, most=1.0)
     """Fraction of the gate down to which it is narrowed. A round value."""
     least_gate: float = option(1e-4, above=0.0)
