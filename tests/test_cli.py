@@ -69,7 +69,7 @@ class TestMatch:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["match.svg", "matches.csv"]
 
     def test_json_is_one_object_and_nothing_else(self, scene: Path) -> None:
-        result = run(*of(scene, "--json"))
+        result = run(*of(scene, "--json", "--hyperedges", "exhaustive"))
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {

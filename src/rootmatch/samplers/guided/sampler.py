@@ -64,6 +64,8 @@ class Guided(GuidedOptions):
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         search.run()
+        if task.progress is not None:
+            task.progress(self.budget, self.budget)  # most searches end long before
         search.refine()
         few = self
         if task.deadline.is_set:
