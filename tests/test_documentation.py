@@ -1,12 +1,15 @@
 """Every code block of the README and of the pages runs as it stands, and every link of theirs leads somewhere."""
 
 import contextlib
+import csv
 import io
 import re
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+
+from rootmatch import P3P, UP2P, ThreePlusOne
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -76,3 +79,13 @@ def test_every_public_name_is_in_the_reference() -> None:
     reference = (ROOT / "docs/reference/api.md").read_text(encoding="utf-8")
     documented = set(re.findall(r"auto(?:class|function):: (?:\w+\.)*(\w+)", reference))
     assert set(rootmatch.__all__) - {"__version__"} <= documented
+
+
+def test_the_paper_s_preset_has_the_rho_that_the_scan_chose() -> None:
+    scan = csv.DictReader((ROOT / "docs" / "reproduction" / "rho-scan.csv").open(newline=""))
+    chosen = {
+        row["problem"]: float(row["rho"])
+        for row in scan
+        if (row["residual"], row["rho_rule"], row["chosen"]) == ("qr", "own", "1")
+    }
+    assert chosen == {"p3p": P3P.paper_rho, "3p1": ThreePlusOne.paper_rho, "up2p": UP2P.paper_rho}

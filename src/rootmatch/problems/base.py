@@ -68,8 +68,8 @@ class Problem(ABC):
     small_baseline: float = 0.0
     """ρ of a prior exp(−∣R₂ₙ,₂ₙ∣ / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
-    """ρ of the paper's preset. The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p) are the
-    medians of false hyper-edges in the paper's scenes."""
+    """ρ of the paper's preset, as `rootmatch reproduce` chooses it on noisy scenes (docs/reproduction/rho-scan.csv).
+    The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
     paper_rho_of_exact_data: ClassVar[float] = 1e-12
     """The same for data without noise, whose residuals are those of rounding (`rootmatch reproduce`, rho-scan.csv)."""
 

@@ -51,7 +51,6 @@ class P3P(Problem):
     source_dimension: ClassVar[int] = 3
     to_check: ClassVar[str] = "units and camera"
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
-    paper_rho: ClassVar[float] = 1e-9
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
     fits_answers: ClassVar[bool] = True
