@@ -63,6 +63,12 @@ class Marginals:
         return sure
 
 
+def of_one_pose(first: Integers, others: Integers) -> NDArray[np.bool_]:
+    """Whether other assignments (..., n) have so many of the matches of the first (n,) that their pose is the same."""
+    agree = ((others == first) & (first >= 0)).sum(axis=-1)
+    return np.asarray(agree >= SHARED * max(int((first >= 0).sum()), 1))
+
+
 def marginals(
     assignments: list[Integers], logarithms: Floats, changes: Changes, gains: Floats, doubt: float
 ) -> Marginals:
@@ -97,8 +103,7 @@ def marginals(
     local, none = 1.0 / (1.0 + total), np.where(first < 0, 1.0, none) / (1.0 + total)
 
     every = np.array(assignments)
-    agree = ((every == first) & (first >= 0)).sum(axis=1)
-    same = agree >= SHARED * max(int((first >= 0).sum()), 1)
+    same = of_one_pose(first, every)
     shares = np.exp(logarithms)
     shares = shares / shares.sum()
     pose = float(shares[same].sum())

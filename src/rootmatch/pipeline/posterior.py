@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
-from rootmatch.pipeline.confidence import Marginals, marginals
+from rootmatch.pipeline.confidence import Marginals, marginals, of_one_pose
 from rootmatch.pipeline.detection_odds import (
     DEFAULT_OPTIONS,
     HALF,
@@ -170,9 +170,12 @@ def ranked(
             break
         for number in waiting:
             visited.add(number)
-            # where there are many matches a change is known to first order, and fitted only if it is probable
-            many = _has_many(task, pool.assignments[number], options)
-            worth = highest - options.fitted_odds if many else enough
+            # where there are many matches a change is known to first order, and fitted only if it is probable; but
+            # another pose may have been met with half of its matches, and grows here to its own best assignment
+            known_well = _has_many(task, pool.assignments[number], options) and of_one_pose(
+                pool.assignments[best], pool.assignments[number]
+            )
+            worth = highest - options.fitted_odds if known_well else enough
             if value[number] <= worth:
                 continue
             known = _known(task, pool, number, (odds, detected, inflation), known)
@@ -216,8 +219,13 @@ def ranked(
 
 
 def _has_many(task: MatchingTask, assignment: Integers, options: PosteriorOptions) -> bool:
-    """Whether an assignment has so many matches that a change hardly moves its pose."""
-    return int((assignment >= 0).sum()) >= task.problem.minimal + options.settled_matches
+    """Whether an assignment has so many matches that a change hardly moves its pose.
+
+    Not where normals say which points should be seen: those that an assignment leaves out count against it, so that it
+    begins far below what it grows to.
+    """
+    enough = int((assignment >= 0).sum()) >= task.problem.minimal + options.settled_matches
+    return enough and task.points.normals is None
 
 
 def _gains(
