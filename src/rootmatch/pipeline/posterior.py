@@ -287,7 +287,14 @@ class _Known(NamedTuple):
     """(K,) log-odds of each change against the assignment, to first order."""
 
 
-_NOTHING_KNOWN = _Known(-1, np.empty(0), 0.0, 1.0, Changes(*(np.empty(0, np.int64),) * 4), np.empty(0))
+_NOTHING_KNOWN = _Known(
+    number=-1,
+    odds=np.empty(0),
+    detected=0.0,
+    inflation=1.0,
+    changes=Changes(*(np.empty(0, np.int64),) * 4),
+    gains=np.empty(0),
+)
 
 
 def _known(

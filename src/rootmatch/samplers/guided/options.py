@@ -106,7 +106,7 @@ class GuidedOptions(Options):
         also covers the errors of the minimal set. A round value; what is found: benchmarks/guided.py.
     subsets : int
         Most d-subsets of source points whose hyper-edges are evaluated; a seeded selection of more: every point of a
-        hundred is still in 60 to 80 of them. A round value; the accuracy with it: benchmarks/matches.py.
+        hundred is still in 150 to 200 of them. A round value; the accuracy with it: benchmarks/matches.py.
     edges : int
         Most hyper-edges that are evaluated, those of the strongest clusters. A round value, not tuned.
     surplus : float
@@ -127,7 +127,7 @@ class GuidedOptions(Options):
     max_seconds: float | None = option(None, least=0.0)
     groups: int = option(1000, above=0)
     gate: float = option(8.0, above=0.0)
-    subsets: int = option(2_000, above=0)
+    subsets: int = option(5_000, above=0)
     edges: int = option(300_000, above=0)
     surplus: float = option(1.5, least=1.0)
     hypotheses: int = option(200, least=1)
