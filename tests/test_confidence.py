@@ -51,6 +51,19 @@ def test_confidence_where_all_may_be_chance() -> None:
     assert before == 1.0
 
 
+def test_no_confidence_in_matches_of_unrelated_points() -> None:
+    untrusted, highest = 0, []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        scene = up2p_scene(10, 4, 0.5, seed)
+        match = rm.match(scene.source, rng.uniform(0.0, [640.0, 480.0], (14, 2)), scene.problem, noise=0.5)
+        untrusted += match.status is rm.Status.UNTRUSTED
+        highest.append(float(np.nanmax(match.confidence[match.assignment >= 0], initial=0.0)))
+    assert untrusted == 12
+    assert max(highest) < 0.5
+    assert np.mean(highest) < 0.1
+
+
 def test_one_exchangeable_pair_does_not_make_a_large_match_ambiguous() -> None:
     scene = up2p_scene(24, 6, 0.5, 4)
     source, target = scene.source.copy(), scene.target.copy()

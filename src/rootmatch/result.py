@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import confidence_in, confidence_of_motions, weighed
+from rootmatch.pipeline.assessment import (
+    confidence_against_chance,
+    confidence_in,
+    confidence_of_motions,
+    weighed,
+)
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.poses import Pose, poses_of
 from rootmatch.pipeline.posterior import Ranked
@@ -157,6 +162,8 @@ class Match:
             return confidence
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motions)
+        if self.status is Status.UNTRUSTED and self._weighed is not None:
+            return confidence_against_chance(self._weighed, self.assignment)
         return confidence_in(self._weighed, self.assignment)
 
     @cached_property

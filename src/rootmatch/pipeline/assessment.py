@@ -146,10 +146,9 @@ def _point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sam
 
 def confidence_against_chance(found: Ranked, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
     """Confidence (n,) in each match where all of them may be chance: then being unmatched is right."""
-    assert found.marginals is not None
     odds = found.beyond_chance if math.isfinite(found.beyond_chance) else 0.0
     real = 1.0 / (1.0 + math.exp(min(-odds - TRUST.present, 700.0)))
-    return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * found.marginals.each)
+    return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * confidence_in(found, assignment))
 
 
 def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
