@@ -35,7 +35,7 @@ def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
     for name in kernels_of(tables).target_fields:
         field = getattr(tables, name)
         for axis, size in enumerate(field.shape):
-            if size == targets and (axis == field.ndim - 1 or field.ndim > 1):
+            if size == targets:
                 field = np.take(field, chosen, axis=axis)
         fewer[name] = np.ascontiguousarray(field)
     return tables._replace(**fewer)
