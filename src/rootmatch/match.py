@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -17,11 +16,13 @@ from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
-from rootmatch.pipeline.assessment import assess
+from rootmatch.on_demand import changed, unread
+from rootmatch.pipeline.assessment import Assessment, assess
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
+from rootmatch.pipeline.pose_decision import decided_by_pose, soft_of
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
 from rootmatch.pipeline.sampling import affordable, sample, swept
 from rootmatch.pipeline.searched_solution import searched_solution
@@ -34,9 +35,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match
 from rootmatch.rigs import is_rig, match_rig
-from rootmatch.samplers.base import Sampler
+from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.solvers import Solver
-from rootmatch.solvers.base import solved
+from rootmatch.solvers.base import Solution, solved
 
 __all__ = ["match", "residuals", "solve"]
 
@@ -239,7 +240,7 @@ def solve(task: MatchingTask, started: float) -> Match:
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: a rig does not estimate it; give a number of pixels")
     found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
-    return replace(found, seconds=time.perf_counter() - started, limited=task.deadline.limited)
+    return changed(found, seconds=time.perf_counter() - started, limited=task.deadline.limited)
 
 
 def _solve(task: MatchingTask) -> Match:
@@ -257,6 +258,8 @@ def _solve(task: MatchingTask) -> Match:
         solution, sampled = pack_motions(task, sample(task))
     else:
         sampled = sample(task)
+        if (decided := decided_by_pose(task, sampled)) is not None:
+            return _reported(task, sampled, decided, None)
         deadline = task.deadline.part(SOLVED)
         known = searched_solution(task, sampled)
         if known is None:
@@ -266,18 +269,28 @@ def _solve(task: MatchingTask) -> Match:
     assessed = assess(task, solution, sampled)
     if not assessed.status and (every := swept(task, sampled)) is not None:
         found = _solve(every)
-        return replace(found, task=task, hyperedges=found.hyperedges + sampled.evaluated)
+        return changed(found, task=task, hyperedges=found.hyperedges + sampled.evaluated)
+    return _reported(task, sampled, assessed, solution)
+
+
+def _reported(task: MatchingTask, sampled: SampledTensor, assessed: Assessment, solution: Solution | None) -> Match:
+    """The match of an assessed solution; where a pose decided there is no solution, and all matches are one motion."""
+    assignment, tensor = assessed.assignment, sampled.tensor
+    if solution is None:
+        motions = np.where(assignment >= 0, 0, -1)
+    else:
+        motions = motion_labels(solution, assignment, tensor, task.options.motions)
     return Match(
         task=task,
-        assignment=assessed.assignment,
-        score=assessed.score,
-        margin=assessed.margin,
-        alternatives=assessed.alternatives,
-        soft=solution.soft,
-        tensor=sampled.tensor,
-        motions=motion_labels(solution, assessed.assignment, sampled.tensor, options.motions),
+        assignment=assignment,
+        score=unread(assessed, "score"),
+        margin=unread(assessed, "margin"),
+        alternatives=unread(assessed, "alternatives"),
+        soft=(lambda: soft_of(tensor, assignment)) if solution is None else solution.soft,
+        tensor=tensor,
+        motions=motions,
         status=assessed.status,
-        converged=solution.converged,
+        converged=solution is None or solution.converged,
         hyperedges=sampled.evaluated,
         seconds=0.0,
         fitted_probability=assessed.probability,

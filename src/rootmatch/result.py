@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import OnDemand, all_read
 from rootmatch.pipeline.assessment import (
     confidence_against_chance,
     confidence_in,
@@ -48,7 +49,7 @@ class Sightings:
     alternatives: list[NDArray[np.int64]]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
@@ -112,10 +113,10 @@ class Match:
 
     task: MatchingTask
     assignment: NDArray[np.int64]
-    score: float
-    margin: float
-    alternatives: list[tuple[NDArray[np.int64], float]]
-    soft: NDArray[np.float64]
+    score: OnDemand[float] = OnDemand()  # noqa: RUF009
+    margin: OnDemand[float] = OnDemand()  # noqa: RUF009
+    alternatives: OnDemand[list[tuple[NDArray[np.int64], float]]] = OnDemand()  # noqa: RUF009
+    soft: OnDemand[NDArray[np.float64]] = OnDemand()  # noqa: RUF009
     tensor: AffinityTensor
     motions: NDArray[np.int64]
     status: Status
@@ -131,6 +132,10 @@ class Match:
     prior_holds: bool | None = None
     fused_pose: Pose | None = None
     sightings: Sightings | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: values, not the functions that make them."""
+        return all_read(self)
 
     @cached_property
     def probability(self) -> float | None:

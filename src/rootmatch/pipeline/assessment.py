@@ -14,6 +14,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import OnDemand, changed
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
@@ -27,15 +28,15 @@ SUPPORTED = 0.5
 """Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Assessment:
     """What is reported of a solution; see `rootmatch.result.Match`."""
 
     assignment: NDArray[np.int64]
-    score: float
-    margin: float
+    score: OnDemand[float] = OnDemand()  # noqa: RUF009
+    margin: OnDemand[float] = OnDemand()  # noqa: RUF009
     probability: float | None
-    alternatives: Alternatives
+    alternatives: OnDemand[Alternatives] = OnDemand()  # noqa: RUF009
     status: Status
     confidence: NDArray[np.float64] | None = None
     noise_factor: float | None = None
@@ -69,29 +70,33 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             assignment, score = kept[0], float(values[0])
             alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
             lead, probability = margin(score, alternatives, assignment), found.probability
-            listed = found.probability_of(1 + TRUST.listed)
-            views = task.problem.source_is_image
-            beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
-            sure = max(listed, 0.0 if found.marginals is None else found.marginals.pose)
-            trusted = found.beyond_chance > beyond and sure > TRUST.listed_probability
+            trusted = sure_beyond_chance(task, found)
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
             # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well
             trusted = trusted and support > 0.0
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
-    if fault is not None and _does_not_fit(fault):
+    if fault is not None and does_not_fit(fault):
         alarms = math.inf
     status = judged(math.inf if trusted else support, alarms, lead, probability)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS
     assessed = Assessment(
-        assignment, score, lead, probability, alternatives, status=status,
-        noise_factor=None if fault is None else fault.sigma,
+        assignment=assignment, score=score, margin=lead, probability=probability, alternatives=alternatives,
+        status=status, noise_factor=None if fault is None else fault.sigma,
     )  # fmt: skip
     if found is None:
         return assessed
-    return _point_by_point(task, assessed, found, sampled)
+    return point_by_point(task, assessed, found, sampled)
+
+
+def sure_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
+    """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is sure."""
+    views = task.problem.source_is_image
+    beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
+    sure = max(found.probability_of(1 + TRUST.listed), 0.0 if found.marginals is None else found.marginals.pose)
+    return found.beyond_chance > beyond and sure > TRUST.listed_probability
 
 
 def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
@@ -108,14 +113,14 @@ def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfi
     return Misfit.of(pose.chi2, pose.freedom)
 
 
-def _does_not_fit(fault: Misfit) -> bool:
+def does_not_fit(fault: Misfit) -> bool:
     """Whether no pose fits an assignment within the noise that was given."""
     if not fault.variances <= DEFAULT_OPTIONS.most_inflation:
         return True
     return fault.sigma >= TRUST.noise_factor and fault.chance < TRUST.noise_chance
 
 
-def _point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sampled: SampledTensor) -> Assessment:
+def point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sampled: SampledTensor) -> Assessment:
     """The assessment with the confidence of each match.
 
     Where the pose is sure and some of the matches are not, those are left out, and the rest is matched.
@@ -124,21 +129,21 @@ def _point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sam
     if each is None:
         return assessed
     if assessed.status is Status.UNTRUSTED:
-        return replace(assessed, confidence=confidence_against_chance(found, assessed.assignment))
+        return changed(assessed, confidence=confidence_against_chance(found, assessed.assignment))
     if assessed.status is not Status.AMBIGUOUS or sampled.missed > TRUST.missed:
-        return replace(assessed, confidence=each.each)
+        return changed(assessed, confidence=each.each)
     matched = int((assessed.assignment >= 0).sum())
     doubt = max(1.0 - TRUST.probability, TRUST.wrong * matched)
     sure = each.without_unsure(assessed.assignment, max(task.problem.order + 1, TRUST.kept * matched), doubt)
     if sure is None:
-        return replace(assessed, confidence=each.each)
+        return changed(assessed, confidence=each.each)
     left_out = (sure < 0) & (assessed.assignment >= 0)
-    return replace(
+    return changed(
         assessed,
         assignment=sure,
-        score=float(scores_of(sampled.tensor, sure[None])[0]),
+        score=lambda: float(scores_of(sampled.tensor, sure[None])[0]),
         probability=each.pose * float(np.prod(each.each[sure >= 0] / each.pose)),
-        alternatives=[(assessed.assignment, assessed.score), *assessed.alternatives][: TRUST.alternatives],
+        alternatives=lambda: [(assessed.assignment, assessed.score), *assessed.alternatives][: TRUST.alternatives],
         status=Status.MATCHED,
         confidence=np.where(left_out, each.unmatched, each.each),
     )
@@ -233,7 +238,7 @@ def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: 
     ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
     outside of the assignment where it is not known.
     """
-    tensor, evaluated, share, chance = sampled.tensor, sampled.evaluated, sampled.coverage, sampled.chance
+    tensor, evaluated, share, chance = sampled.tensor, sampled.evaluated, sampled.share, sampled.chance
     if evaluated == 0 and chance is None:
         return math.inf  # no hyper-edge was possible: nothing speaks for anything
     problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS

@@ -14,6 +14,7 @@ from rootmatch.backends.dask import Cluster
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.validation import check_size
@@ -52,7 +53,11 @@ def sample(task: MatchingTask) -> SampledTensor:
         assignments = np.ascontiguousarray(assignments[:, place])
     if consensus is not None:
         consensus = consensus[place]
-    tensor = selection.placed(_in_given_order(task, tensor), backend)
+    if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
+        made = tensor
+        tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.prior)
+    else:
+        tensor = selection.placed(_in_given_order(task, tensor), backend)
     return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
 
 

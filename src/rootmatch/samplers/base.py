@@ -72,8 +72,8 @@ class SampledTensor(NamedTuple):
     """The selected hyper-edges whose residual is below the gate."""
     evaluated: int
     """Evaluations in all: for a search, minimal sets solved, points looked up, predictions and hyper-edges."""
-    coverage: float = 1.0
-    """Fraction of the hyper-edges inside a correct assignment that were evaluated, 0 to 1."""
+    coverage: float | Callable[[], float] = 1.0
+    """Fraction of the hyper-edges inside a correct assignment that were evaluated, 0 to 1, or what tells it."""
     chance_weight: float | Callable[[], float] | None = None
     """Mean weight of a random hyper-edge, where known, or what estimates it: few assessments ask for it."""
     conclusive: bool = True
@@ -86,6 +86,11 @@ class SampledTensor(NamedTuple):
     """Probability that a pose which explains as much as the best one was never met."""
     consensus: NDArray[np.int64] | None = None
     """(n,) assignment with the most matches that are expected to be right, over all hypotheses; None where unknown."""
+
+    @property
+    def share(self) -> float:
+        """The coverage, found if need be."""
+        return self.coverage() if callable(self.coverage) else self.coverage
 
     @property
     def chance(self) -> float | None:

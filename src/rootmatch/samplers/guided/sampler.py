@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 from rootmatch.backends import cpu
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.exhaustive import given_tensor
@@ -67,15 +70,25 @@ class Guided(GuidedOptions):
         if task.progress is not None:
             task.progress(self.budget, self.budget)  # most searches end long before
         search.refine()
-        few = self
-        if task.deadline.is_set:
-            few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
-        source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, few, search.rng)
-        task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
-        tensor = given_tensor(task, source, target)
+        clusters = search.clusters()
+
+        @cache
+        def weighed() -> tuple[AffinityTensor, float, int]:
+            """The tensor, which fraction of its hyper-edges was evaluated, and how many they are."""
+            few = self
+            if task.deadline.is_set:
+                few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
+            source, target, coverage = hyperedges_among(clusters, task.shape, task.order, few, search.rng)
+            task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
+            return given_tensor(task, source, target), coverage, len(source)
+
+        # where a conclusive search knows no rivals a pose may decide alone, and nobody asks for hyper-edges
+        later = search.single and search.conclusive and len(clusters.evidence) == 1 and not task.deadline.is_set
+        tensor = DeferredTensor.of(lambda: weighed()[0], task.shape) if later else weighed()[0]
 
         def chance() -> float:
             """Mean weight of random hyper-edges."""
+            weighed()  # draws first, whoever asks first
             drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
             by_chance = cpu.residuals(tables, task.kind, *drawn)
             # no sample is large enough to say that chance never agrees
@@ -83,7 +96,7 @@ class Guided(GuidedOptions):
             return total / self.chance_samples
 
         return SampledTensor(
-            tensor, search.evaluated + len(source), coverage, chance, search.conclusive,
+            tensor, search.evaluated + (0 if later else weighed()[2]), lambda: weighed()[1], chance, search.conclusive,
             partial=True,
             assignments=search.assignments() if search.single else None,
             missed=search.missed,

@@ -1,0 +1,99 @@
+"""Matches that the pose of a clear search decides: hyper-edges are weighed only when somebody asks."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.match import solve
+from rootmatch.on_demand import OnDemand, changed, unread
+from rootmatch.pipeline import pose_decision, sampling
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.simulation import p3p_scene, up2p_scene
+
+Number = OnDemand[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two numbers, one of which may be late."""
+
+    now: float
+    late: Number = Number()  # noqa: RUF009
+
+
+def test_a_late_value_is_made_once_when_it_is_read() -> None:
+    asked = []
+    pair = Pair(now=1.0, late=lambda: float(len(asked.append(0) or asked)))  # type: ignore[func-returns-value]
+    other = changed(pair, now=2.0)
+    assert (other.now, asked) == (2.0, [])
+    assert callable(unread(other, "late"))
+    assert other.late == pair.late == other.late == 1.0
+    assert asked == [0]
+    assert unread(pair, "late") == 1.0
+    with pytest.raises(TypeError, match="late"):
+        Pair(now=1.0)
+
+
+def test_a_deferred_tensor_is_made_once() -> None:
+    made = []
+
+    def make() -> AffinityTensor:
+        made.append(0)
+        return AffinityTensor(np.array([[0, 4]]), np.array([0.5]), (2, 3))
+
+    tensor = DeferredTensor.of(make, (2, 3))
+    assert (tensor.shape, made) == ((2, 3), [])
+    assert tensor.score([0, 1]) == 0.5
+    assert tensor.size == 1
+    assert pickle.loads(pickle.dumps(tensor)).score([0, 1]) == 0.5
+    assert made == [0]
+    with pytest.raises(AttributeError, match="colour"):
+        tensor.colour  # noqa: B018
+
+
+@pytest.mark.parametrize(("make", "noise"), [(up2p_scene, 1.0), (p3p_scene, 1.0)])
+def test_what_the_pose_decides_weighing_hyper_edges_confirms(
+    make: object, noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(2):
+        scene = make(12, 10, noise=noise, seed=seed)  # type: ignore[operator]
+        task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=noise)
+        quick = solve(task, 0.0)
+        assert callable(vars(quick)["score"])
+        assert "indices" not in vars(quick.tensor)
+        with monkeypatch.context() as patch:
+            patch.setattr(sys.modules["rootmatch.match"], "decided_by_pose", lambda task, sampled: None)
+            slow = solve(replace(task), 0.0)
+        np.testing.assert_array_equal(quick.assignment, slow.assignment)
+        np.testing.assert_array_equal(quick.tensor.indices, slow.tensor.indices)
+        assert quick.status is slow.status
+        assert quick.score == slow.score == pytest.approx(slow.tensor.score(slow.assignment))
+        assert quick.probability == pytest.approx(slow.probability, abs=1e-6)
+        assert quick.margin == pytest.approx(slow.margin, abs=1e-12)
+        np.testing.assert_array_equal(quick.motions, slow.motions)
+        np.testing.assert_allclose(quick.confidence, slow.confidence, atol=1e-6)
+        again = pickle.loads(pickle.dumps(quick))
+        np.testing.assert_array_equal(again.soft, quick.soft)
+        assert again.score == quick.score
+
+
+def test_hyper_edges_are_weighed_where_none_of_a_few_agrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = up2p_scene(12, 10, noise=1.0, seed=0)
+    task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=1.0)
+    sampled = sampling.sample(task)
+    assert pose_decision.decided_by_pose(task, sampled) is not None
+    assert sampled.assignments is not None
+    assert pose_decision.hyperedges_agree(task, sampled.assignments[0])
+    assert not pose_decision.hyperedges_agree(task, np.roll(sampled.assignments[0], 1))
+    assert not pose_decision.hyperedges_agree(task, np.where(np.arange(12) < 2, sampled.assignments[0], -1))
+    monkeypatch.setattr(pose_decision, "hyperedges_agree", lambda task, assignment: False)
+    assert pose_decision.decided_by_pose(task, sampled) is None
+    assert isinstance(rm.match(scene.source, scene.target, scene.problem, noise=1.0).tensor, DeferredTensor)
