@@ -297,6 +297,7 @@ class MatchingTask:
             deadline=self.deadline.part(SAMPLED, RESERVE),
             clouds=self.problem.point_clouds(self.ordered_points),
             views=self.problem.two_views(self.ordered_points),
+            later=True,
         )
 
     def with_noise(self, sigma: float) -> Self:

@@ -51,6 +51,8 @@ class SamplingTask:
     """Both images, where the problem is one of two views whose relative poses can be searched."""
     problem: str = "the problem"
     """Name of the problem, for messages."""
+    later: bool = False
+    """Whether hyper-edges may be evaluated when they are asked for."""
 
     @property
     def allowed(self) -> NDArray[np.bool_]:

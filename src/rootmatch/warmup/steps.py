@@ -29,8 +29,8 @@ SEARCHED = ("p3p", "up2p")
 
 
 def matched(scene: Sample, **options: Any) -> None:
-    """A match as a user asks for it."""
-    match(scene.source, scene.target, scene.problem, **{"noise": scene.noise, **options})
+    """A match as a user asks for it, who reads its score."""
+    _ = match(scene.source, scene.target, scene.problem, **{"noise": scene.noise, **options}).score
 
 
 def listed(scene: Sample, kind: str) -> None:

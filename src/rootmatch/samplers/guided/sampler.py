@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -83,8 +84,14 @@ class Guided(GuidedOptions):
             return given_tensor(task, source, target), coverage, len(source)
 
         # where a conclusive search knows no rivals a pose may decide alone, and nobody asks for hyper-edges
-        later = search.single and search.conclusive and len(clusters.evidence) == 1 and not task.deadline.is_set
-        tensor = DeferredTensor.of(lambda: weighed()[0], task.shape) if later else weighed()[0]
+        alone = search.single and search.conclusive and len(clusters.evidence) == 1
+        if task.later and alone and not task.deadline.is_set:
+            tensor: AffinityTensor = DeferredTensor.of(lambda: weighed()[0], task.shape)
+            coverage: Callable[[], float] | float = lambda: weighed()[1]  # noqa: E731
+            evaluated = search.evaluated
+        else:
+            tensor, coverage, evaluated = weighed()
+            evaluated += search.evaluated
 
         def chance() -> float:
             """Mean weight of random hyper-edges."""
@@ -96,7 +103,7 @@ class Guided(GuidedOptions):
             return total / self.chance_samples
 
         return SampledTensor(
-            tensor, search.evaluated + (0 if later else weighed()[2]), lambda: weighed()[1], chance, search.conclusive,
+            tensor, evaluated, coverage, chance, search.conclusive,
             partial=True,
             assignments=search.assignments() if search.single else None,
             missed=search.missed,
