@@ -1,8 +1,8 @@
-"""Camera poses of whole assignments between points in space and their image (Gauss-Newton, NumPy).
+"""Camera poses of whole assignments between points in space and their image (Gauss-Newton).
 
 One pose for each assignment, all side by side, with its covariance and evidence. The noise is that of pixels, and a
-measured vertical is a prior on two more parameters. That is done for tens of assignments a match, in NumPy, which needs
-no compiling. Groups of several motions are fitted by the thousand and need χ² alone:
+measured vertical is a prior on two more parameters. That is done for tens of assignments a match, in NumPy for any
+camera, and compiled for one without a lens (`pinhole_fit`). Groups of several motions are fitted by the thousand and need χ² alone:
 `rootmatch.problems.up2p.group_fit` does that compiled, with isotropic bearings and the tilt as part of their noise.
 Both start from the same linear equations of an upright camera.
 """
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples, upright_start
 
@@ -138,6 +139,20 @@ def absolute_fit(
     """
     points = source - source.mean(axis=0)
     points = points / np.sqrt((points**2).mean())
+    if isinstance(camera, Camera) and camera.lens is None:
+        return _pinhole_fit(points, target, sigma, camera=camera, assignments=assignments, upright=upright)
+    return lens_fit(points, target, sigma, camera=camera, assignments=assignments, upright=upright)
+
+
+def lens_fit(
+    points: Floats,
+    target: Floats,
+    sigma: Floats,
+    camera: CameraModel,
+    assignments: NDArray[np.int64],
+    upright: Upright | None,
+) -> AbsoluteFit:
+    """The fit for any camera, of points about their centre in units of their root mean square distance."""
     used = assignments >= 0
     image = target[np.maximum(assignments, 0)]
     weight = np.where(used, 1.0 / sigma[np.maximum(assignments, 0)], 0.0)
@@ -216,6 +231,57 @@ def absolute_fit(
         rotation=rotation,
         translation=translation,
         seen=seen,
+        position_density=position_density,
+        upright=upright,
+    )
+
+
+def _pinhole_fit(
+    points: Floats,
+    target: Floats,
+    sigma: Floats,
+    camera: Camera,
+    assignments: NDArray[np.int64],
+    upright: Upright | None,
+) -> AbsoluteFit:
+    """The same for a camera without a lens, compiled."""
+    from rootmatch.problems.pose_fit.pinhole_fit import Vertical, fitted_poses  # takes Numba
+
+    rays = camera.bearings(target)
+    if upright is None:
+        axes, prior, vertical = np.eye(3), np.zeros(6), Vertical(points, rays, np.eye(3), np.eye(3), False)
+    else:
+        axes, prior = upright.camera[[1, 0, 2]], np.zeros(6)
+        vertical = Vertical(points @ upright.world.T, rays @ upright.camera.T, upright.world, upright.camera, True)
+        if upright.noise > 0.0:
+            prior[1:3] = upright.noise**-2.0
+        else:
+            axes, prior = axes[:1], prior[:4]
+    found = fitted_poses(
+        np.ascontiguousarray(points), rays, np.ascontiguousarray(target), 1.0 / sigma, np.array(camera.numbers),
+        axes=axes, prior=prior, vertical=vertical, assignments=np.ascontiguousarray(assignments),
+    )  # fmt: skip
+    used = assignments >= 0
+    variance = sigma**2
+    logarithms = np.where(used, np.log(2.0 * np.pi * variance)[np.maximum(assignments, 0)], 0.0).sum(axis=1)
+    depth = found.translation[:, 2]
+    with np.errstate(all="ignore"):
+        # a pixel subtends cos³ / (fx fy), and depth is the distance times the cosine
+        position_density = np.where(depth > 0.0, camera.fx * camera.fy / depth**3, np.nan)
+    return AbsoluteFit(
+        chi2=found.chi2,
+        freedom=2 * used.sum(axis=1) - (6 if upright is None else 4),
+        evidence=-0.5 * (found.chi2 + found.logarithm) - logarithms,
+        target=target,
+        variance=variance,
+        assignments=assignments,
+        predicted=found.predicted,
+        jacobian=found.jacobian,
+        covariance=found.covariance,
+        positions=found.positions,
+        rotation=found.rotation,
+        translation=found.translation,
+        seen=found.positions[..., 2] > 0.0,
         position_density=position_density,
         upright=upright,
     )

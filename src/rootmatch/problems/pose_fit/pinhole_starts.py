@@ -1,0 +1,144 @@
+"""Starts of the fit of one camera pose without a lens, compiled; see `pinhole_fit`, and `initial_poses` in NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.decorators import part
+from rootmatch.problems.p3p.roots import ratio_pairs
+from rootmatch.problems.pose_fit.pinhole_descent import factored, solved
+
+UNKNOWNS = 5
+"""Of the linear start of an upright camera: two of the rotation, three of the translation."""
+
+
+@part
+def start_upright(image, weight, world_points, turned_rays, world, own, rotation, translation, scratch):  # type: ignore[no-untyped-def]
+    """The linear pose with a rotation about the vertical; see `initial_poses.upright_start`."""
+    normal, row, unknown = scratch[:, :6], scratch[6], scratch[7]
+    normal[:6] = 0.0
+    for i in range(image.shape[0]):
+        k = image[i]
+        if k < 0:
+            continue
+        x, y, z = world_points[i, 0], world_points[i, 1], world_points[i, 2]
+        a, b, c = turned_rays[k, 0], turned_rays[k, 1], turned_rays[k, 2]
+        for pair in range(3):
+            if pair == 0:
+                row[0], row[1], row[2], row[3], row[4], row[5] = b * z, -b * x, 0.0, -c, b, -c * y
+            elif pair == 1:
+                row[0], row[1], row[2], row[3], row[4], row[5] = c * x - a * z, c * z + a * x, c, 0.0, -a, 0.0
+            else:
+                row[0], row[1], row[2], row[3], row[4], row[5] = -b * x, -b * z, -b, a, 0.0, a * y
+            for p in range(6):
+                for q in range(6):
+                    normal[p, q] += weight[k] * weight[k] * row[p] * row[q]
+    trace = 0.0
+    for p in range(UNKNOWNS):
+        trace += normal[p, p]
+    for p in range(UNKNOWNS):
+        normal[p, p] += 1e-12 * trace + 1e-300
+        unknown[p] = -normal[p, UNKNOWNS]
+    factored(normal, UNKNOWNS)
+    solved(normal, UNKNOWNS, unknown)
+    scale = 1.0 / max(math.hypot(unknown[0], unknown[1]), 1e-300)
+    cosine, sine = scale * unknown[0], scale * unknown[1]
+    x, y, z = scale * unknown[2], unknown[3], scale * unknown[4]
+    for p in range(3):
+        translation[p] = own[0, p] * x + own[1, p] * y + own[2, p] * z
+        for q in range(3):
+            first = cosine * world[0, q] + sine * world[2, q]
+            third = -sine * world[0, q] + cosine * world[2, q]
+            rotation[p, q] = own[0, p] * first + own[1, p] * world[1, q] + own[2, p] * third
+
+
+@part
+def wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-def]
+    """A wide triple of the matched points but one, into ``out``; see `initial_poses.triples`."""
+    count, u, v = 0, 0.0, 0.0
+    for i in range(image.shape[0]):
+        if image[i] >= 0 and i != left_out:
+            count += 1
+            u += target[image[i], 0]
+            v += target[image[i], 1]
+    u, v = u / max(count, 1), v / max(count, 1)
+    for corner in range(2):
+        farthest = -1.0
+        for i in range(image.shape[0]):
+            if image[i] >= 0 and i != left_out:
+                distance = (target[image[i], 0] - u) ** 2 + (target[image[i], 1] - v) ** 2
+                if distance > farthest:
+                    farthest, out[corner] = distance, i
+        u, v = target[image[out[0]], 0], target[image[out[0]], 1]
+    side_u, side_v = target[image[out[1]], 0] - u, target[image[out[1]], 1] - v
+    largest = -1.0
+    for i in range(image.shape[0]):
+        if image[i] >= 0 and i != left_out and i != out[0] and i != out[1]:
+            area = abs((target[image[i], 0] - u) * side_v - (target[image[i], 1] - v) * side_u)
+            if area > largest:
+                largest, out[2] = area, i
+    return count
+
+
+@part
+def frame(corners, out):  # type: ignore[no-untyped-def]
+    """Orthonormal frame of a triangle (3, 3), one corner a row, in the columns of ``out``."""
+    ax, ay, az = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
+    bx, by, bz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
+    length = math.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / length, ay / length, az / length
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    out[0, 0], out[1, 0], out[2, 0] = ax, ay, az
+    out[0, 1], out[1, 1], out[2, 1] = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    out[0, 2], out[1, 2], out[2, 2] = nx, ny, nz
+
+
+@part
+def start_of_triple(points, rays, image, triple, rotations, translations, places, corners, frames):  # type: ignore[no-untyped-def]
+    """Four poses that put a triple on its rays; the translation is NaN where there are fewer."""
+    side = frames[0, 0]
+    versine = frames[0, 1]
+    for p in range(3):
+        i, j = triple[p], triple[(p + 1) % 3]
+        side[p], versine[p] = 0.0, 0.0
+        for axis in range(3):
+            corners[p, axis] = points[i, axis]
+            side[p] += (points[j, axis] - points[i, axis]) ** 2
+            versine[p] += 0.5 * (rays[image[j], axis] - rays[image[i], axis]) ** 2
+    A, B, C, h = side[0], side[1], side[2], versine[0]
+    pairs = ratio_pairs(A, B, C, versine[0], versine[1], versine[2])
+    frame(corners, frames[1])
+    for root in range(4):
+        x, y = pairs[0], pairs[1]
+        if root == 1:
+            x, y = pairs[2], pairs[3]
+        elif root == 2:
+            x, y = pairs[4], pairs[5]
+        elif root == 3:
+            x, y = pairs[6], pairs[7]
+        depth = math.sqrt(A / (1.0 + x * x - 2.0 * (1.0 - h) * x))
+        for p in range(3):
+            scale = depth if p == 0 else depth * x if p == 1 else depth * y
+            for axis in range(3):
+                places[p, axis] = scale * rays[image[triple[p]], axis]
+        frame(places, frames[0])
+        good = x > 0.0 and y > 0.0
+        for p in range(3):
+            middle = 0.0
+            for q in range(3):
+                value = 0.0
+                for axis in range(3):
+                    value += frames[0, p, axis] * frames[1, q, axis]
+                good = good and math.isfinite(value)
+                rotations[root, p, q] = value
+                middle += value * (corners[0, q] + corners[1, q] + corners[2, q]) / 3.0
+            translations[root, p] = (places[0, p] + places[1, p] + places[2, p]) / 3.0 - middle
+        if not good:
+            for p in range(3):
+                translations[root, p] = np.nan
+                for q in range(3):
+                    rotations[root, p, q] = 1.0 if p == q else 0.0
