@@ -2,9 +2,9 @@
 
 One pose for each assignment, all side by side, with its covariance and evidence. The noise is that of pixels, and a
 measured vertical is a prior on two more parameters. That is done for tens of assignments a match, in NumPy for any
-camera, and compiled for one without a lens (`pinhole_fit`). Groups of several motions are fitted by the thousand and need χ² alone:
-`rootmatch.problems.up2p.group_fit` does that compiled, with isotropic bearings and the tilt as part of their noise.
-Both start from the same linear equations of an upright camera.
+camera, and compiled for one without a lens (`pinhole_fit`). Groups of several motions are fitted by the thousand and
+need χ² alone: `rootmatch.problems.up2p.group_fit` does that compiled, with isotropic bearings and the tilt as part of
+their noise. All start from the same linear equations of an upright camera.
 """
 
 from __future__ import annotations
