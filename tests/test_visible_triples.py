@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -13,7 +14,7 @@ from rootmatch.samplers.guided.detection_grid import build_grid
 from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
-from rootmatch.samplers.guided.triangle_shapes import ANY, image_cells
+from rootmatch.samplers.guided.triangle_shapes import ANY, SIDE, image_cells
 from rootmatch.samplers.guided.visibility import DEFAULT_VISIBILITY, TriedSets
 from rootmatch.samplers.guided.visible_triples import run_visible_tests
 from test_visibility import CAMERA, NOISE, ball, view
@@ -59,8 +60,32 @@ def test_what_is_visible_has_a_shape_of_its_table_and_chance_seldom_has() -> Non
     assert np.concatenate(by_chance).mean() < 0.4
 
 
-def test_a_triple_seen_from_near_is_of_any_shape() -> None:
-    wide = np.array([[0.8, -0.8, 0.0], [0.0, 0.1, 0.9], [1.0, 1.0, 1.0]])
+def test_what_is_seen_from_near_has_a_shape_of_its_table_and_chance_seldom_has() -> None:
+    points, normals = ball(5)
+    tables, _ = tables_of(5, 0)
+    wave = views_of(points, normals).wave(3, tables)
+    sets = wave.prepared.points
+    rows = np.arange(len(sets))
+    rng = np.random.default_rng(1)
+    there, by_chance = [], []
+    for _ in range(400):
+        direction = rng.normal(size=3)
+        camera = direction / np.linalg.norm(direction) * rng.uniform(1.1, 2.0) * np.linalg.norm(points, axis=1).max()
+        towards = camera - points
+        visible = (towards * normals).sum(axis=1) > 0.1 * np.linalg.norm(towards, axis=1)
+        rays = -towards / np.linalg.norm(towards, axis=1, keepdims=True) @ rotation(rng)
+        cells = image_cells(np.ascontiguousarray(rays.T))
+        own = cells[sets[:, 0], sets[:, 1], sets[:, 2]]
+        wide = (own >= 2 * SIDE * SIDE) & (own < ANY)
+        there.append(wave.shapes[rows, own][wide & visible[sets].all(axis=1)])
+        by_chance.append(wave.shapes[rows, own][wide & ~visible[sets].any(axis=1)])
+    assert np.concatenate(there).size > 50
+    assert np.concatenate(there).mean() > 0.99
+    assert np.concatenate(by_chance).mean() < 0.4
+
+
+def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
+    wide = np.array([[0.8, -0.8, 0.0], [0.0, 0.1, 0.9], [0.3, 0.3, 0.3]])
     cells = image_cells(wide / np.linalg.norm(wide, axis=0))
     assert all(cells[order] == ANY for order in permutations(range(3)))
 
@@ -68,7 +93,7 @@ def test_a_triple_seen_from_near_is_of_any_shape() -> None:
 def test_missed_is_that_of_the_sets_tried() -> None:
     points, normals = ball(6)
     views = views_of(points, normals)
-    tried = TriedSets(views.visible)
+    tried = TriedSets(views.visible, replace(DEFAULT_VISIBILITY, failure=DEFAULT_VISIBILITY.lost))
     assert views.missed(7, 0) == 1.0
     for number in range(4):
         first, last = views.edges[number]

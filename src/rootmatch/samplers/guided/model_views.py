@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
 from rootmatch.samplers.guided.sequential_test import prepare_sets
-from rootmatch.samplers.guided.triangle_shapes import shape_tables
+from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
 from rootmatch.samplers.guided.visibility import (
     VisibilityOptions,
     covering_order,
@@ -48,10 +48,13 @@ class ModelViews:
         sizes, wave = [0], sets.first_wave
         while sizes[-1] < len(self.ordered):
             sizes.append(min(sizes[-1] + wave, len(self.ordered)))
-            wave = min(2 * wave, sets.largest_wave)
+            wave = min(2 * wave, options.largest_wave)
         self.edges = list(pairwise(sizes))
         self.visible = facing_points(normals, options, view_cosine)
         self.cameras, self.seen = _cameras(positions, normals, options, view_cosine)
+        self.normals, self.directions = normals, sphere(options.shape_views)
+        least = np.zeros(len(normals)) if view_cosine is None else view_cosine
+        self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
         self._views: dict[int, NDArray[np.bool_]] = {}
         self._met: dict[int, list[NDArray[np.int64]]] = {}
@@ -66,6 +69,9 @@ class ModelViews:
             others = np.argsort(-together, axis=1, kind="stable")[:, : together.shape[1] - 3]
             prepared = prepare_sets(tables, points, np.ascontiguousarray(others), np.zeros(len(points), np.int64))
             shapes = shape_tables(self.positions, self.cameras, self.seen, points)
+            add_near_shapes(
+                shapes, points, self.positions, self.normals, least=self.least_cosine, directions=self.directions
+            )
             self._waves[number] = VisibleSets(prepared, shapes)
         return self._waves[number]
 
@@ -80,7 +86,7 @@ class ModelViews:
         while len(met) <= waves:
             first, last = self.edges[len(met) - 1]
             met.append(met[-1] + within(self.ordered[first:last], views).sum(axis=1))
-        return float((self.options.failure ** met[waves]).mean())
+        return float((self.options.lost ** met[waves]).mean())
 
 
 def _cameras(

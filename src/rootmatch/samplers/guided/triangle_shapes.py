@@ -16,17 +16,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.jit.decorators import FASTMATH, driver, scalar
+from rootmatch.jit.decorators import FASTMATH, driver, part, scalar
 
 SIDE = 24
 """Cells along the diameter of a disc: 4° to 7° of the sphere each. A round value, not tuned."""
-ANY = 2 * SIDE * SIDE
+WIDTHS = (0.8, 1.2, 1.8, 2.7)
+"""Sums of the versines of an image triple that part its shapes: below the first it is seen from afar, where its shape
+depends on the direction alone, and from there on from ever nearer. The first is some 50° on each side."""
+ANY = 2 * SIDE * SIDE * len(WIDTHS)
 """Instead of a cell: a triple seen from so near that its shape was not foreseen; every table allows it."""
 CELLS = ANY + 1
 RIM = 0.15
 """Height over the equator up to which a shape is taken for its mirror image too: noise turns flat triangles over."""
-WIDEST = 0.8
-"""Sum of the versines of an image triple from which its shape is not foreseen: some 50° on each side."""
+NEAR = tuple(0.15 * 1.12**step for step in range(22))
+"""Distances, in longest sides, of near cameras from a triple's centroid. From farther away it is not as wide as the
+first of `WIDTHS`, from nearer wider than the last."""
+SLACK = 1.1
+"""Factor on the sum of the versines by which a width is taken for the next one too. Not tuned: half a step of `NEAR`
+changes it by 1.1 at the most."""
 
 
 @scalar
@@ -38,6 +45,15 @@ def _place(hab, hbc, hca, orientation):  # type: ignore[no-untyped-def]
     z = math.sqrt(max(0.0, 1.0 - x * x - y * y))
     shrunk = 1.0 / math.sqrt(1.0 + z)
     return (1 if orientation > 0.0 else 0), x * shrunk, y * shrunk, z
+
+
+@scalar
+def _layer(total):  # type: ignore[no-untyped-def]
+    """How many of the widths a sum of versines reaches."""
+    return (
+        (1 if total >= WIDTHS[0] else 0) + (1 if total >= WIDTHS[1] else 0)
+        + (1 if total >= WIDTHS[2] else 0) + (1 if total >= WIDTHS[3] else 0)
+    )  # fmt: skip
 
 
 @scalar
@@ -61,10 +77,10 @@ def _image_cells(rays, cells):  # type: ignore[no-untyped-def]
                 x, y, z = rays[0, c], rays[1, c], rays[2, c]
                 hbc = 0.5 * ((rays[0, b] - x) ** 2 + (rays[1, b] - y) ** 2 + (rays[2, b] - z) ** 2)
                 hca = 0.5 * ((rays[0, a] - x) ** 2 + (rays[1, a] - y) ** 2 + (rays[2, a] - z) ** 2)
-                cell = ANY
-                if a != b and hab + hbc + hca < WIDEST:
+                cell, layer = ANY, _layer(hab + hbc + hca)
+                if a != b and layer < len(WIDTHS):
                     sheet, u, v, _ = _place(hab, hbc, hca, nx * x + ny * y + nz * z)
-                    cell = (sheet * SIDE + _number(u)) * SIDE + _number(v)
+                    cell = ((2 * layer + sheet) * SIDE + _number(u)) * SIDE + _number(v)
                 cells[a, b, c] = cell
 
 
@@ -76,38 +92,69 @@ def image_cells(rays: NDArray[np.float64]) -> NDArray[np.int16]:
     return cells
 
 
+@part
+def _mark(points, i, j, k, x, y, z, least, table):  # type: ignore[no-untyped-def]
+    """Mark the shape of a triple in the image of a camera at (x, y, z), if its width is in layer ``least`` or above."""
+    ax, ay, az = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
+    bx, by, bz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+    cx, cy, cz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+    la = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
+    lb = 1.0 / math.sqrt(bx * bx + by * by + bz * bz)
+    lc = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz)
+    ax, ay, az, bx, by, bz = ax * la, ay * la, az * la, bx * lb, by * lb, bz * lb
+    cx, cy, cz = cx * lc, cy * lc, cz * lc
+    hab = 0.5 * ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
+    hbc = 0.5 * ((bx - cx) ** 2 + (by - cy) ** 2 + (bz - cz) ** 2)
+    hca = 0.5 * ((cx - ax) ** 2 + (cy - ay) ** 2 + (cz - az) ** 2)
+    total = hab + hbc + hca
+    if _layer(total * SLACK) < least:
+        return
+    orientation = (ay * bz - az * by) * cx + (az * bx - ax * bz) * cy + (ax * by - ay * bx) * cz
+    sheet, u, v, height = _place(hab, hbc, hca, orientation)
+    row, column = _number(u), _number(v)
+    for layer in range(max(_layer(total / SLACK), least), min(_layer(total * SLACK) + 1, len(WIDTHS))):
+        for side in range(2):
+            if side != sheet and height > RIM:
+                continue
+            for r in range(max(row - 1, 0), min(row + 2, SIDE)):
+                for c in range(max(column - 1, 0), min(column + 2, SIDE)):
+                    table[((2 * layer + side) * SIDE + r) * SIDE + c] = True
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _shape_tables(points, cameras, visible, sets, tables):  # type: ignore[no-untyped-def]
     for s in range(sets.shape[0]):
         i, j, k = sets[s, 0], sets[s, 1], sets[s, 2]
         for q in range(cameras.shape[0]):
-            if not (visible[q, i] and visible[q, j] and visible[q, k]):
-                continue
-            ax, ay, az = points[i, 0] - cameras[q, 0], points[i, 1] - cameras[q, 1], points[i, 2] - cameras[q, 2]
-            bx, by, bz = points[j, 0] - cameras[q, 0], points[j, 1] - cameras[q, 1], points[j, 2] - cameras[q, 2]
-            cx, cy, cz = points[k, 0] - cameras[q, 0], points[k, 1] - cameras[q, 1], points[k, 2] - cameras[q, 2]
-            la = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
-            lb = 1.0 / math.sqrt(bx * bx + by * by + bz * bz)
-            lc = 1.0 / math.sqrt(cx * cx + cy * cy + cz * cz)
-            ax, ay, az, bx, by, bz = ax * la, ay * la, az * la, bx * lb, by * lb, bz * lb
-            cx, cy, cz = cx * lc, cy * lc, cz * lc
-            orientation = (
-                (ay * bz - az * by) * cx + (az * bx - ax * bz) * cy + (ax * by - ay * bx) * cz
-            )  # fmt: skip
-            sheet, u, v, height = _place(
-                0.5 * ((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2),
-                0.5 * ((bx - cx) ** 2 + (by - cy) ** 2 + (bz - cz) ** 2),
-                0.5 * ((cx - ax) ** 2 + (cy - ay) ** 2 + (cz - az) ** 2),
-                orientation,
-            )
-            row, column = _number(u), _number(v)
-            for side in range(2):
-                if side != sheet and height > RIM:
-                    continue
-                for r in range(max(row - 1, 0), min(row + 2, SIDE)):
-                    for c in range(max(column - 1, 0), min(column + 2, SIDE)):
-                        tables[s, (side * SIDE + r) * SIDE + c] = True
+            if visible[q, i] and visible[q, j] and visible[q, k]:
+                _mark(points, i, j, k, cameras[q, 0], cameras[q, 1], cameras[q, 2], 0, tables[s])
         tables[s, ANY] = True
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def _near_tables(points, normals, least, directions, distances, sets, tables):  # type: ignore[no-untyped-def]
+    for s in range(sets.shape[0]):
+        x, y, z, longest = 0.0, 0.0, 0.0, 0.0
+        for p in range(3):
+            one, other = sets[s, p], sets[s, (p + 1) % 3]
+            x, y, z = x + points[one, 0] / 3.0, y + points[one, 1] / 3.0, z + points[one, 2] / 3.0
+            side = math.sqrt(
+                (points[one, 0] - points[other, 0]) ** 2 + (points[one, 1] - points[other, 1]) ** 2
+                + (points[one, 2] - points[other, 2]) ** 2
+            )  # fmt: skip
+            longest = max(longest, side)
+        for q in range(directions.shape[0]):
+            for far in range(distances.size):
+                away = longest * distances[far]
+                u, v, w = x + away * directions[q, 0], y + away * directions[q, 1], z + away * directions[q, 2]
+                facing = True
+                for p in range(3):
+                    d = sets[s, p]
+                    ox, oy, oz = u - points[d, 0], v - points[d, 1], w - points[d, 2]
+                    along = ox * normals[d, 0] + oy * normals[d, 1] + oz * normals[d, 2]
+                    facing = facing and along >= least[d] * math.sqrt(ox * ox + oy * oy + oz * oz)
+                if facing:
+                    _mark(points, sets[s, 0], sets[s, 1], sets[s, 2], u, v, w, 1, tables[s])
 
 
 def shape_tables(
@@ -130,3 +177,27 @@ def shape_tables(
     tables = np.zeros((len(sets), CELLS), np.bool_)
     _shape_tables(points, cameras, visible, sets, tables)
     return tables
+
+
+def add_near_shapes(
+    tables: NDArray[np.bool_],
+    sets: NDArray[np.int64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    least: NDArray[np.float64],
+    directions: NDArray[np.float64],
+) -> None:
+    """Add the shapes of wide images to tables (S, CELLS): what cameras see that are as near as a triple is long.
+
+    Parameters
+    ----------
+    tables : (S, CELLS) bool array
+    sets : (S, 3) int64 array
+    points, normals : (n, 3) arrays
+        A normal of length 1, or 0 where it is unknown.
+    least : (n,) array
+        Least cosine between normal and direction to the camera at which a point is visible.
+    directions : (D, 3) array
+        Unit vectors in which cameras lie about a triple.
+    """
+    _near_tables(points, normals, least, directions, np.array(NEAR), sets, tables)

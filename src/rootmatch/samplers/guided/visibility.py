@@ -47,6 +47,12 @@ class VisibilityOptions(Options):
     each object; not tuned."""
     missed: float = option(0.005, above=0.0, most=1.0)
     """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
+    lost: float = option(0.3, above=0.0, most=1.0)
+    """Probability that a triple listed by shape leads to nothing though it is all detected. Of 180 development scenes
+    of benchmarks/constellations.py (sim-15-20, sim-0-0, sim-5-0-near) 6 to 8 % of the detected triples met no true
+    survivor, in one scene of twenty more than a quarter."""
+    largest_wave: int = option(32, least=1)
+    """Most triples listed by shape after which it is asked again whether enough were tried. Not tuned."""
     least_matched: int = option(6, least=4)
     """Points of a pose that must not have been missed, at least, where triples are listed by shape: two minimal sets.
     Fewer hardly tell a pose from chance, and to look for them would take most of the time. A round value."""
