@@ -31,6 +31,7 @@ GROUPS = {
     "matching": (
         "warmup",
         "tracker",
+        "followed_body",
         "rival_poses",
         "matcher",
         "match",
@@ -51,6 +52,7 @@ CAPTIONS = {
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
     "tracker": "frame after frame, predicted",
+    "followed_body": "lost, or where",
     "rival_poses": "which pose, told later",
     "warmup": "kernels ahead of need",
     "matcher": "frame after frame",

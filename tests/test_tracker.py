@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.motion_filter import MotionFilter
-from rootmatch.rival_poses import RivalPose, decided
+from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
+from rootmatch.rival_poses import TEMPER, RivalPose, challengers, decided
 from rootmatch.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
@@ -88,23 +89,24 @@ def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
     assert one.state is rm.TrackingState.LOST
 
 
-def test_twin_poses_are_followed_until_another_view_decides() -> None:
-    """Six points, their copy half a turn away, and three more: either six alone look the same."""
+def twins(off: float) -> tuple[NDArray[np.float64], list[RivalPose], NDArray[np.float64], NDArray[np.float64]]:
+    """Six points, their copy half a turn away but for ``off``, and three more: body, rivals, rotation and place."""
     rng = np.random.default_rng(6)
     six = rng.uniform((0.1, -0.3, -0.3), (0.7, 0.3, 0.3), (6, 3))
-    body = np.concatenate([six, six * [-1.0, -1.0, 1.0], rng.uniform(-0.3, 0.3, (3, 3))])
+    copy = six * [-1.0, -1.0, 1.0] + off * rng.standard_normal((6, 3))
+    body = np.concatenate([six, copy, rng.uniform(-0.3, 0.3, (3, 3))])
     R, t = Rotation.random(random_state=1).as_matrix(), np.array([0.1, 0.0, 3.0])
     poses = [rm.Pose(turned, t, np.diag([1e-4] * 6)) for turned in (R * [-1.0, -1.0, 1.0], R)]
-    rivals = [RivalPose(MotionFilter(body, known, 0.0)) for known in poses]
+    return body, [RivalPose(MotionFilter(body, known, 0.0)) for known in poses], R, t
+
+
+def test_twin_poses_are_followed_until_another_view_decides() -> None:
+    body, rivals, R, t = twins(0.0)
     one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
     for k in range(1, 4):
         shown = np.arange(6 if k < 3 else 15)
-        target = CAMERA.project(body @ R.T + t)[shown] + rng.normal(0.0, 0.2, (len(shown), 2))
-
-        def follow(known: rm.Pose, image: NDArray[np.float64] = target) -> rm.Match:
-            return one.follow(image, known, searching=False)
-
-        after = decided(rivals, follow, k * INTERVAL)
+        target = CAMERA.project(body @ R.T + t)[shown] + np.random.default_rng(k).normal(0.0, 0.2, (len(shown), 2))
+        after = decided(rivals, lambda known, image=target: one.tried(image, known), k * INTERVAL)
         rivals = after.left
         if k < 3:
             assert not after.sure
@@ -112,9 +114,69 @@ def test_twin_poses_are_followed_until_another_view_decides() -> None:
             assert len(rivals) == 2
     assert after.sure
     assert np.array_equal(after.match.assignment, np.arange(15))
-    nothing = decided(rivals, lambda known: one.follow(np.array([[1.0, 2.0]]), known, searching=False), 1.0)
-    assert not nothing.left
+    nothing = decided(rivals, lambda known: one.tried(np.array([[1.0, 2.0]]), known), 1.0)
+    assert nothing.found is None
     assert nothing.match.status is rm.Status.UNTRUSTED
+
+
+def test_the_evidence_of_frames_adds_up() -> None:
+    """Half a millimetre at three metres is 0.13 px: no frame tells the twins apart, twenty do."""
+    body, rivals, R, t = twins(0.0005)
+    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
+    leads = []
+    for k in range(1, 60):
+        target = CAMERA.project(body @ R.T + t)[:6] + np.random.default_rng(k).normal(0.0, 0.2, (6, 2))
+        before = {id(rival): rival.evidence for rival in rivals}
+        after = decided(rivals, lambda known, image=target: one.tried(image, known), k * INTERVAL)
+        rivals = after.left
+        gains = sorted(rival.evidence - before[id(rival)] for rival in rivals)
+        leads.append(gains[-1] - gains[0])
+        if after.sure:
+            break
+    assert 5 < k < 59
+    assert max(leads) < 4.0
+    assert np.array_equal(after.match.assignment[:6], np.arange(6))
+    assert after.match.status is rm.Status.MATCHED
+
+
+def test_a_pose_that_explains_more_challenges_the_one_that_is_followed() -> None:
+    target, truth = frame(0)
+    right = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2).match(target)
+    wrong = truth.copy()
+    wrong[[0, 1, 2, 3]] = truth[[1, 0, 3, 2]]
+    wrong[4:6] = -1
+    R, t = pose(0.0)
+    followed = RivalPose(MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0), 50.0, -1.0)
+    current = replace(right, assignment=wrong)
+    (other,) = challengers(right, current, followed, BODY, 0.0, MotionOptions())
+    assert other.total > followed.total
+    found = other.filter.predicted(1e-6)
+    assert np.degrees(Rotation.from_matrix(found.R @ R.T).magnitude()) < 1.0
+    assert challengers(right, right, followed, BODY, 0.0, MotionOptions()) == []
+
+
+def test_which_points_are_missing_counts_once() -> None:
+    one = RivalPose(MotionFilter(BODY, rm.Pose(*pose(0.0), 1e-4 * np.eye(6)), 0.0))
+    for _ in range(100):
+        one.take(10.0, -3.0)
+    assert one.visibility == pytest.approx(-3.0)
+    assert one.evidence == pytest.approx(100 * 10.0 * TEMPER)
+
+
+def test_a_scant_body_is_searched_for_now_and_then() -> None:
+    """A part of the body is shown where it is followed: the rest may be elsewhere, or hidden."""
+    one = tracker(tracking=TrackingOptions(search_every=5))
+    searched = []
+    for k in range(12):
+        target, truth = frame(k)
+        if k >= 2:  # the rest is clutter
+            kept = truth[:3]
+            clutter = np.random.default_rng(k).uniform((0.0, 0.0), (640.0, 480.0), (5, 2))
+            target = np.concatenate([target[kept], clutter])
+        searched.append(one.match(target).hyperedges > 0)
+    assert searched[0]
+    assert not any(searched[1:3])
+    assert 1 <= sum(searched[3:]) <= 3
 
 
 def test_times_go_forward() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -18,9 +18,10 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
 from rootmatch.pipeline.body_labels import Label, check_bodies
+from rootmatch.pipeline.prior import Found
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
-from rootmatch.predicted import direct_match, empty_match
+from rootmatch.predicted import UNCONFIRMED, empty_match, tried
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
@@ -183,6 +184,29 @@ class Matcher:
                 return self.match(target, noise=noise, prior=prior, max_seconds=max_seconds)
             finally:
                 self.options = before
+        if self.bodies is None:
+            assert isinstance(prior, Pose)
+            return self.tried(target, prior, noise)[0]
+        return self._of_frame(target, prior, noise, lambda task: match_bodies(task, _not_searched))
+
+    def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Match, Found | None]:
+        """What a predicted pose of the only body finds, and its match, which is untrusted unless that is believed."""
+        known: list[Found | None] = [None]
+
+        def find(task: MatchingTask) -> Match:
+            match, known[0] = tried(task)
+            return match
+
+        return self._of_frame(target, prior, noise, find), known[0]
+
+    def _of_frame(
+        self,
+        target: ArrayLike,
+        prior: Pose | Mapping[Label, Pose] | None,
+        noise: ArrayLike | None,
+        find: Callable[[MatchingTask], Match],
+    ) -> Match:
+        """The match of a frame that is not searched."""
         started = time.perf_counter()
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
         fault = self._fault(detections, 1)
@@ -200,10 +224,7 @@ class Matcher:
             options=self.options,
         )
         try:
-            if self.bodies is not None:
-                found = match_bodies(task, _not_searched)
-            else:
-                found = direct_match(task) or _not_searched(task)
+            found = find(task)
         except UnseenPixelError as error:
             return self._empty(detections, str(error), started)
         return replace(found, seconds=time.perf_counter() - started)
@@ -251,4 +272,4 @@ class Matcher:
 
 
 def _not_searched(task: MatchingTask) -> Match:
-    return empty_match(task, "the prior pose is not confirmed")
+    return empty_match(task, UNCONFIRMED)

@@ -18,6 +18,7 @@ from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
 
+UNCONFIRMED = "the prior pose is not confirmed"
 VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
 """Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
 
@@ -35,7 +36,7 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) 
     if task.shape[1] < task.problem.order:
         return empty_match(
             without,
-            f"the prior pose is not confirmed, and {task.shape[1]} detections are given where a search without it "
+            f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
     return _judged(task, solve(without))
@@ -43,11 +44,19 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) 
 
 def direct_match(task: MatchingTask) -> Match | None:
     """The match that a prediction decides; None where it does not."""
-    assert task.predicted is not None
+    match, found = tried(task)
+    return match if found is not None and found.believed else None
+
+
+def tried(task: MatchingTask) -> tuple[Match, Found | None]:
+    """What a prediction finds, and its match: untrusted where it is not believed, empty where nothing is found."""
     found = match_with_prior(task, prior_of(task))
-    if found is None or not found.believed:
-        return None
-    return _match(task, found)
+    if found is None:
+        return empty_match(task, UNCONFIRMED), None
+    match = _match(task, found)
+    if found.believed:
+        return match, found
+    return replace(match, status=Status.UNTRUSTED, prior_holds=None, fused_pose=None, fault=UNCONFIRMED), found
 
 
 def _match(task: MatchingTask, found: Found) -> Match:
@@ -89,11 +98,11 @@ def _judged(task: MatchingTask, found: Match) -> Match:
     if found.status is Status.MATCHED:
         own = fits[0]
         held = own in near
-        return replace(found, task=task, prior_holds=held, fused_pose=_pose(own) if held else None)
+        return replace(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
     near.sort(key=lambda fit: -fit.log_odds)
     best, others = near[0], near[1:]
     share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))
-    probability = share / (1.0 + frame.neighbours(best))
+    probability = share / (1.0 + frame.neighbours(best)[0])
     return replace(
         found,
         task=task,
@@ -104,11 +113,12 @@ def _judged(task: MatchingTask, found: Match) -> Match:
         status=Status.MATCHED if probability >= TRUST.probability else Status.AMBIGUOUS,
         fitted_probability=probability,
         prior_holds=True,
-        fused_pose=_pose(best),
+        fused_pose=pose_of(best),
     )  # fmt: skip
 
 
-def _pose(fit: PriorFit) -> Pose:
+def pose_of(fit: PriorFit) -> Pose:
+    """The pose of a fit."""
     return Pose.unchecked(fit.R, fit.t, fit.covariance)
 
 
@@ -147,8 +157,15 @@ def free_pose(match: Match) -> Pose:
     """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
     if (match.assignment >= 0).sum() <= match.problem.minimal and match.fused_pose is not None:
         return match.fused_pose
-    task = match.task
-    ((R, t),) = _poses(task, [match.assignment])
+    return pose_of(free_fits(match.task, [match.assignment])[0])
+
+
+def free_fits(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[PriorFit]:
+    """Assignments fitted with a prior that says nothing, the same for all of them."""
+    poses = _poses(task, assignments)
     size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
-    vague = Pose(R, t, np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + float(np.linalg.norm(t)))], 3) ** 2))
-    return _pose(PriorFrame(task, vague).fitted(match.assignment, R, t))
+    far = max((float(np.linalg.norm(t)) for _, t in poses), default=0.0)
+    vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + far)], 3) ** 2)
+    return [
+        PriorFrame(task, Pose(R, t, vague)).fitted(one, R, t) for one, (R, t) in zip(assignments, poses, strict=True)
+    ]

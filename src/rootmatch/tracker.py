@@ -3,63 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rootmatch.cameras.rig import rig_of
 from rootmatch.errors import InputError
+from rootmatch.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.matcher import Matcher
-from rootmatch.options import Options, option
 from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
-from rootmatch.pipeline.motion_filter import DEFAULT_MOTION, MotionFilter, MotionOptions
 from rootmatch.pipeline.status import Status
-from rootmatch.predicted import free_pose
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
-from rootmatch.rival_poses import RivalPose, decided, rivals_of
+from rootmatch.rival_poses import challengers, decided, searched
 
-LIKELY = 0.5
-"""Probability of an assignment about a prediction from which its pose is taken: more likely than all others."""
+__all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
-
-class TrackingState(Enum):
-    """Whether a body is being followed."""
-
-    LOST = "lost: its pose is not known; the next frame is searched for it"
-    COASTING = "coasting: not found in the last frame; its pose is predicted from those before"
-    TRACKING = "tracking: found in the last frame"
-
-    def __str__(self) -> str:
-        return self.value
-
-
-@dataclass(frozen=True)
-class TrackingOptions(Options):
-    """When a tracker searches and gives up; what follows is measured in benchmarks/tracking.py."""
-
-    interval: float = option(1.0 / 60.0, above=0.0)
-    """Seconds between frames that are given without a time."""
-    coasting: float = option(0.5, least=0.0)
-    """Seconds without a match after which a body is lost."""
-    patience: int = option(1, least=0)
-    """Frames in which a prediction may fail before one is searched without it: an occlusion often ends by itself."""
-    present: float = option(0.7, least=0.0)
-    """Detections, over those of the last frame that was matched, from which it is searched: with fewer the body is
-    hidden. A round value."""
-    search_budget: int = option(30_000, least=1)
-    """Evaluations of a search, all but that of the first frame, so that it ends within 50 ms; it is as good as one of
-    100,000 (benchmarks/tracking.py, six flights, seeds from 1000)."""
-    search_every: int = option(10, least=1)
-    """With several bodies those that are not found are searched for in one of so many frames. A round value."""
-    motion: MotionOptions = option(DEFAULT_MOTION)
-    """How fast a body may move."""
+TRACKING = TrackingOptions()
 
 
 class Tracker:
@@ -100,7 +65,7 @@ class Tracker:
         problem: Problem,
         *,
         noise: ArrayLike = 1.0,
-        tracking: TrackingOptions = TrackingOptions(),
+        tracking: TrackingOptions = TRACKING,
         **options: Any,
     ) -> None:
         if isinstance(noise, str):
@@ -118,10 +83,10 @@ class Tracker:
             None if labels is None else check_bodies(labels, self.matcher.source, problem.order)
         )
         self._frame = 0
-        self._bodies: dict[Label | None, _Followed] = {}
+        self._bodies: dict[Label | None, FollowedBody] = {}
         for k, label in enumerate([None] if self.labels is None else self.labels.names):
             points = slice(None) if self.labels is None else self.labels.points_of(k)
-            self._bodies[label] = _Followed(self.matcher.source[points], tracking)
+            self._bodies[label] = FollowedBody(self.matcher.source[points], tracking)
 
     @property
     def state(self) -> TrackingState:
@@ -145,13 +110,17 @@ class Tracker:
         if self.time is None:
             return {}
         when = self.time + self.tracking.interval if time is None else time
-        return {label: body.filter.predicted(when) for label, body in self._bodies.items() if body.filter is not None}
+        return {
+            label: body.rivals[0].filter.predicted(when)
+            for label, body in self._bodies.items()
+            if body.state is not TrackingState.LOST
+        }
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
         self.time, self._frame = None, 0
         for body in self._bodies.values():
-            body.filter, body.missed, body.rivals = None, 0, []
+            body.forget()
 
     def match(
         self,
@@ -188,34 +157,80 @@ class Tracker:
             If the frame is not later than the one before, or as `rootmatch.Matcher.match`.
         """
         when = self._time(time)
-        priors = self.predicted(when)
-        if prior is not None:
-            given_priors: dict[Label | None, Pose] = {None: prior} if isinstance(prior, Pose) else dict(prior.items())
-            priors |= given_priors
-        given: Pose | Mapping[Label, Pose] | None
-        if self.labels is None:
-            given = priors.get(None)
-            searching = given is None or self._bodies[None].worth_a_search(len(np.asarray(target)))
-        else:
-            given = {label: pose for label, pose in priors.items() if label is not None}
-            lost = self.time is None or any(body.missed or body.filter is None for body in self._bodies.values())
-            searching = lost and self._frame % self.tracking.search_every == 0
         self._frame += 1
-        single = self._bodies.get(None)
-        if single is not None and single.rivals and prior is None:
-            self.time = when
-            return single.settle(target, lambda pose: self.matcher.follow(target, pose, noise, searching=False), when)
-        budget = None if self.time is None else self.tracking.search_budget
-        found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=budget)
-        self.time = when
-        if self.labels is None:
-            self._bodies[None].take(found, priors.get(None), when)
-        elif found.bodies is not None:
-            for label, match in found.bodies.items():
-                self._bodies[label].take(match, priors.get(label), when)
+        if self.labels is not None:
+            found = self._match_bodies(target, when, prior, noise, max_seconds)
+        elif prior is not None:
+            found = self.matcher.follow(target, prior, noise, max_seconds, budget=self._budget)
+            self._bodies[None].take(found, True, when)
         else:
-            for body in self._bodies.values():
-                body.take(None, None, when)
+            found = self._match_one(target, when, noise, max_seconds)
+        self.time = when
+        return found
+
+    @property
+    def _budget(self) -> int | None:
+        """Evaluations of a search; None for the first frame, which may take as many as `rootmatch.match`."""
+        return None if self.time is None else self.tracking.search_budget
+
+    def _match_one(self, target: ArrayLike, when: float, noise: ArrayLike | None, max_seconds: float | None) -> Match:
+        """The match of a frame with one body: with its prediction, or several, and searched where none holds."""
+        body = self._bodies[None]
+
+        def search() -> Match:
+            return self.matcher.follow(target, None, noise, max_seconds, budget=self._budget)
+
+        if not body.rivals:
+            found = search()
+            body.start(found, when)
+            return found
+        after = decided(body.rivals, lambda pose: self.matcher.tried(target, pose, noise), when)
+        detections = len(np.asarray(target))
+        if after.found is not None:
+            body.hold(after, detections)
+            if body.misses(after.found, detections - self.matcher.problem.order) and body.late(self._frame):
+                other = search()
+                if other.status is not Status.UNTRUSTED:
+                    body.rivals += challengers(
+                        other, after.match, after.left[0], body.source, when, self.tracking.motion
+                    )
+                return replace(after.match, hyperedges=other.hyperedges)
+            return after.match
+        worth = body.worth_a_search(detections)
+        body.rivals = after.left
+        body.miss(when)
+        if not worth:
+            return after.match
+        found = search()
+        if found.status is Status.UNTRUSTED:
+            # what was found about the prediction is more likely than what was found anywhere
+            return replace(after.match, hyperedges=found.hyperedges) if (after.match.assignment >= 0).any() else found
+        if not body.rivals:
+            body.start(found, when)
+            return found
+        after = searched(found, body.rivals, body.source, when, self.tracking.motion)
+        body.hold(after, detections)
+        return after.match
+
+    def _match_bodies(
+        self,
+        target: ArrayLike,
+        when: float,
+        prior: Pose | Mapping[Label, Pose] | None,
+        noise: ArrayLike | None,
+        max_seconds: float | None,
+    ) -> Match:
+        """The match of a frame with several bodies."""
+        given = {label: pose for label, pose in self.predicted(when).items() if label is not None}
+        if isinstance(prior, Mapping):
+            given |= prior
+        elif prior is not None:
+            raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
+        lost = self.time is None or any(body.state is not TrackingState.TRACKING for body in self._bodies.values())
+        searching = lost and (self._frame - 1) % self.tracking.search_every == 0
+        found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=self._budget)
+        for label, body in self._bodies.items():
+            body.take(None if found.bodies is None else found.bodies[label], label in given, when)  # type: ignore[index]
         return found
 
     def _time(self, time: float | None) -> float:
@@ -226,54 +241,3 @@ class Tracker:
         if self.time is not None and time <= self.time:
             raise InputError(f"time: {time:g} s given after {self.time:g} s; give frames in order, or reset() first")
         return float(time)
-
-
-class _Followed:
-    """One body: its filter while it is not lost, and the frames in which it was not found."""
-
-    def __init__(self, source: NDArray[np.float64], options: TrackingOptions) -> None:
-        self.source, self.options = source, options
-        self.filter: MotionFilter | None = None
-        self.rivals: list[RivalPose] = []
-        self.missed = 0
-        self.detections = 0
-
-    def worth_a_search(self, detections: int) -> bool:
-        """Whether so many detections may show the body elsewhere than predicted."""
-        return self.missed >= self.options.patience and detections >= self.options.present * self.detections
-
-    @property
-    def state(self) -> TrackingState:
-        if self.filter is None:
-            return TrackingState.LOST
-        return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
-
-    def take(self, match: Match | None, prior: Pose | None, time: float) -> None:
-        """Take the match of a frame, which was made with a prior or without.
-
-        With a prior that holds, a doubt about one detection does not stop the filter.
-        """
-        held = match is not None and match.prior_holds is True and match.status is not Status.UNTRUSTED
-        sure = match is not None and match.status is Status.MATCHED
-        self.rivals = []
-        if match is None or not (sure or (held and (match.fitted_probability or 0.0) >= LIKELY)):
-            self.missed += 1
-            if self.filter is None and match is not None and match.status is Status.AMBIGUOUS and match.bodies is None:
-                self.rivals = rivals_of(match, self.source, time, self.options.motion)
-            if self.filter is not None and time - self.filter.time > self.options.coasting:
-                self.filter, self.missed = None, 0
-            return
-        self.missed, self.detections = 0, match.task.shape[1]
-        if held and match.fused_pose is not None and self.filter is not None and prior is not None:
-            self.filter.update(match.fused_pose, time)
-            return
-        self.filter = MotionFilter(self.source, free_pose(match), time, self.options.motion)
-
-    def settle(self, target: ArrayLike, follow: Callable[[Pose], Match], time: float) -> Match:
-        """The match of a frame where the pose is one of several; see `rootmatch.rival_poses`."""
-        after = decided(self.rivals, follow, time)
-        self.rivals = after.left
-        if after.sure:
-            self.filter, self.rivals = after.left[0].filter, []
-            self.missed, self.detections = 0, len(np.asarray(target))
-        return after.match

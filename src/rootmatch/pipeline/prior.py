@@ -40,6 +40,9 @@ class PriorOptions(Options):
     """Part of the visible points from which the first assignment is taken without trying others, if it also fits."""
     fitting: float = option(2.5, above=0.0)
     """χ² over its degrees of freedom up to which it does."""
+    changes: int = option(3, least=0)
+    """Single changes of the best assignment that are tried one after another where one is the more likely, as a point
+    beyond the gate may be. A round value."""
     least: int = option(3, least=1)
     """Matches of an assignment that is believed."""
     beyond_chance: float = option(4.6, least=0.0)
@@ -78,6 +81,12 @@ class Found:
         Whether it is beyond chance, fits, and does not contradict the prior.
     tested : int
         Hypotheses that were tried.
+    beyond_chance : float
+        Log-odds against clutter that crowds as the detections do, less the logarithm of ``tested``.
+    visibility : float
+        Part of ``log_odds`` that the visible points tell: which of them are matched.
+    expected : float
+        Visible points.
     """
 
     assignment: Integers
@@ -88,6 +97,14 @@ class Found:
     alternatives: list[tuple[Integers, float]]
     believed: bool
     tested: int
+    beyond_chance: float
+    visibility: float
+    expected: float
+
+    @property
+    def matched(self) -> int:
+        """Number of matches."""
+        return int((self.assignment >= 0).sum())
 
 
 def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DEFAULT_PRIOR) -> Found | None:
@@ -121,8 +138,18 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
     if not ranked:
         return None
     best = ranked[0]
+    near, better = frame.neighbours(best)
+    for _ in range(options.changes):
+        if near <= 1.0:
+            break
+        fit = frame.fitted(better, best.R, best.t, best.at)
+        if fit.log_odds <= best.log_odds:
+            break
+        ranked.insert(0, fit)
+        best = fit
+        near, better = frame.neighbours(best)
     others = sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in ranked[1:])
-    probability = 1.0 / (1.0 + others + frame.neighbours(best))
+    probability = 1.0 / (1.0 + others + near)
     beyond = frame.against_clutter(best) - math.log(tested)
     believed = (
         best.matched >= options.least
@@ -141,6 +168,9 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
         alternatives=alternatives,
         believed=believed,
         tested=tested,
+        beyond_chance=beyond,
+        visibility=best.visibility,
+        expected=best.expected,
     )
 
 

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED
 from rootmatch.pipeline.task import MatchingTask
@@ -76,6 +77,8 @@ class PriorFit:
     """Visible points."""
     log_odds: float
     """Against clutter alone, the pose integrated out."""
+    visibility: float
+    """Part of it that the visible points tell: which of them are matched."""
 
     @cached_property
     def matched(self) -> int:
@@ -128,7 +131,7 @@ class PriorFrame:
 
     def moved(self, step: Floats) -> tuple[Floats, Floats]:
         """The predicted pose after a step (ω, τ)."""
-        return rotation_matrix(step[:3]) @ self.R, self.t + step[3:]
+        return one_rotation_matrix(step[:3]) @ self.R, self.t + step[3:]
 
     def projected(self, R: Floats, t: Floats) -> Projected:
         """Where a pose puts the source points, and how that changes with it."""
@@ -206,7 +209,7 @@ class PriorFrame:
             damped = normal.copy()
             damped[diagonal, diagonal] *= 1.0 + damping
             change = -np.linalg.solve(damped, slope)
-            R2, t2 = rotation_matrix(change[:3]) @ R, t + change[3:]
+            R2, t2 = one_rotation_matrix(change[:3]) @ R, t + change[3:]
             if damping == 0.0 and -float(slope @ change) < SETTLED * (1.0 + chi2):
                 R, t = R2, t2
                 break
@@ -228,7 +231,7 @@ class PriorFrame:
         evidence += float(np.log(weight / (2.0 * math.pi)).sum())
         chance = self.rate(assignment, at) * at.visible
         free = len(self.target) - len(used)
-        odds = np.where(assignment >= 0, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance)).sum()
+        odds = float(np.where(assignment >= 0, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance)).sum())
         clutter = len(used) * math.log(CROWDING * (free + HALF) / self.area)
         return PriorFit(
             assignment=assignment,
@@ -240,7 +243,8 @@ class PriorFrame:
             chi2_prior=chi2_prior,
             freedom=2 * len(used),
             expected=float(at.visible.sum()),
-            log_odds=evidence + float(odds) - clutter,
+            log_odds=evidence + odds - clutter,
+            visibility=odds,
         )
 
     def _deviation(
@@ -250,7 +254,7 @@ class PriorFrame:
         R, t = pose
         off = at.pixels[used] - image
         relative = R @ self.R.T
-        step = np.concatenate([rotation_vector(relative), t - self.t])
+        step = np.concatenate([one_rotation_vector(relative), t - self.t])
         return float(((off**2).sum(axis=1) * weight).sum()), float(step @ self.precision @ step), step
 
     def rate(self, assignment: Integers, at: Projected) -> float:
@@ -260,8 +264,8 @@ class PriorFrame:
         matched = int((assignment >= 0).sum())
         return min((matched + HALF) / (max(float(at.visible.sum()), matched) + 1.0), MOST_DETECTED)
 
-    def neighbours(self, fit: PriorFit) -> float:
-        """Sum of the odds of all one-change neighbours of a fitted assignment against it, to first order."""
+    def neighbours(self, fit: PriorFit) -> tuple[float, Integers]:
+        """Summed odds of all one-change neighbours of a fitted assignment against it, to first order; the best one."""
         assignment, at = fit.assignment, fit.at
         matched = assignment >= 0
         image = np.maximum(assignment, 0)
@@ -274,22 +278,31 @@ class PriorFrame:
         pixels = np.where(matched[:, None], alone, at.pixels)
         squared, determinant = self.squared(pixels, np.where(matched[:, None, None], away @ spread, spread))
         chance = self.rate(assignment, at) * at.visible
-        free = len(self.target) - fit.matched
-        clutter = CROWDING * (free + HALF) / self.area
+        clutter = CROWDING * (len(self.target) - fit.matched + HALF) / self.area
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / clutter)
         gains = odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300))) - math.log(2.0 * math.pi)
         own = np.where(matched, gains[np.arange(len(assignment)), image], 0.0)
         gains = np.where(self.allowed & (at.visible > self.HIDDEN)[:, None], gains, -np.inf)
         unused = np.ones(len(self.target), np.bool_)
         unused[assignment[matched]] = False
+        pairs, free = np.flatnonzero(matched), np.flatnonzero(unused)
+        swapped = gains[np.ix_(pairs, assignment[pairs])]
+        swaps = swapped + swapped.T - own[pairs, None] - own[None, pairs]
+        swaps[np.tri(len(pairs), dtype=np.bool_)] = -np.inf
+        moves, left = gains[:, free] - own[:, None], np.where(matched, -own, -np.inf)
         with np.errstate(over="ignore"):
-            total = float(np.exp(-own[matched]).sum())
-            total += float(np.exp(gains[:, unused] - own[:, None]).sum())
-            pairs = np.flatnonzero(matched)
-            swapped = gains[np.ix_(pairs, assignment[pairs])]
-            both = swapped + swapped.T - own[pairs, None] - own[None, pairs]
-            total += float(np.exp(both[np.triu_indices(len(pairs), 1)]).sum())
-        return total
+            total = float(np.exp(left).sum() + np.exp(moves).sum() + np.exp(swaps).sum())
+        best = assignment.copy()
+        highest = [float(one.max(initial=-np.inf)) for one in (left, moves, swaps)]
+        if highest[0] == max(highest):
+            best[left.argmax()] = -1
+        elif highest[1] == max(highest):
+            i, j = np.unravel_index(moves.argmax(), moves.shape)
+            best[i] = free[j]
+        else:
+            i, j = np.unravel_index(swaps.argmax(), swaps.shape)
+            best[pairs[[i, j]]] = assignment[pairs[[j, i]]]
+        return total, best
 
     def against_clutter(self, fit: PriorFit) -> float:
         """Log-odds of a fit against clutter that crowds as the detections do, each about itself."""
@@ -317,25 +330,3 @@ def _squared(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -
     b = spread[..., 0, 1, None]
     determinant = a * c - b * b
     return (c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant
-
-
-def rotation_matrix(vector: Floats) -> Floats:
-    """`rootmatch.algebra.rotation.rotation_from_vector` of a single one, in a tenth of the time."""
-    x, y, z = vector.tolist()
-    angle = math.sqrt(x * x + y * y + z * z)
-    s, c = (math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)) if angle > 1e-6 else (1.0, 0.5)
-    return np.array(
-        [
-            [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
-            [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
-            [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
-        ]
-    )
-
-
-def rotation_vector(R: Floats) -> Floats:
-    """Rotation vector of a matrix; exact for angles below 180°."""
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = 0.5 * math.sqrt(float(axis @ axis))
-    angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
-    return 0.5 * axis * (angle / sine if sine > 1e-12 else 1.0)
