@@ -39,6 +39,12 @@ class BatchOptions(Options):
 
     first: int = option(8_000, least=1)
     """Minimal sets solved before the first look at what was found; each batch is twice the one before. Not tuned."""
+    start: int = option(2_000, least=1)
+    """The same for one motion without normals."""
+    growth: float = option(0.25, above=0.0)
+    """Minimal sets of its next batch over all before, if that is more than the last: the right set comes at a random
+    time, and a batch is finished first. A tenth to a half fewer evaluations than batches of 8,000 and twice the one
+    before (benchmarks/matches.py, 20 seeds)."""
     largest: int = option(400_000, least=1)
     """Minimal sets of the largest batch. A round value, not tuned."""
     chunks: int = option(8, least=1)
@@ -77,9 +83,12 @@ class RefinementOptions(Options):
     """Fraction of the clusters that is solved anew then, if that is more. A round value, not tuned."""
     sets: int = option(8, least=1)
     """Minimal sets solved anew of each cluster. A round value, not tuned."""
-    rival_sets: float = option(3.0, least=0.0)
-    """Minimal sets, all of them visible, for which the detections of the best hypothesis are tried in every other
-    arrangement: an object that looks like itself has rivals. A round value; `tests/test_guided.py` has such objects."""
+    rival: float = option(0.9, above=0.0, most=1.0)
+    """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least. A round
+    value."""
+    rival_missed: float = option(0.08, above=0.0, most=1.0)
+    """Probability of having missed such a rival at which none is looked for any more: two minimal sets where all points
+    are seen, in every arrangement of those detections. A round value; `tests/test_guided.py` has such objects."""
     lag: float = option(15.0, above=0.0)
     """Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
     benchmarks/constellations.py what turned out the most probable lagged by at most 7."""

@@ -22,6 +22,7 @@ from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.rivals import try_rivals
 from rootmatch.samplers.guided.sequential_test import (
     PreparedSets,
     SequentialTest,
@@ -70,7 +71,10 @@ class Search:
         self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
-        self.refined_at = -1
+        self.refined_at, self.refined_clusters = -1, 0
+        self.first_sets: PreparedSets | None = None
+        """Those of the first wave."""
+        self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
         self.missed = 1.0
@@ -81,12 +85,13 @@ class Search:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
         options = self.options.batches
         arrangements = self.rng.permutation(enumeration.target_arrangements(self.n_target, self.minimal - 1))
-        batch = options.first
+        batch = options.start if self.single and not self.normals else options.first
         pace = Pace(self.deadline, options.chunks)
         tried, sets_done = self._tried(), 0
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
+            self.first_sets = self.first_sets or sets
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
                 wanted = max(options.chunks, batch // (self.n_target - self.minimal + 1))
@@ -94,7 +99,7 @@ class Search:
                 if last == done:
                     return
                 self._try(sets, test, arrangements, first=done, last=last)
-                done, batch = last, min(2 * batch, options.largest)
+                done, batch = last, self._next_batch(batch)
                 if self.progress is not None:
                     self.progress(min(self.evaluated, self.options.budget), self.options.budget)
                 if self._spent():
@@ -113,6 +118,13 @@ class Search:
                 if len(self.hypotheses) > options.most_batches:
                     self._clustered()
         self.missed = 0.0  # everything was tried
+
+    def _next_batch(self, batch: int) -> int:
+        """Minimal sets of the batch after one of so many."""
+        options = self.options.batches
+        if not self.single or self.normals:
+            return min(2 * batch, options.largest)
+        return min(max(batch, int(options.growth * self.solved)), options.largest)
 
     def _waves(self) -> Iterator[Integers]:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
@@ -180,39 +192,8 @@ class Search:
         )  # fmt: skip
 
     def _try_rivals(self) -> None:
-        """Whether the detections of the strongest hypothesis could as well be other points: a symmetric object.
-
-        Only they are tried as images, so this takes a fraction of what the search took.
-        """
-        _, _, hypotheses = self._clustered()
-        images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
-        few = FewDetections.of(self.tables, self.grid, self.allowed, images)
-        arrangements = enumeration.target_arrangements(len(images), self.minimal - 1)
-        wanted = math.ceil(self.options.refinement.rival_sets * (self.n / len(images)) ** self.minimal)
-        if wanted <= 0:
-            self.missed = 0.0
-            return
-        every, tried = wanted, self._tried()
-        least = max(self.minimal + 1, math.ceil(self.options.visibility.rival * len(images)))
-        for points in self._waves():
-            some = points[:wanted] if tried is None else points
-            sets = self._prepared(some, len(arrangements))
-            tasks, done, pace = len(some) * len(arrangements), 0, Pace(self.deadline, self.options.batches.chunks)
-            while done < tasks and (block := pace.block(tasks - done)):
-                self._try(sets, self._test(0), arrangements, first=done, last=done + block, among=few)
-                done += block
-            if done == tasks:
-                wanted -= len(some)
-                if tried is not None:
-                    tried.add(some)
-            if tried is None:
-                self.missed = math.exp(-self.options.refinement.rival_sets * (1.0 - max(wanted, 0) / every))
-            else:
-                self.missed = tried.missed(least)
-            done = wanted <= 0 if tried is None else self.missed <= self.options.visibility.missed
-            if done or self._spent():
-                return
-        self.missed = 0.0
+        """Whether the detections of the strongest hypothesis could as well be other points: a symmetric object."""
+        try_rivals(self)
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)
@@ -286,10 +267,13 @@ class Search:
         """
         if self.refined_at == self.solved:
             return
-        self.refined_at = self.solved
+        again, self.refined_at = self.refined_at >= 0, self.solved
         options, solutions = self.options.refinement, hypothesis_kernels(self.tables).solutions
         leaders, _, hypotheses = self._clustered()
         beyond_chance = int((hypotheses.evidence[leaders] > self._false_alarm_level()).sum())
+        if again and self.single and 0 < beyond_chance == self.refined_clusters:
+            return  # no rivals since
+        self.refined_clusters = beyond_chance
         points, images = [], []
         for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
             matched = np.flatnonzero(hypotheses.best[leader] >= 0)
@@ -331,10 +315,13 @@ class Search:
 
     def _clustered(self) -> tuple[Integers, Integers, Hypotheses]:
         """Leaders (G,) and candidates (G, n, c) of the clusters of all hypotheses, and these, strongest first."""
+        if self._known is not None and len(self.hypotheses) == 1 and self.hypotheses[0] is self._known[2]:
+            return self._known
         none = Hypotheses.empty(self.minimal, self.n, self.options.verification.candidates)
         hypotheses = Hypotheses.joined(self.hypotheses or [none]).strongest(self.options.batches.remembered)
         self.hypotheses = [hypotheses]
         leaders, lists = cluster(
             hypotheses.evidence, hypotheses.best, hypotheses.candidates, self.options.groups, self.options.clustering
         )
-        return leaders, lists, hypotheses
+        self._known = leaders, lists, hypotheses
+        return self._known

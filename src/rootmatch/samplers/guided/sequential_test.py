@@ -120,6 +120,14 @@ class PreparedSets(NamedTuple):
     offset: NDArray[np.int64]
     """(S,) index into the arrangements where each set begins."""
 
+    def first(self, most: int) -> PreparedSets:
+        """At most so many of them."""
+        if most >= len(self.points):
+            return self
+        return PreparedSets(
+            self.points[:most], self.others[:most], self.coordinates[:most], self.own[:most], self.offset[:most]
+        )
+
 
 def prepare_sets(
     tables: Any, points: NDArray[np.int64], others: NDArray[np.int64], offset: NDArray[np.int64]

@@ -1,0 +1,59 @@
+"""Rivals of a hypothesis: whether its detections could as well be other points, as of an object that looks like itself.
+
+Only these detections are tried as images, in every arrangement, so this takes a fraction of what the search took.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rootmatch.deadline import Pace
+from rootmatch.hypergraph.enumeration import target_arrangements
+from rootmatch.samplers.guided.few_detections import FewDetections
+from rootmatch.samplers.guided.sequential_test import PreparedSets
+
+if TYPE_CHECKING:
+    from rootmatch.samplers.guided.search import Search
+
+
+def try_rivals(search: Search) -> None:
+    """Try minimal sets with the detections of the strongest hypothesis until no rival can well have been missed."""
+    options, best = search.options, search._clustered()[2].best[0]
+    images = np.sort(best[best >= 0])
+    few = FewDetections.of(search.tables, search.grid, search.allowed, images)
+    arrangements = target_arrangements(len(images), search.minimal - 1)
+    tried, pace = search._tried(), Pace(search.deadline, options.batches.chunks)
+    least = max(search.minimal + 1, math.ceil(options.visibility.rival * len(images)))
+    # a set is met if a rival, which explains nearly as many detections, explains all of its points
+    met = min((options.refinement.rival * len(images) / search.n) ** search.minimal, 0.999)
+    enough = options.refinement.rival_missed if tried is None else options.visibility.missed
+    done, wanted = 0, math.ceil(math.log(enough) / math.log1p(-met))
+    if wanted == 0:
+        search.missed = 0.0
+        return
+    for sets in _sets(search, len(arrangements), alike=tried is None):
+        some = sets if tried is not None else sets.first(wanted - done)
+        first, tasks = 0, len(some.points) * len(arrangements)
+        while first < tasks and (block := pace.block(tasks - first)):
+            search._try(some, search._test(0), arrangements, first=first, last=first + block, among=few)
+            first += block
+        if first == tasks:
+            done += len(some.points)
+            if tried is not None:
+                tried.add(some.points)
+        search.missed = (1.0 - met) ** done if tried is None else tried.missed(least)
+        if search.missed <= enough or search._spent():
+            return
+    search.missed = 0.0
+
+
+def _sets(search: Search, arrangements: int, alike: bool) -> Iterator[PreparedSets]:
+    """Waves of minimal sets: those that the search began with, if any are as good as others, then further ones."""
+    if alike and search.first_sets is not None:
+        yield search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
+    for points in search._waves():
+        yield search._prepared(points, arrangements)
