@@ -66,14 +66,11 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
     The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
     """
-    distance = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
+    from rootmatch.hypergraph.farthest_first import farthest_first  # takes Numba
+
     order = np.empty(len(points), dtype=np.int64)
-    nearest = np.full(len(points), np.inf)
-    for k in range(len(points)):
-        choice = int(np.argmax(distance if k == 0 else nearest))
-        order[k] = choice
-        nearest = np.minimum(nearest, ((points - points[choice]) ** 2).sum(axis=1))
-        nearest[order[: k + 1]] = -1.0
+    distance = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
+    farthest_first(np.ascontiguousarray(points, np.float64), int(distance.argmax()), order)
     return order
 
 

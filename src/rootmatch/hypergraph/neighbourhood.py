@@ -80,25 +80,12 @@ def likely_changes(
         What each correspondence adds, given the rest of the assignment; finite where it is in the assignment.
     least : float
     """
-    matched, unmatched = np.flatnonzero(assignment >= 0), np.flatnonzero(assignment < 0)
-    images = assignment[matched]
-    own = np.zeros(len(assignment))
-    own[matched] = gains[matched, images]
-    free = np.ones(gains.shape[1], np.bool_)
-    free[images] = False
-    free_targets = np.flatnonzero(free)
-    moved = gains[:, free_targets] - own[:, None]
-    source, place = np.nonzero(moved > least)
-    dropped = matched[-own[matched] > least]
-    handed = gains[np.ix_(unmatched, images)] - own[matched]
-    second, first = np.nonzero(handed > least)
-    half = gains[np.ix_(matched, images)] - own[matched, None]
-    exchanged = half + half.T
-    p, q = np.nonzero(np.tril(exchanged > least, -1))
-    changes = Changes(
-        np.concatenate([source, dropped, matched[first], matched[p]]),
-        np.concatenate([free_targets[place], np.full(len(dropped) + len(first), -1), images[q]]),
-        np.concatenate([np.full(len(source) + len(dropped), -1), unmatched[second], matched[q]]),
-        np.concatenate([np.full(len(source) + len(dropped), -1), images[first], images[p]]),
-    )
-    return changes, np.concatenate([moved[source, place], -own[dropped], handed[second, first], exchanged[p, q]])
+    from rootmatch.hypergraph.change_listing import list_changes  # takes Numba
+
+    capacity = 4 * len(assignment) + 16
+    while True:
+        columns, gain = np.empty((4, capacity), np.int64), np.empty(capacity)
+        count = list_changes(assignment, gains, least, columns, gain)
+        if count <= capacity:
+            return Changes(*columns[:, :count]), gain[:count]
+        capacity = count

@@ -65,33 +65,14 @@ class AbsoluteFit(Fit):
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
         """See `Fit.densities`."""
-        assignment, jacobian = self.assignments[k], self.jacobian[k]
-        matched = assignment >= 0
-        image = np.maximum(assignment, 0)
-        spread = jacobian @ self.covariance[k] @ jacobian.transpose(0, 2, 1)
-        unit = np.eye(2)
-        # without its own match a prediction moves away from it and is less certain, by the hat matrix
-        hat = np.where(matched[:, None, None], spread / self.variance[image][:, None, None], 0.0)
-        away = np.linalg.inv((1.0 + 1e-9) * unit - hat)
-        residual = self.target[image] - self.predicted[k]
-        left_out = self.target[image] - (away @ residual[..., None])[..., 0]
-        predicted = np.where(matched[:, None], left_out, self.predicted[k])
-        spread = np.where(matched[:, None, None], away @ spread, spread)
-        # detections that are all equally noisy share a row's determinant
-        noise = self.variance[:1] if np.all(self.variance == self.variance[0]) else self.variance
-        a, c = spread[:, 0, 0, None] + noise, spread[:, 1, 1, None] + noise
-        b = 0.5 * (spread[:, 0, 1, None] + spread[:, 1, 0, None])
-        determinant = np.maximum(a * c - b * b, 1e-300)
-        x, y = (self.target[:, axis] - predicted[:, axis, None] for axis in range(2))
-        half = -0.5 / (determinant * inflation)
-        density = x * x
-        density *= half * c
-        density += (half * a) * y * y
-        x *= y
-        density -= x * (2.0 * half * b)
-        density -= 0.5 * np.log(determinant) + np.log(2.0 * np.pi * inflation)
-        density[~(np.isfinite(density) & self.seen[k][:, None])] = -np.inf
-        return np.asarray(density)
+        from rootmatch.problems.pose_fit.predicted_density import predicted_densities  # takes Numba
+
+        out = np.empty((self.positions.shape[1], len(self.target)))
+        predicted_densities(
+            self.target, self.variance, self.assignments[k], self.predicted[k], self.jacobian[k], self.covariance[k],
+            self.seen[k], inflation, out,
+        )  # fmt: skip
+        return out
 
     def of_pose(self, k: int, density: Floats) -> float:
         """See `Fit.of_pose`: any rotation, at the detections, at any distance within two decades."""

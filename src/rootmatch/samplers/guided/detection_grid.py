@@ -193,14 +193,31 @@ def local_density(
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
-        distance2, along = (axis[:, None] - axis for axis in positions)
-        distance2 *= distance2
-        distance2 += along * along
-        return np.asarray(np.partition(distance2, k, axis=1)[:, k])
+        out = np.empty(positions.shape[1])
+        _kth_distance2(np.ascontiguousarray(positions), np.empty(k + 1), out)
+        return out
     from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
 
     distance, _ = cKDTree(positions.T).query(positions.T, k=[k + 1])
     return np.asarray(distance[:, 0] ** 2)
+
+
+@driver(nogil=True, error_model="numpy")
+def _kth_distance2(positions, nearest, out):  # type: ignore[no-untyped-def]
+    """Squared distance of each position to its k-th neighbour; ``nearest`` (k + 1,) is scratch, for itself as well."""
+    last = nearest.size - 1
+    for i in range(out.size):
+        nearest[:] = np.inf
+        for j in range(out.size):
+            du, dv = positions[0, j] - positions[0, i], positions[1, j] - positions[1, i]
+            distance2 = du * du + dv * dv
+            if distance2 < nearest[last]:
+                place = last
+                while place > 0 and nearest[place - 1] > distance2:
+                    nearest[place] = nearest[place - 1]
+                    place -= 1
+                nearest[place] = distance2
+        out[i] = nearest[last]
 
 
 @scalar
