@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 import rootmatch as rm
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.problems.padding import with_sources
+from rootmatch.samplers.guided.local_growth import PartialVerification
+from rootmatch.samplers.guided.local_options import LocalOptions
 from rootmatch.samplers.guided.local_search import LocalSearch
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -18,6 +21,8 @@ from rootmatch.samplers.guided.visible_search import search_of
 Points = NDArray[np.float64]
 CAMERA = rm.Camera(3000.0, 3000.0, 2000.0, 1500.0)
 SIGMA = 0.5
+IN_PARTS = rm.Guided(local=LocalOptions(whole=32, verified=24, stride=2.0))
+"""Objects of these tests are verified in parts too, as larger ones are."""
 
 
 def seen_from_one_side(source: Points, seed: int, clutter: int) -> tuple[Points, NDArray[np.int64]]:
@@ -80,10 +85,49 @@ def test_local_tests_are_those_of_all_images_that_are_near() -> None:
     assert found == pytest.approx(of_images, abs=1e-9)
 
 
-def test_half_hidden_object_among_clutter_is_found_by_local_triples() -> None:
+def test_hypotheses_verified_on_some_points_are_those_of_an_object_of_these_alone() -> None:
+    source = surface(60, 6)
+    target, _ = seen_from_one_side(source, 7, clutter=10)
+    search = local_search(source, target)
+    partly = PartialVerification(
+        search.tables, search.positions, search.density, search.allowed, search.options.verification
+    )
+    near = partly.nearest(5, 24)
+    away = np.linalg.norm(search.positions - search.positions[5], axis=1)
+    assert 5 in near
+    assert away[near].max() < np.delete(away, near).min()
+    rng = np.random.default_rng(0)
+    own = np.array([rng.choice(24, 3, replace=False) for _ in range(200)])
+    images = np.array([[rng.integers(4), *rng.choice(len(target), 3, replace=False)] for _ in range(200)])
+    found = partly(near, near[own], images)
+    alone = verification_of_these_alone(search, near)(np.arange(24), own, images)
+    assert np.isfinite(found.evidence).sum() > 20
+    np.testing.assert_allclose(found.evidence, alone.evidence, rtol=1e-9)
+    np.testing.assert_array_equal(found.best[:, near], alone.best)
+    np.testing.assert_array_equal(found.candidates[:, near], alone.candidates)
+    rest = np.setdiff1d(np.arange(60), near)
+    assert (found.best[:, rest] == -1).all()
+
+
+def verification_of_these_alone(search: LocalSearch, near: NDArray[np.int64]) -> PartialVerification:
+    """Verification of an object of some points alone, prepared from these."""
+    tables = search.tables
+    points, camera = tables.points[:, near].T, rm.P3P(CAMERA)
+    pixels = (tables.rays[:2] / tables.rays[2]).T * 3000.0 + [2000.0, 1500.0]
+    alone = camera.prepare(points, pixels, SIGMA)
+    some = with_sources(tables, near, tables.points.shape[1])
+    # lengths are in units of the object's own
+    np.testing.assert_allclose(some.distance2 / some.distance2.mean(), alone.distance2 / alone.distance2.mean())
+    return PartialVerification(
+        alone, np.ascontiguousarray(alone.points.T), search.density, search.allowed, search.options.verification
+    )
+
+
+@pytest.mark.parametrize("sampler", [None, IN_PARTS])
+def test_half_hidden_object_among_clutter_is_found_by_local_triples(sampler: rm.Guided | None) -> None:
     source = surface(120, 2)
     target, truth = seen_from_one_side(source, 3, clutter=60)
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, hyperedges=sampler)
     matched = match.assignment >= 0
     assert match.status is rm.Status.MATCHED
     assert (match.assignment == truth)[matched].mean() >= 0.98
@@ -92,11 +136,13 @@ def test_half_hidden_object_among_clutter_is_found_by_local_triples() -> None:
     assert match.hyperedges < 20 * len(target) ** 3
 
 
-def test_object_that_looks_like_itself_is_ambiguous() -> None:
+@pytest.mark.parametrize("sampler", [None, IN_PARTS])
+def test_object_that_looks_like_itself_is_ambiguous(sampler: rm.Guided | None) -> None:
     half = surface(30, 4)
     source = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
     target, _ = seen_from_one_side(source, 5, clutter=20)
-    assert rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA).status is rm.Status.AMBIGUOUS
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, hyperedges=sampler)
+    assert match.status is rm.Status.AMBIGUOUS
 
 
 def test_everything_tried_leaves_nothing_missed_by_the_reckoning() -> None:

@@ -143,12 +143,15 @@ class ProblemKernels:
     target_fields : tuple of str
         Fields of the tables with a target axis, which may be padded: the first (k, n'), others (n',), (k, n') or
         (n', n'). Empty: the tables are never padded.
+    source_fields : tuple of str
+        Fields of the tables with a source axis: (k, n) or (n, n). Empty: a large object is never verified in part.
     """
 
     residuals: Mapping[type, ResidualKernels] = field(default_factory=dict)
     hypotheses: HypothesisKernels | None = None
     completion: CompletionKernels | None = None
     target_fields: tuple[str, ...] = ()
+    source_fields: tuple[str, ...] = ()
 
 
 class Tables(Protocol):

@@ -41,6 +41,18 @@ def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:
     return tables._replace(**fewer)
 
 
+def with_sources(tables: Any, chosen: NDArray[np.int64], sources: int) -> Any:
+    """Tables of some of the n = ``sources`` source points, whose record names the fields that have such an axis."""
+    fewer = {}
+    for name in kernels_of(tables).source_fields:
+        field = getattr(tables, name)
+        for axis in range(field.ndim - 1, -1, -1):
+            if field.shape[axis] == sources:
+                field = np.take(field, chosen, axis=axis)
+        fewer[name] = np.ascontiguousarray(field)
+    return tables._replace(**fewer)
+
+
 def padded_rows(rows: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
     """An array (k, n') that repeats its last column up to ``columns``; itself where it has as many."""
     if rows.shape[1] == columns:

@@ -110,6 +110,9 @@ class P3P(Problem):
 
 def squared_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, n) squared distances of points (n, k), each from its own difference, so that close points lose nothing."""
-    difference = points[:, None, :] - points[None, :, :]
-    squared: NDArray[np.float64] = (difference**2).sum(axis=2)
+    squared: NDArray[np.float64] = np.zeros((len(points), len(points)))
+    for coordinate in np.ascontiguousarray(points.T):  # one by one: no array of n × n × k
+        difference = coordinate[:, None] - coordinate
+        difference *= difference
+        squared += difference
     return squared

@@ -50,6 +50,7 @@ KERNELS = ProblemKernels(
         ),
     ),
     target_fields=("rays", "versine", "variance"),
+    source_fields=("distance2", "points", "normals"),
 )
 
 

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace
+from rootmatch.problems.kernels import kernels_of
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels
+from rootmatch.samplers.guided.local_growth import Lead, PartialVerification, grown
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
@@ -63,6 +66,10 @@ class LocalSearch(Search):
         self.levels = [Level(p, q, self.n_target * q * (q - 1), local.first_wave) for p, q in sizes]
         self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2
         """Mean number of clutter detections within a gate."""
+        self.in_parts = self.n > local.whole and bool(kernels_of(self.tables).source_fields)
+        """Whether hypotheses are verified near their triple first."""
+        self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed, options.verification)
+        self.leads: list[Lead] = []
         self.best: Integers | None = None
         """Assignment of a hypothesis beyond chance, the strongest."""
         self.shares = np.zeros(len(self.levels))
@@ -132,8 +139,43 @@ class LocalSearch(Search):
             keep=keep, chunks=options.chunks, threads=threads,
         )  # fmt: skip
         self._keep(points, survivors, ratios, counts, most)
+        self._follow()
         level.done, level.waves = level.done + len(points), level.waves + 1
         level.size = min(2 * level.size, self.local.largest_wave)
+
+    def _verify(self, points: Integers, images: Integers) -> None:
+        """See `Search`; of a large object only what is near each triple, where those beyond chance are leads."""
+        if not self.in_parts:
+            super()._verify(points, images)
+            return
+        level = self._false_alarm_level()
+        for first in np.unique(points[:, 0]).tolist():
+            own = np.flatnonzero(points[:, 0] == first)
+            near = self.partly.nearest(first, self.local.verified)
+            found = self.partly(near, points[own], images[own])
+            self.evaluated += len(own) * len(near)
+            for k in np.flatnonzero(found.evidence > level).tolist():
+                self.leads.append(Lead(float(found.evidence[k]), found.points[k], found.images[k, 1:], found.best[k]))
+
+    def _follow(self) -> None:
+        """Let the strongest leads grow, those that are no part of a hypothesis that did."""
+        known = [batch.best[int(batch.evidence.argmax())] for batch in self.hypotheses]
+        followed = 0
+        for lead in sorted(self.leads, key=lambda lead: -lead.evidence):
+            if followed == self.local.leads or self.deadline.passed():
+                break
+            if any(np.array_equal(best[lead.points], lead.images) for best in known):
+                continue
+            found, looked_up = grown(
+                lead, self.partly, self._false_alarm_level(), hypothesis_kernels(self.tables).solutions, self.rng,
+                local=self.local, sets=self.options.sets,
+            )  # fmt: skip
+            self.evaluated += looked_up
+            followed += 1
+            if len(found.evidence):
+                self.hypotheses.append(found)
+                known.append(found.best[int(found.evidence.argmax())])
+        self.leads = []
 
     def _others_of(self, points: Integers) -> Integers:
         """The neighbours of each triple's first point that are not in it, nearest first."""
@@ -154,7 +196,7 @@ class LocalSearch(Search):
     def _grow(self) -> None:
         """Refine the best clusters until they grow no more: each round reaches farther than the one before."""
         strongest = -math.inf
-        for _ in range(self.local.rounds):
+        for _ in range(0 if self.in_parts else self.local.rounds):
             self.refined_at = -1
             self.refine()
             before, strongest = strongest, float(self._clustered()[2].evidence[0])

@@ -1,0 +1,125 @@
+"""Growth of local hypotheses: verified on the points near their triple, then on ever more about it.
+
+A small triple of a large object predicts its neighbours well and the far side hardly at all. Verified on the whole
+object it would be judged by a thousand points that it knows nothing of, at their cost; among its nearest points it is
+beyond chance at once. Wide triples of the matches found there reach farther, and so on until all are looked up.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.padding import with_sources
+from rootmatch.samplers.guided.hypotheses import Hypotheses
+from rootmatch.samplers.guided.local_options import LocalOptions
+from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions, widest
+from rootmatch.samplers.guided.verification import VerificationOptions, verify
+
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+class Lead(NamedTuple):
+    """A local hypothesis that is beyond chance among the points near its triple."""
+
+    evidence: float
+    points: Integers
+    """(3,) its triple."""
+    images: Integers
+    """(3,) their images."""
+    best: Integers
+    """(n,) image of each source point, −1 for none or not looked up."""
+
+
+class PartialVerification:
+    """Verification of hypotheses on some of the source points.
+
+    Parameters
+    ----------
+    tables
+        Whose record names fields with a source axis.
+    positions : (n, 3) array
+        Source points.
+    density : (n',) array
+        Of detections about each.
+    allowed : (n, n') bool array, or (0, 0) for all
+    options : VerificationOptions
+    """
+
+    def __init__(
+        self,
+        tables: Any,
+        positions: Floats,
+        density: Floats,
+        allowed: NDArray[np.bool_],
+        options: VerificationOptions,
+    ) -> None:
+        self.tables, self.positions, self.density = tables, positions, density
+        self.allowed, self.options = allowed, options
+
+    def nearest(self, first: int, reach: int) -> Integers:
+        """The ``reach`` source points nearest to one, it among them, ascending."""
+        away = ((self.positions - self.positions[first]) ** 2).sum(axis=1)
+        return np.sort(np.argsort(away, kind="stable")[:reach])
+
+    def __call__(self, some: Integers, points: Integers, images: Integers) -> Hypotheses:
+        """Hypotheses (K,) of solved triples (K, 3) and their roots and images (K, 4), judged by some points alone."""
+        n = len(self.positions)
+        every = len(some) == n
+        tables = self.tables if every else with_sources(self.tables, some, n)
+        allowed = self.allowed[some] if self.allowed.size and not every else self.allowed
+        evidence, best, candidates = verify(
+            tables, np.searchsorted(some, points), images, self.density, allowed, options=self.options
+        )
+        if every:
+            return Hypotheses(points, images, evidence, best, candidates)
+        whole = np.full((len(points), n), -1)
+        whole[:, some] = best
+        more = np.full((len(points), n, candidates.shape[2]), -1)
+        more[:, some] = candidates
+        return Hypotheses(points, images, evidence, whole, more)
+
+
+def grown(
+    lead: Lead,
+    verified: PartialVerification,
+    least: float,
+    solutions: int,
+    rng: np.random.Generator,
+    *,
+    local: LocalOptions,
+    sets: MinimalSetOptions,
+) -> tuple[Hypotheses, int]:
+    """Hypotheses of the whole object that a lead grows to, none where it does not, and points looked up for them.
+
+    Parameters
+    ----------
+    lead : Lead
+    verified : PartialVerification
+    least : float
+        Evidence below which a stage is taken to have failed.
+    solutions : int
+        Most solutions of a triple.
+    rng : Generator
+    local, sets
+        Options.
+    """
+    n, looked_up = len(lead.best), 0
+    first, best, reach = int(lead.points[0]), lead.best, local.verified
+    roots = np.arange(solutions)
+    while True:
+        last, reach = reach >= n, min(n, int(local.stride * reach))
+        chosen = widest(verified.positions, np.flatnonzero(best >= 0), 3, local.wide_sets, rng, options=sets)
+        points = np.repeat(chosen, solutions, axis=0)
+        images = np.column_stack([np.tile(roots, len(chosen)), np.repeat(best[chosen], solutions, axis=0)])
+        found = verified(verified.nearest(first, reach), points, images)
+        looked_up += len(points) * reach
+        strongest = int(found.evidence.argmax())
+        if not found.evidence[strongest] > least:
+            return Hypotheses.empty(3, n, found.candidates.shape[2]), looked_up
+        if last:
+            return found.take(found.evidence > -np.inf), looked_up
+        best = found.best[strongest]
