@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,8 @@ import pytest
 from rootmatch.jit import sources
 
 ROOT = Path(__file__).resolve().parents[1]
+
+gc.disable()  # while tests are imported: little is garbage then, and to look for it takes a third of that time
 
 
 def _use_kernel_cache_of_these_sources() -> None:
@@ -25,9 +28,10 @@ def _use_kernel_cache_of_these_sources() -> None:
     if base == default and hasattr(os, "getuid") and base.stat().st_uid != os.getuid():
         base = Path(tempfile.mkdtemp(prefix="rootmatch-numba-"))
     os.environ["NUMBA_CACHE_DIR"] = str(base / name)
-    # many tests start processes, which would all compile the same Python sources where none may be kept beside them
-    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) and "PYTHONPYCACHEPREFIX" not in os.environ:
-        os.environ["PYTHONPYCACHEPREFIX"] = str(base / "bytecode")
+    # Many tests start processes, which would all compile the same Python sources. Not in a folder of its own either
+    # (PYTHONPYCACHEPREFIX): that would hide the bytecode of all that is installed.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 
 # Before anything imports Numba, which reads the variable once.
@@ -39,9 +43,9 @@ from numpy.typing import NDArray  # noqa: E402
 
 def pytest_collection_finish() -> None:
     """Look for garbage less often, and not among what was imported: it took a twentieth of the suite's time."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(300_000, 20, 20)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

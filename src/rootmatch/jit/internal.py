@@ -13,7 +13,38 @@ from rootmatch.jit.options import check
 WITHOUT_ENTRIES = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 try:
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
     from numba.core.registry import CPUDispatcher
+
+    class LinkedLibrary(JITCodeLibrary):
+        """Code that others link, each a copy of its own, and that is not made machine code by itself."""
+
+        @property
+        def codegen(self) -> Any:
+            """What Numba tells a function's environment to: this library, which knows whether it needs one."""
+            return self
+
+        def set_env(self, name: str, environment: Any) -> None:
+            """Make the code after all where it reads constants of Python's from its environment."""
+            if environment.consts:
+                super()._finalize_final_module()  # type: ignore[no-untyped-call]
+                self._codegen.set_env(name, environment)
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+            self._verify_declare_only_symbols()  # type: ignore[no-untyped-call]
+            self._finalized = True
+
+    class LinkedCompiler(Compiler):
+        """A compiler whose functions are made for others to link."""
+
+        def compile_extra(self, func: Any) -> Any:
+            """Compile a function of Python's."""
+            codegen = self.state.targetctx.codegen()
+            self.state.library = LinkedLibrary(codegen, func.__qualname__)  # type: ignore[no-untyped-call]
+            self.state.library.enable_object_caching()
+            return super().compile_extra(func)  # type: ignore[no-untyped-call]
 
     class InternalDispatcher(CPUDispatcher):
         """A jitted function without the entries by which Python and C would call it.
@@ -24,6 +55,9 @@ try:
 
         asked: dict[str, Any]
         outer: Callable[..., Any] | None = None
+
+        def __init__(self, py_func: Any, *arguments: Any, **options: Any) -> None:
+            super().__init__(py_func, *arguments, pipeline_class=LinkedCompiler, **options)
 
         def __call__(self, *arguments: Any) -> Any:
             """As from jitted code."""
