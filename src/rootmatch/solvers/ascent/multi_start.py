@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,8 @@ class MultiStart:
         self.deadline, self.pace = deadline, Pace(deadline)
         n, n_target, order = index.n, index.n_target, index.indices.shape[1]
         self.starts = min(options.starts, options.starts_per_correspondence * n * n_target)
-        self.candidates, rank = _candidates(index, options.pool * self.starts)
-        heaviest = index.weights.max(initial=0.0) or 1.0
-        # The score of a candidate with all those that support it, were they one group of points of usual weights.
-        usual = options.usual_weight * heaviest
-        self.promise = usual * _choose(order + rank / (order * usual), order)
-        self.density = max(options.core_density * heaviest, options.penalty)
+        self.heaviest = index.weights.max(initial=0.0) or 1.0
+        self.density = max(options.core_density * self.heaviest, options.penalty)
         self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
@@ -82,6 +79,27 @@ class MultiStart:
                 self.polished.add(key)
             if value > self.value:
                 self.best, self.value = image, value
+
+    @cached_property
+    def ranked(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Candidates, (P, d), and their ranks."""
+        return _candidates(self.index, self.options.pool * self.starts)
+
+    @property
+    def candidates(self) -> NDArray[np.int32]:
+        """Hyper-edges to start from, (P, d), the best supported first."""
+        return self.ranked[0]
+
+    @cached_property
+    def promise(self) -> NDArray[np.float64]:
+        """The score of each candidate with all those that support it, were they one group of points of usual weights."""
+        order, usual = self.index.indices.shape[1], self.options.usual_weight * self.heaviest
+        return usual * _choose(order + self.ranked[1] / (order * usual), order)
+
+    def dominates(self) -> bool:
+        """Whether the best assignment so far holds so much of all weight that no other can score much more."""
+        index, options = self.index, self.options
+        return options.penalty == 0.0 and not index.unary.any() and self.value >= options.dominant * index.weights.sum()
 
     def alone(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
         """Assignments (B, n) of some candidates alone."""

@@ -51,10 +51,11 @@ class MultiStartAscent(AscentOptions):
         """Solve with an index that was built before."""
         search = MultiStart(self, index, deadline)
         search.from_walk()
-        search.from_cores()
-        search.from_rivals()
-        search.from_packed_cores()
-        search.polish()
-        search.from_best()
+        if not search.dominates():
+            search.from_cores()
+            search.from_rivals()
+            search.from_packed_cores()
+            search.polish()
+            search.from_best()
         search.polish()
         return search.solution()
