@@ -82,12 +82,13 @@ def test_index_in_parts_is_the_same_on_any_number_of_threads(monkeypatch):
     for threads in (1, 3):
         monkeypatch.setattr(subset_index, "threads_worth", lambda tasks, threads=threads: threads)
         found.append(build_index(tensor, bucket_bits=20))
-    at_once = subset_index._sort_at_once(
-        tensor.indices, found[0].keys, 20, found[0].bucket_shift, found[0].tag_shift, found[0].edge_bits
+    at_once = subset_index._index_at_once(
+        tensor.indices, tensor.weights, found[0].keys, 20, found[0].bucket_shift, found[0].tag_shift, found[0].edge_bits
     )
     for index in found:
         np.testing.assert_array_equal(index.start, at_once[0])
         np.testing.assert_array_equal(index.entries, at_once[1])
+        np.testing.assert_allclose(index.marginals, at_once[2])
 
 
 def test_support_of_a_hot_bucket():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
+from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_threads, threads_worth
 
 CHUNK = 32768
@@ -31,21 +32,31 @@ USUALLY_INSIDE = 4096
 
 def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Contraction v (n n',) of the hyper-edges (E, d) by x (n n',)."""
-    # Enough chunks to share among threads, few enough that clearing their tables costs nothing.
-    chunks = max(1, min(weights.size // CHUNK, MOST_CHUNKS, weights.size // x.size))
+    chunks = chunks_of(weights.size, x.size)
     tables = np.zeros((chunks, 2, x.size))
 
-    def scatter(first: int, last: int) -> None:
+    def add(first: int, last: int) -> None:
         for chunk in range(first, last):
             begin, end = chunk * weights.size // chunks, (chunk + 1) * weights.size // chunks
             _scatter(indices, weights, x, begin, end, tables[chunk])
 
-    in_threads(scatter, chunks, threads_worth(chunks))
+    in_threads(add, chunks, threads_worth(chunks))
     return np.asarray(tables.sum(axis=1).sum(axis=0))
+
+
+def chunks_of(hyperedges: int, correspondences: int) -> int:
+    """Chunks of a contraction: enough to share among threads, few enough that clearing their tables costs nothing."""
+    return max(1, min(hyperedges // CHUNK, MOST_CHUNKS, hyperedges // correspondences))
 
 
 @driver(nogil=True, error_model="numpy")
 def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
+    """`scatter` for Python."""
+    scatter(indices, weights, x, first, last, tables)
+
+
+@internal(error_model="numpy")
+def scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
     """Add the contraction of hyper-edges first…last−1 into the sum of two tables (2, n n').
 
     Neighbouring hyper-edges of a sorted tensor share most of their correspondences. Two tables taken in turn keep the

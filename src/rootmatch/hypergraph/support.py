@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.shell_sort import shell_sort
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 
@@ -63,7 +64,7 @@ def _weighed(tensor: AffinityTensor, kept: NDArray[np.int64], fraction: float) -
 def _drop(indices, weights, unary, n_target, fraction, edges, kept, scores):  # type: ignore[no-untyped-def]
     """Unmatch in place, and fill in the scores; ``edges`` (E,) is scratch."""
     n = kept.shape[1]
-    gains = np.empty(n)
+    gains, matched = np.empty(n), np.empty(n)
     for row in range(kept.shape[0]):
         assignment = kept[row]
         count = indices.shape[0]
@@ -91,10 +92,15 @@ def _drop(indices, weights, unary, n_target, fraction, edges, kept, scores):  # 
             scores[row] = score
             if fraction < 0.0:
                 break
-            matched = np.sort(gains[assignment >= 0])
+            size = 0
+            for i in range(n):
+                if assignment[i] >= 0:
+                    matched[size] = gains[i]
+                    size += 1
             weak = False
-            if matched.size > 0:
-                median = 0.5 * (matched[(matched.size - 1) // 2] + matched[matched.size // 2])
+            if size > 0:
+                shell_sort(matched, 0, size)
+                median = 0.5 * (matched[(size - 1) // 2] + matched[size // 2])
                 for i in range(n):
                     if assignment[i] >= 0 and (gains[i] < fraction * median or gains[i] <= 0.0):
                         assignment[i] = -1

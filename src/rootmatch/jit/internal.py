@@ -29,7 +29,8 @@ try:
             """Make the code after all where it reads constants of Python's from its environment."""
             if environment.consts:
                 super()._finalize_final_module()  # type: ignore[no-untyped-call]
-                self._codegen.set_env(name, environment)
+                emitting: Any = self._codegen
+                emitting.set_env(name, environment)
 
         def _finalize_final_module(self) -> None:
             self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
@@ -56,8 +57,8 @@ try:
         asked: dict[str, Any]
         outer: Callable[..., Any] | None = None
 
-        def __init__(self, py_func: Any, *arguments: Any, **options: Any) -> None:
-            super().__init__(py_func, *arguments, pipeline_class=LinkedCompiler, **options)
+        def __init__(self, py_func: Any, **options: Any) -> None:
+            super().__init__(py_func, pipeline_class=LinkedCompiler, **options)
 
         def __call__(self, *arguments: Any) -> Any:
             """As from jitted code."""

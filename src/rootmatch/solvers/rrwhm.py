@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,11 +10,16 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
+from rootmatch.hypergraph.contraction import chunks_of, contract, scatter
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
+from rootmatch.jit.internal import internal
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
+
+TOGETHER = 16
+"""Steps on a small tensor between two looks at the clock: some milliseconds at most."""
 
 
 @dataclass(frozen=True)
@@ -81,21 +87,72 @@ class ReweightedWalk(Options):
 
     def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[NDArray[np.float64], int, float]:
         """Where the walk comes to, (n, n'), in how many steps, and the squared change of the last."""
-        n, n_target = tensor.shape
-        x = np.full(tensor.shape, 1.0 / (n * n_target))
+        x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
+        unary = np.zeros(x.size) if tensor.unary is None else tensor.unary.ravel()
+        # A small tensor is contracted where the rest of a step is made, a large one by threads.
+        small = chunks_of(tensor.size, x.size) == 1
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
-            w = tensor.contract(x)
-            largest = w.max()
-            if largest <= 0:
-                # No hyper-edge has all but one of its correspondences left: there is nowhere to walk.
+            steps = min(TOGETHER, self.iterations - done) if small else 1
+            v = np.empty(0) if small else contract(tensor.indices, tensor.weights, x.ravel())
+            made, change = _walk(
+                tensor.indices, tensor.weights, unary, v, x, steps, change,
+                self.walk, self.inflation, self.tolerance, self.balancing, self.balanced_to, self.slack,
+            )  # fmt: skip
+            done += made
+            if made < steps:
                 break
-            jump = balanced(np.exp(self.inflation * (w / largest)), self.balancing, self.balanced_to, slack=self.slack)
-            new = self.walk * (w / w.sum()) + (1 - self.walk) * (jump / jump.sum())
-            change = float(((new - x) ** 2).sum())
-            x = new
-            done += 1
         return x, done, change
+
+
+@driver(error_model="numpy")
+def _walk(  # type: ignore[no-untyped-def]
+    indices, weights, unary, v, x, steps, change, walk, inflation, tolerance, balancing, balanced_to, slack
+):
+    """Steps from x (n, n'), which is moved, with v the contraction by x of the hyper-edges, or empty to be computed.
+
+    Returns the number of steps, fewer where the walk has settled or there is nowhere to go: no hyper-edge has all but
+    one of its correspondences left; and the squared change of the last one.
+    """
+    n, n_target = x.shape
+    at = x.reshape(n * n_target)
+    wide = n <= n_target
+    y = np.empty((min(n, n_target), max(n, n_target)))
+    row, column = np.empty(y.shape[0]), np.empty(y.shape[1])
+    w, tables = np.empty(at.size), np.empty((2, at.size))
+    for step in range(steps):
+        if v.size == 0:
+            tables[:] = 0.0
+            scatter(indices, weights, at, 0, weights.size, tables)
+        largest, total = 0.0, 0.0
+        for a in range(at.size):
+            w[a] = unary[a] + (v[a] if v.size else tables[0, a] + tables[1, a])
+            largest, total = max(largest, w[a]), total + w[a]
+        if largest <= 0.0:
+            return step, change
+        for a in range(at.size):
+            i = a // n_target
+            k = a - i * n_target
+            jump = math.exp(inflation * (w[a] / largest)) / math.exp(inflation)
+            if wide:
+                y[i, k] = jump
+            else:
+                y[k, i] = jump
+        row[:], column[:] = 1.0, 1.0
+        sinkhorn(y, row, column, slack, balancing, balanced_to)
+        change, jumps = 0.0, 0.0
+        for i in range(y.shape[0]):
+            for k in range(y.shape[1]):
+                jumps += y[i, k]
+        for a in range(at.size):
+            i = a // n_target
+            k = a - i * n_target
+            new = walk * (w[a] / total) + (1.0 - walk) * ((y[i, k] if wide else y[k, i]) / jumps)
+            change += (new - at[a]) ** 2
+            at[a] = new
+        if change < tolerance:
+            return step + 1, change
+    return steps, change
 
 
 def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:
@@ -108,16 +165,22 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
     wide = y.shape[0] <= y.shape[1]
     # A scale of its own makes no difference.
     out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
-    spare = float(out.shape[1] - out.shape[0]) if slack else 0.0
-    column_sum = 1.0 if slack else out.shape[0] / out.shape[1]
-    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), spare, column_sum, steps, tolerance)
+    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), slack, steps, tolerance)
     return out if wide else out.T
 
 
 @driver(error_model="numpy")
-def _sinkhorn(y, row, column, spare, column_sum, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Balance a matrix with n ≤ n' in place; the slack row, of total `spare`, is kept as one factor a column."""
+def _sinkhorn(y, row, column, slack, steps, tolerance):  # type: ignore[no-untyped-def]
+    """`sinkhorn` for Python."""
+    sinkhorn(y, row, column, slack, steps, tolerance)
+
+
+@internal(error_model="numpy")
+def sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
+    """Balance a matrix with n ≤ n' in place; its slack row is kept as one factor a column, its rows' begin at 1."""
     n, n_target = y.shape
+    spare = float(n_target - n) if with_slack else 0.0
+    column_sum = 1.0 if with_slack else n / n_target
     # y_ik r_i c_k, and the slack row s c_k.
     slack = 1.0
     for _ in range(steps):

@@ -92,7 +92,7 @@ class MultiStart:
 
     @cached_property
     def promise(self) -> NDArray[np.float64]:
-        """The score of each candidate with all those that support it, were they one group of points of usual weights."""
+        """The score of each candidate with all those that support it, were they one group of usual weights."""
         order, usual = self.index.indices.shape[1], self.options.usual_weight * self.heaviest
         return usual * _choose(order + self.ranked[1] / (order * usual), order)
 

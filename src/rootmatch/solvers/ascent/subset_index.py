@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.shell_sort import shell_sort
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.contraction import CHUNK
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -92,11 +93,12 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     keys = _random_keys(size)
     shifts = (64 - bits, 64 - bits - tag_bits)
     if bits <= PART_BITS + 2:
-        start, entries = _sort_at_once(tensor.indices, keys, bits, *shifts, edge_bits)
+        start, entries, marginals = _index_at_once(tensor.indices, tensor.weights, keys, bits, *shifts, edge_bits)
     else:
         start, entries = _sort_by_parts(tensor.indices, keys, bits, *shifts, edge_bits)
+        marginals = tensor.marginals().reshape(-1)
     return SubsetIndex(
-        tensor.indices, tensor.weights, unary, tensor.marginals().reshape(-1), source,
+        tensor.indices, tensor.weights, unary, marginals, source,
         keys=keys, start=start, entries=entries, paired=False,
         others=np.empty(0, np.uint16), held=np.empty(0), sums=np.empty(0),
         bucket_shift=shifts[0], tag_shift=shifts[1], edge_bits=edge_bits, n=tensor.shape[0], n_target=tensor.shape[1],
@@ -121,11 +123,12 @@ def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
 
 
 @driver()
-def _sort_at_once(  # type: ignore[no-untyped-def]
-    indices, keys, bits, bucket_shift, tag_shift, edge_bits
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Counting sort of the subsets of a small tensor."""
+def _index_at_once(  # type: ignore[no-untyped-def]
+    indices, weights, keys, bits, bucket_shift, tag_shift, edge_bits
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Counting sort of the subsets of a small tensor, and the weight of the hyper-edges of each correspondence."""
     edges, order = indices.shape
+    marginals = np.zeros(keys.size)
     down, tag_down, up = np.uint64(bucket_shift), np.uint64(tag_shift), np.uint64(edge_bits)
     tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
     # Counted two ahead, so that filling moves each to where the next bucket starts.
@@ -134,6 +137,7 @@ def _sort_at_once(  # type: ignore[no-untyped-def]
         total = _total_hash(indices, keys, e)
         for p in range(order):
             start[np.int64((total - keys[indices[e, p]]) >> down) + 2] += np.uint32(1)
+            marginals[indices[e, p]] += weights[e]
     for bucket in range(2, start.size):
         start[bucket] += start[bucket - 1]
     entries = np.empty(edges * order, np.uint32)
@@ -147,8 +151,8 @@ def _sort_at_once(  # type: ignore[no-untyped-def]
             start[own] = place + np.uint32(1)
     for b in range(1 << bits):
         if start[b + 1] - start[b] > LONG:
-            _sort_long(entries, int(start[b]), int(start[b + 1]))
-    return start[: start.size - 1], entries
+            shell_sort(entries, int(start[b]), int(start[b + 1]))
+    return start[: start.size - 1], entries, marginals
 
 
 def _sort_by_parts(
@@ -241,24 +245,7 @@ def _sort_parts(moved, first_of, first, last, start, entries):  # type: ignore[n
         # Each end has moved to where the next bucket starts.
         for b in range(local):
             if ends[b] - start[base + b] > LONG:
-                _sort_long(entries, int(start[base + b]), int(ends[b]))
-
-
-@internal()
-def _sort_long(entries, first, last):  # type: ignore[no-untyped-def]
-    """Ascending order of a long bucket, by Shell's steps: popular subsets may fill it with thousands."""
-    gap = 1
-    while 9 * gap < last - first:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for t in range(first + gap, last):
-            entry = entries[t]
-            s = t
-            while s - gap >= first and entries[s - gap] > entry:
-                entries[s] = entries[s - gap]
-                s -= gap
-            entries[s] = entry
-        gap //= 3
+                shell_sort(entries, int(start[base + b]), int(ends[b]))
 
 
 def ranked_hyperedges(index: SubsetIndex) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
