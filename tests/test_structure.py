@@ -42,3 +42,45 @@ def test_the_pipeline_fits_on_a_screen() -> None:
     for name in ("match", "solve", "_solve"):
         first, last = bodies[name][1], bodies[name][-1]  # without the docstring
         assert (last.end_lineno or 0) - first.lineno < 40
+
+
+JITTED = {"driver", "kernel", "part", "scalar", "internal", "njit", "kept_on_disk"}
+
+
+def slow_to_compile(text: str) -> list[int]:
+    """Lines of jitted functions that sort, or assign an array to a slice.
+
+    Numba takes a second to compile its sort, and for such an assignment several: it compiles the words of an error
+    about shapes, and of strings and lists what these need.
+    """
+    lines = []
+    for function in ast.walk(ast.parse(text)):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        names = {getattr(getattr(decorator, "func", decorator), "id", "") for decorator in function.decorator_list}
+        if not names & JITTED:
+            continue
+        for node in ast.walk(function):
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("sort", "argsort", "median"):
+                lines.append(node.lineno)
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name | ast.Subscript):
+                lines += [
+                    node.lineno
+                    for target in node.targets
+                    if isinstance(target, ast.Subscript)
+                    for part in getattr(target.slice, "elts", [target.slice])
+                    if isinstance(part, ast.Slice)
+                ]
+    return lines
+
+
+def test_kernels_hold_nothing_that_takes_seconds_to_compile() -> None:
+    example = "@part\ndef f(a, b):\n    a[:] = 0.0\n    a[0] = b[0]\n    a[:] = b\n    a[0, :] = b[0]\n    np.sort(a)\n"
+    assert slow_to_compile(example) == [5, 6, 7]
+    assert slow_to_compile(example.replace("@part\n", "")) == []
+    found = {
+        path.relative_to(SOURCES).as_posix(): lines
+        for path in SOURCES.rglob("*.py")
+        if (lines := slow_to_compile(path.read_text(encoding="utf-8")))
+    }
+    assert found == {}

@@ -142,43 +142,63 @@ def turned(step, axes, rotation, out):  # type: ignore[no-untyped-def]
 
 
 @part
+def copied(rotation, translation, new_rotation, new_translation):  # type: ignore[no-untyped-def]
+    """Copy a pose into another.
+
+    Entry by entry: for what assigns a slice, Numba also compiles the words of an error about its shape, for seconds.
+    """
+    for p in range(3):
+        new_translation[p] = translation[p]
+        for q in range(3):
+            new_rotation[p, q] = rotation[p, q]
+
+
+@part
 def descended(points, image, given, axes, prior, rotation, translation, scratch):  # type: ignore[no-untyped-def]
-    """Refine a pose in place by damped Gauss-Newton; its χ², that of the prior included."""
-    positions, predicted, jacobian, normal, slope, tilt, new, moved = scratch
+    """Refine a pose in place by damped Gauss-Newton; its χ², that of the prior included.
+
+    Every pose is judged by the one call of `seen_from`: each called function is copied into its caller, and optimised.
+    """
+    positions, predicted, jacobian, normal, factor, slope, step, tilt, new, moved = scratch
     size, turns = prior.shape[0], axes.shape[0]
     if not (math.isfinite(translation[0]) and math.isfinite(translation[1]) and math.isfinite(translation[2])):
         translation[0], translation[1], translation[2] = 0.0, 0.0, 5.0
+    copied(rotation, translation, new, moved)
     for p in range(size):
-        tilt[p] = 0.0
-    damping = 1e-6
-    chi2 = seen_from(points, image, given, rotation, translation, np.inf, positions, predicted)
-    for _ in range(STEPS):
-        seen_from(points, image, given, rotation, translation, np.inf, positions, predicted)
-        equations(image, given, axes, prior, translation, positions, predicted, jacobian, normal, slope)
-        for p in range(size):
-            slope[p] += tilt[p] * prior[p]
-            normal[p, p] = normal[p, p] * (1.0 + damping) + 1e-300
-        factored(normal, size)
-        solved(normal, size, slope)
-        for p in range(size):
-            slope[p] = -slope[p]
-        turned(slope, axes, rotation, new)
-        for p in range(3):
-            moved[p] = translation[p] + slope[turns + p]
+        tilt[p], step[p] = 0.0, 0.0
+    damping, chi2 = 1e-6, np.inf
+    for trial in range(STEPS + 1):
         value = seen_from(points, image, given, new, moved, np.inf, positions, predicted)
         for p in range(size):
-            value += (tilt[p] + slope[p]) ** 2 * prior[p]
-        if not value <= chi2:
+            value += (tilt[p] + step[p]) ** 2 * prior[p]
+        if trial > 0 and not value <= chi2:
             damping = 30.0 * max(damping, 1e-4)
-            continue
-        fall = chi2 - value if value < np.inf else 0.0
-        chi2 = value
-        rotation[:] = new
-        translation[:] = moved
-        for p in range(size):
-            tilt[p] += slope[p]
-        damping *= 0.1
-        # what is behind the camera may still come before it
-        if chi2 < np.inf and not fall > SETTLED * (1.0 + chi2):
+        else:
+            fall = chi2 - value if value < np.inf else 0.0
+            chi2 = value
+            copied(new, moved, rotation, translation)
+            for p in range(size):
+                tilt[p] += step[p]
+            if trial > 0:
+                damping *= 0.1
+                # what is behind the camera may still come before it
+                if chi2 < np.inf and not fall > SETTLED * (1.0 + chi2):
+                    break
+            equations(image, given, axes, prior, translation, positions, predicted, jacobian, normal, slope)
+            for p in range(size):
+                slope[p] += tilt[p] * prior[p]
+        if trial == STEPS:
             break
+        for p in range(size):
+            step[p] = slope[p]
+            for q in range(size):
+                factor[p, q] = normal[p, q]
+            factor[p, p] = normal[p, p] * (1.0 + damping) + 1e-300
+        factored(factor, size)
+        solved(factor, size, step)
+        for p in range(size):
+            step[p] = -step[p]
+        turned(step, axes, rotation, new)
+        for p in range(3):
+            moved[p] = translation[p] + step[turns + p]
     return chi2

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
-from rootmatch.problems.pose_fit.pinhole_descent import derivative, descended, equations, factored, seen_from, solved
+from rootmatch.problems.pose_fit.pinhole_descent import (
+    copied,
+    derivative,
+    descended,
+    equations,
+    factored,
+    seen_from,
+    solved,
+)
 from rootmatch.problems.pose_fit.pinhole_starts import start_of_triple, start_upright, wide_triple
 
 Floats = NDArray[np.float64]
@@ -104,21 +112,22 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
     """Fill in the poses of all assignments."""
     n, size = points.shape[0], prior.shape[0]
     positions, predicted, jacobian = np.empty((n, 3)), np.empty((n, 2)), np.empty((2, size))
-    normal, slope, tilt = np.empty((size, size)), np.empty(size), np.empty(size)
+    normal, factor = np.empty((size, size)), np.empty((size, size))
+    slope, step, tilt = np.empty(size), np.empty(size), np.empty(size)
     new, moved, linear = np.empty((3, 3)), np.empty(3), np.empty((8, 6))
     rotations, translations, triple = np.empty((STARTS, 3, 3)), np.empty((STARTS, 3)), np.empty(3, np.int64)
     places, corners, frames = np.empty((3, 3)), np.empty((3, 3)), np.empty((2, 3, 3))
-    scratch = positions, predicted, jacobian, normal, slope, tilt, new, moved
+    scratch = positions, predicted, jacobian, normal, factor, slope, step, tilt, new, moved
     given = target, weight, camera
     for row in range(assignments.shape[0]):
         image = assignments[row]
-        rotation, translation = out.rotation[row], out.translation[row]
+        first, second, descents = 0, 1, 2
         if vertical.known:
+            descents = 1
             start_upright(
                 image, weight, vertical.points, vertical.rays, vertical.world, vertical.camera,
-                rotation, translation, linear,
+                rotations[0], translations[0], linear,
             )  # fmt: skip
-            chi2 = descended(points, image, given, axes, prior, rotation, translation, scratch)
         else:
             left_out = -1
             for half in range(2):
@@ -129,7 +138,7 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
                 )  # fmt: skip
                 # the second without the outermost point, should that be a wrong one
                 left_out = triple[0] if count > 4 else -1
-            first, second, least, next_least = 0, 1, np.inf, np.inf
+            least, next_least = np.inf, np.inf
             for start in range(STARTS):
                 total = seen_from(
                     points, image, given, rotations[start], translations[start], CUT, positions, predicted
@@ -138,13 +147,15 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
                     first, second, least, next_least = start, first, total, least
                 elif total < next_least:
                     second, next_least = start, total
-            chi2 = descended(points, image, given, axes, prior, rotations[first], translations[first], scratch)
-            # near a plane two of them nearly coincide
-            other = descended(points, image, given, axes, prior, rotations[second], translations[second], scratch)
-            best = second if other < chi2 else first
-            chi2 = min(chi2, other)
-            rotation[:] = rotations[best]
-            translation[:] = translations[best]
+        chi2, best = np.inf, first
+        # two, which near a plane nearly coincide
+        for descent in range(descents):
+            start = first if descent == 0 else second
+            value = descended(points, image, given, axes, prior, rotations[start], translations[start], scratch)
+            if descent == 0 or value < chi2:
+                chi2, best = value, start
+        rotation, translation = out.rotation[row], out.translation[row]
+        copied(rotations[best], translations[best], rotation, translation)
         out.chi2[row] = chi2
         seen_from(points, image, given, rotation, translation, np.inf, out.positions[row], out.predicted[row])
         equations(

@@ -17,7 +17,7 @@ UNKNOWNS = 5
 @part
 def start_upright(image, weight, world_points, turned_rays, world, own, rotation, translation, scratch):  # type: ignore[no-untyped-def]
     """The linear pose with a rotation about the vertical; see `initial_poses.upright_start`."""
-    normal, row, unknown = scratch[:, :6], scratch[6], scratch[7]
+    normal, row, unknown = scratch, scratch[6], scratch[7]
     normal[:6] = 0.0
     for i in range(image.shape[0]):
         k = image[i]
