@@ -100,9 +100,15 @@ def fitted_poses(
     """
     count, n, size = len(assignments), len(points), len(prior)
     out = FittedPoses(
-        np.empty((count, 3, 3)), np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, size, size)),
-        np.empty((count, n, 3)), np.empty((count, n, 2)), np.empty((count, n, 2, size)),
-    )  # fmt: skip
+        rotation=np.empty((count, 3, 3)),
+        translation=np.empty((count, 3)),
+        chi2=np.empty(count),
+        logarithm=np.empty(count),
+        covariance=np.empty((count, size, size)),
+        positions=np.empty((count, n, 3)),
+        predicted=np.empty((count, n, 2)),
+        jacobian=np.empty((count, n, 2, size)),
+    )
     _fit(points, rays, target, weight, camera, axes, prior, vertical, assignments, out)
     return out
 
