@@ -240,7 +240,9 @@ def solve(task: MatchingTask, started: float) -> Match:
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: a rig does not estimate it; give a number of pixels")
     found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
-    return changed(found, seconds=time.perf_counter() - started, limited=task.deadline.limited)
+    # nobody else has it yet
+    vars(found).update(seconds=time.perf_counter() - started, limited=task.deadline.limited)
+    return found
 
 
 def _solve(task: MatchingTask) -> Match:

@@ -76,7 +76,7 @@ def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     """
     n, n_target = task.shape
     matched = int((assignment >= 0).sum())
-    density = CROWDING * (n_target - matched + HALF) / _area(task)
+    density = CROWDING * (n_target - matched + HALF) / task.image_area
     odds = np.full((n, n_target), -np.log(density))
     if task.prior is not None:
         with np.errstate(divide="ignore"):
@@ -122,13 +122,7 @@ def log_odds_against_uniform(task: MatchingTask, assignment: Integers) -> float:
     """Log-odds of an assignment's clutter and invisible points against all being clutter, uniform in the image."""
     n, n_target = task.shape
     matched = int((assignment >= 0).sum())
-    visible, left, area = (matched + HALF) / (n + 1.0), n_target - matched, _area(task)
+    visible, left, area = (matched + HALF) / (n + 1.0), n_target - matched, task.image_area
     # two Poisson processes, each with the density estimated from its own count
     clutter = left * np.log((left + HALF) / area) - n_target * np.log(n_target / area)
     return float(matched * np.log(visible) + (n - matched) * np.log(1.0 - visible) + clutter + matched - HALF)
-
-
-def _area(task: MatchingTask) -> float:
-    """Area of the image in pixel²: the bounding box of n' uniform points, corrected for being too small."""
-    n_target = task.shape[1]
-    return max(float(np.prod(np.ptp(task.image[0], axis=0))) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)

@@ -69,7 +69,7 @@ def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
     matched = np.flatnonzero(ordered >= 0)
     if len(matched) < sampling.order:
         return False
-    source = np.lib.stride_tricks.sliding_window_view(matched, sampling.order)
+    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
     residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
     return bool((residuals <= sampling.affinity.gate).any())
 

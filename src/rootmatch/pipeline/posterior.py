@@ -23,6 +23,7 @@ from rootmatch.pipeline.detection_odds import (
 )
 from rootmatch.pipeline.fitted_pool import FittedPool
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.problems.noise import usual_noise
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.guided.detection_grid import local_density
 
@@ -204,7 +205,7 @@ def ranked(
     number = numbers[order[0]]
     fit, k = pool.fits[number]
     image, sigma = task.image
-    density = local_density(image.T, float(np.median(sigma)))
+    density = local_density(image.T, usual_noise(sigma))
     beyond = float(fit.inflated(inflation)[k]) + fit.of_pose(k, density)
     first = every[order[0]]
     if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them

@@ -50,18 +50,18 @@ def check_points(
         raise InputError(f"{name}: shape {array.shape} given, (m, {dimension}) expected")
     if len(array) > MOST_POINTS:
         raise InputError(f"{name}: {len(array):,} points given, {MOST_POINTS:,} at most; match a part of them")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
-        raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
-    far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
-    if len(far):
+    if not float(np.abs(array).max(initial=0.0)) <= MOST:
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if len(bad):
+            raise InputError(f"{name}: point {bad[0]} holds NaN or infinity; remove such points, {len(bad)} in all")
+        far = np.flatnonzero((np.abs(array) > MOST).any(axis=1))
         raise InputError(f"{name}: point {far[0]} lies beyond {MOST:g}; choose another unit, or remove it")
     if len(array) < least:
         raise InputError(f"{name}: {len(array)} points given, at least {least} needed for one hyper-edge")
     same = repeated(array) if distinct else None
     if same is not None:
         raise InputError(f"{name}: points {same[0]} and {same[1]} are the same; remove repeated points")
-    if len(array) > 1 and np.ptp(array, axis=0).max() < LEAST:
+    if len(array) > 1 and float((array.max(axis=0) - array.min(axis=0)).max()) < LEAST:
         raise InputError(f"{name}: all points lie within {LEAST:g}; choose another unit")
     return array
 
@@ -123,18 +123,24 @@ def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
         )
 
 
+LEAST_NOISE, MOST_NOISE = 1e-6, 1e4
+"""Of a coordinate, in pixels: what zero is taken as, and what is wider than an image."""
+
+
 def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np.float64]:
     """Standard deviations (count,) in pixels of a scalar or an array.
 
     Zero is taken as 1e-6 px: exact data then still yields finite normalised residuals.
     """
+    if isinstance(noise, float) and 0.0 <= noise <= MOST_NOISE:
+        return np.full(count, max(noise, LEAST_NOISE))
     sigma = as_floats(noise, name, "a number of pixels, or one for each target point")
     if sigma.shape not in ((), (count,)):
         raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
         raise InputError(f"{name}: {np.min(sigma):g} px given; a standard deviation is finite and not negative")
-    if np.any(sigma > 1e4):
+    if np.any(sigma > MOST_NOISE):
         raise InputError(
             f"{name}: {np.max(sigma):g} px given, wider than an image; give the noise of a pixel coordinate"
         )
-    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, 1e-6), (count,)))
+    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, LEAST_NOISE), (count,)))

@@ -194,7 +194,7 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
         out = np.empty(positions.shape[1])
-        _kth_distance2(np.ascontiguousarray(positions), np.empty(k + 1), out)
+        _kth_distance2(np.ascontiguousarray(positions), np.empty(k + 1), np.empty(len(out)), out)
         return out
     from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
 
@@ -202,15 +202,26 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     return np.asarray(distance[:, 0] ** 2)
 
 
+@driver(nogil=True)
+def renumbered(cells, number, out):  # type: ignore[no-untyped-def]
+    """Copy cells (h, w) with each detection by its new number."""
+    for row in range(cells.shape[0]):
+        for column in range(cells.shape[1]):
+            k = cells[row, column]
+            out[row, column] = number[k] if k >= 0 else k
+
+
 @driver(nogil=True, error_model="numpy")
-def _kth_distance2(positions, nearest, out):  # type: ignore[no-untyped-def]
-    """Squared distance of each position to its k-th neighbour; ``nearest`` (k + 1,) is scratch, for itself as well."""
+def _kth_distance2(positions, nearest, row, out):  # type: ignore[no-untyped-def]
+    """Squared distance of each position (2, m) to its k-th neighbour; ``nearest`` (k + 1,) and ``row`` (m,) scratch."""
     last = nearest.size - 1
     for i in range(out.size):
         nearest[:] = np.inf
         for j in range(out.size):
             du, dv = positions[0, j] - positions[0, i], positions[1, j] - positions[1, i]
-            distance2 = du * du + dv * dv
+            row[j] = du * du + dv * dv
+        for j in range(out.size):  # itself among them
+            distance2 = row[j]
             if distance2 < nearest[last]:
                 place = last
                 while place > 0 and nearest[place - 1] > distance2:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.problems.padding import padded, with_targets
-from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid
+from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid, renumbered
 
 
 class FewDetections(NamedTuple):
@@ -30,10 +30,8 @@ class FewDetections(NamedTuple):
         count = grid.positions.shape[1]
         number = np.full(count, NOBODY, np.int16)
         number[images] = np.arange(len(images))
-        cells = grid.cells.copy()
-        flat = cells.reshape(-1)
-        taken = np.flatnonzero(flat >= 0)  # most are empty
-        flat[taken] = number[flat[taken]]
+        cells = np.empty_like(grid.cells)
+        renumbered(grid.cells, number, cells)
         few = grid._replace(
             cells=cells,
             positions=np.ascontiguousarray(grid.positions[:, images]),

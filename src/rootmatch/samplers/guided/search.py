@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace
 from rootmatch.hypergraph import enumeration
+from rootmatch.problems.noise import usual_noise
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.clutter import CROWDING
@@ -60,7 +61,7 @@ class Search:
         self.rng = np.random.default_rng([task.seed, *task.shape])
         self.allowed = task.allowed
         sigma = np.sqrt(tables.variance)
-        usual = max(float(np.median(sigma)), float(sigma.max()) / options.grid.noise_ratio)
+        usual = max(usual_noise(sigma), float(sigma.max()) / options.grid.noise_ratio)
         self.normals = bool(np.any(tables.normals[:3]))
         gate = options.gate * usual
         if not self.normals:
@@ -226,7 +227,9 @@ class Search:
         """Of so many minimal sets: survivors that are verified, those that a chunk keeps, threads."""
         options = self.options.batches
         if self.single:
-            most = max(options.least_verified, solved // options.sets_per_verified)
+            # of a batch smaller than the first one of other searches, as many in proportion
+            least = min(options.least_verified, solved * options.least_verified // options.first + 1)
+            most = max(least, solved // options.sets_per_verified)
         else:
             most = max(options.least_verified_of_many, solved // options.sets_per_verified_of_many)
         keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
