@@ -193,8 +193,8 @@ def local_density(
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
-        out = np.empty(positions.shape[1])
-        _kth_distance2(np.ascontiguousarray(positions), np.empty(k + 1), np.empty(len(out)), out)
+        order, out = np.argsort(positions[0]), np.empty(positions.shape[1])
+        _kth_distance2(positions[0, order], positions[1, order], order, np.empty(k + 1), out)
         return out
     from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
 
@@ -212,23 +212,34 @@ def renumbered(cells, number, out):  # type: ignore[no-untyped-def]
 
 
 @driver(nogil=True, error_model="numpy")
-def _kth_distance2(positions, nearest, row, out):  # type: ignore[no-untyped-def]
-    """Squared distance of each position (2, m) to its k-th neighbour; ``nearest`` (k + 1,) and ``row`` (m,) scratch."""
-    last = nearest.size - 1
-    for i in range(out.size):
+def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyped-def]
+    """Squared distance of each position to its k-th neighbour, from the next ones across outwards.
+
+    ``across`` (m,) ascends, ``along`` (m,) is the other coordinate, ``order`` (m,) their places in ``out`` (m,), and
+    ``nearest`` (k + 1,) is scratch.
+    """
+    m, last = across.size, nearest.size - 1
+    for i in range(m):
         nearest[:] = np.inf
-        for j in range(out.size):
-            du, dv = positions[0, j] - positions[0, i], positions[1, j] - positions[1, i]
-            row[j] = du * du + dv * dv
-        for j in range(out.size):  # itself among them
-            distance2 = row[j]
+        nearest[0] = 0.0  # itself
+        left, right = i - 1, i + 1
+        while True:
+            before = across[i] - across[left] if left >= 0 else np.inf
+            after = across[right] - across[i] if right < m else np.inf
+            du = min(before, after)
+            if not du * du < nearest[last]:
+                break
+            j = left if before <= after else right
+            left, right = (left - 1, right) if before <= after else (left, right + 1)
+            dv = along[j] - along[i]
+            distance2 = du * du + dv * dv
             if distance2 < nearest[last]:
                 place = last
-                while place > 0 and nearest[place - 1] > distance2:
+                while nearest[place - 1] > distance2:
                     nearest[place] = nearest[place - 1]
                     place -= 1
                 nearest[place] = distance2
-        out[i] = nearest[last]
+        out[order[i]] = nearest[last]
 
 
 @scalar

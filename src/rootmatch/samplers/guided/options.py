@@ -86,6 +86,8 @@ class RefinementOptions(Options):
     rival: float = option(0.9, above=0.0, most=1.0)
     """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least. A round
     value."""
+    rival_lacks: int = option(3, least=0)
+    """And all but so many: of a hundred, ten fewer are never as probable. A round value."""
     rival_missed: float = option(0.08, above=0.0, most=1.0)
     """Probability of having missed such a rival at which none is looked for any more: two minimal sets where all points
     are seen, in every arrangement of those detections. A round value; `tests/test_guided.py` has such objects."""

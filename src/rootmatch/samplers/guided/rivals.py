@@ -29,7 +29,8 @@ def try_rivals(search: Search) -> None:
     tried, pace = search._tried(), Pace(search.deadline, options.batches.chunks)
     least = max(search.minimal + 1, math.ceil(options.visibility.rival * len(images)))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
-    met = min((options.refinement.rival * len(images) / search.n) ** search.minimal, 0.999)
+    fewest = max(options.refinement.rival * len(images), len(images) - options.refinement.rival_lacks)
+    met = min((fewest / search.n) ** search.minimal, 0.999)
     enough = options.refinement.rival_missed if tried is None else options.visibility.missed
     done, wanted = 0, math.ceil(math.log(enough) / math.log1p(-met))
     if wanted == 0:

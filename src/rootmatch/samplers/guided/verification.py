@@ -71,7 +71,9 @@ def verify(
     evidence = np.full(count, -np.inf)
     best = np.full((count, n), -1)
     candidates = np.full((count, n, options.candidates), -1)
-    scratch = np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(options.candidates)
+    scratch = (
+        np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(options.candidates), np.empty(n_target)
+    )  # fmt: skip
     gate2, visible = float(options.gate) ** 2, np.array(options.visible, np.float64)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
     _verify(tables, points, roots, sets, density, gate2, allowed, visible, *scratch, evidence, best, candidates)
@@ -80,13 +82,13 @@ def verify(
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _verify(  # type: ignore[no-untyped-def]
-    tables, points, roots, images, density, gate2, allowed, visible, out, owner, strength, distances,
+    tables, points, roots, images, density, gate2, allowed, visible, out, owner, strength, distances, beyond,
     evidence, best, candidates,
 ):  # fmt: skip
     """Fill in evidence, best and candidates; the arrays before them are scratch."""
     tables, points, images, allowed, out = borrowed((tables, points, images, allowed, out))
     roots, visible, owner, strength, distances = borrowed((roots, visible, owner, strength, distances))
-    evidence, best, candidates, density = borrowed((evidence, best, candidates, density))
+    evidence, best, candidates, density, beyond = borrowed((evidence, best, candidates, density, beyond))
     rays, variance = tables.rays, tables.variance
     count, m = points.shape
     n, n_target = best.shape[1], owner.size
@@ -114,12 +116,13 @@ def _verify(  # type: ignore[no-untyped-def]
             if best[q, d] >= 0 or out[12, d] == 0.0:
                 continue
             held = 0
+            # far off along one of the axes is far off, as most detections are; in a loop that vectorises
+            x, y, z, spread = out[3, d], out[4, d], out[5, d], out[9, d]
             for k in range(n_target):
-                if masked and not allowed[d, k]:
-                    continue
-                # far off along one of the axes is far off: most detections are
-                along = out[3, d] * rays[0, k] + out[4, d] * rays[1, k] + out[5, d] * rays[2, k]
-                if along * along > gate2 * (out[9, d] + variance[k]):
+                along = x * rays[0, k] + y * rays[1, k] + z * rays[2, k]
+                beyond[k] = along * along - gate2 * (spread + variance[k])
+            for k in range(n_target):
+                if beyond[k] > 0.0 or (masked and not allowed[d, k]):
                     continue
                 chi2, determinant = _squared_distance(rays, variance, out, d, k)
                 if not (chi2 <= gate2):
