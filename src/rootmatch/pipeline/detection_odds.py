@@ -75,7 +75,7 @@ def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     Clutter is as dense as the detections that ``assignment`` leaves.
     """
     n, n_target = task.shape
-    matched = int((assignment >= 0).sum())
+    matched = int(np.count_nonzero(assignment >= 0))
     density = CROWDING * (n_target - matched + HALF) / task.image_area
     odds = np.full((n, n_target), -np.log(density))
     if task.prior is not None:

@@ -41,7 +41,7 @@ class FittedPool:
     def add(self, assignment: Integers) -> None:
         """Add an assignment, unless it is there or too small."""
         key = assignment.tobytes()
-        if key not in self._known and (assignment >= 0).sum() >= self.least:
+        if key not in self._known and np.count_nonzero(assignment >= 0) >= self.least:
             self._known.add(key)
             self.assignments.append(assignment)
 

@@ -225,8 +225,8 @@ def _has_many(task: MatchingTask, assignment: Integers, options: PosteriorOption
     Not where normals say which points should be seen: those that an assignment leaves out count against it, so that it
     begins far below what it grows to.
     """
-    enough = int((assignment >= 0).sum()) >= task.problem.minimal + options.settled_matches
-    return enough and task.points.normals is None
+    enough = np.count_nonzero(assignment >= 0) >= task.problem.minimal + options.settled_matches
+    return bool(enough) and task.points.normals is None
 
 
 def _gains(
@@ -261,7 +261,7 @@ def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.floa
     """Probability that a visible point is detected: as given, or as an assignment has it."""
     if task.options.detection is not None:
         return min(task.options.detection, MOST_DETECTED)
-    matched = int((assignment >= 0).sum())
+    matched = int(np.count_nonzero(assignment >= 0))
     return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 
 

@@ -180,7 +180,7 @@ def local_density(
     ahead = np.isfinite(positions[0])
     inside = positions[:, ahead]
     count = inside.shape[1]
-    centred = inside - inside.mean(axis=1, keepdims=True)
+    centred = inside - inside.sum(axis=1, keepdims=True) / count
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
     k = max(neighbours, math.ceil(math.sqrt(count)))

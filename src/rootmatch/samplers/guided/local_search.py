@@ -64,8 +64,6 @@ class LocalSearch(Search):
         n, n_target = self.neighbours.shape[1], self.near.shape[1]
         sizes = [(min(int(p), n), min(int(q), n_target)) for p, q in zip(local.points, local.images, strict=True)]
         self.levels = [Level(p, q, self.n_target * q * (q - 1), local.first_wave) for p, q in sizes]
-        self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2
-        """Mean number of clutter detections within a gate."""
         self.in_parts = self.n > local.whole and bool(kernels_of(self.tables).source_fields)
         """Whether hypotheses are verified near their triple first."""
         self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed, options.verification)

@@ -68,6 +68,8 @@ class Search:
             gate *= narrowed(tables.rays, gate, options.grid)
         self.grid = build_grid(tables.rays, gate, options.grid)
         self.density = CROWDING * self.grid.density
+        self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2
+        """Mean number of clutter detections within a gate."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
@@ -171,8 +173,7 @@ class Search:
         """The sequential test of a wave: hopeful at first, then ever more patient with hidden points."""
         options = self.options.test
         visible = (options.visible if self.single else options.visible_of_many) * min(1.0, self.n_target / self.n)
-        clutter = float(self.density.mean()) * math.pi * self.grid.gate2
-        return sequential_test(options, clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
+        return sequential_test(options, self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:
         limit = self.options.max_seconds
@@ -244,9 +245,10 @@ class Search:
         most: int,
     ) -> None:
         """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m)."""
-        self.solved += int(counts[:, 0].sum())
-        self.tested += int(counts[:, 1].sum())
-        self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
+        solved, tested, looked_up = counts.sum(axis=0).tolist()
+        self.solved += solved
+        self.tested += tested
+        self.evaluated += solved + looked_up
         survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
         chosen = np.flatnonzero(survivors[:, 0] >= 0)
         chosen = chosen[np.argsort(-ratios[chosen], kind="stable")[:most]]
@@ -259,9 +261,10 @@ class Search:
             self.tables, points, images, self.density, self.allowed, options=self.options.verification
         )
         self.evaluated += len(points) * (self.n - self.minimal)
-        real = evidence > -np.inf
-        if real.any():
-            self.hypotheses.append(Hypotheses(points, images, evidence, best, candidates).take(real))
+        real = np.flatnonzero(evidence > -np.inf)
+        if len(real):
+            found = Hypotheses(points, images, evidence, best, candidates)
+            self.hypotheses.append(found if len(real) == len(points) else found.take(real))
 
     def refine(self) -> None:
         """Solve minimal sets of the best clusters' own correspondences, wide ones.
