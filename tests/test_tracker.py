@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
-from rootmatch.rival_poses import TEMPER, RivalPose, challengers, decided
+from rootmatch.pipeline.near_symmetries import near_symmetries
+from rootmatch.rival_poses import TEMPER, RivalPose, Shape, decided
+from rootmatch.rival_search import challengers
 from rootmatch.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
@@ -148,11 +150,29 @@ def test_a_pose_that_explains_more_challenges_the_one_that_is_followed() -> None
     R, t = pose(0.0)
     followed = RivalPose(MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0), 50.0, -1.0)
     current = replace(right, assignment=wrong)
-    (other,) = challengers(right, current, followed, BODY, 0.0, MotionOptions())
+    shape = Shape(BODY, [], MotionOptions())
+    (other,) = challengers(right, current, followed, shape, 0.0)
     assert other.total > followed.total
     found = other.filter.predicted(1e-6)
     assert np.degrees(Rotation.from_matrix(found.R @ R.T).magnitude()) < 1.0
-    assert challengers(right, right, followed, BODY, 0.0, MotionOptions()) == []
+    assert challengers(right, right, followed, shape, 0.0) == []
+
+
+def test_the_twin_is_followed_too_where_a_search_found_one_pose_alone() -> None:
+    body, rivals, R, t = twins(0.0)
+    turns = near_symmetries(body, None, 3)
+    assert len(turns) == 1
+    np.testing.assert_allclose(turns[0][0], np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
+    np.testing.assert_allclose(turns[0][1], 0.0, atol=1e-9)
+    assert near_symmetries(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None, 3) == []
+    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
+    target = CAMERA.project(body @ R.T + t)[:6] + np.random.default_rng(1).normal(0.0, 0.2, (6, 2))
+    after = decided(rivals[:1], lambda known: one.tried(target, known), INTERVAL, Shape(body, turns, MotionOptions()))
+    assert not after.sure
+    assert len(after.left) == 2
+    every = [after.match.assignment, after.match.alternatives[0][0]]
+    assert any(np.array_equal(found[:6], np.arange(6)) for found in every)
+    assert any(np.array_equal(found[6:12], np.arange(6)) for found in every)
 
 
 def test_which_points_are_missing_counts_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -14,7 +15,8 @@ from rootmatch.pipeline.prior import Found
 from rootmatch.pipeline.status import Status
 from rootmatch.predicted import free_pose
 from rootmatch.result import Match
-from rootmatch.rival_poses import LIKELY, Decided, RivalPose, searched
+from rootmatch.rival_poses import LIKELY, Decided, RivalPose, Shape
+from rootmatch.rival_search import searched
 
 
 class TrackingState(Enum):
@@ -42,8 +44,9 @@ class TrackingOptions(Options):
     """Detections, over those of the last frame that was matched, from which it is searched: with fewer the body is
     hidden. A round value."""
     search_budget: int = option(30_000, least=1)
-    """Evaluations of a search, all but that of the first frame, so that it ends within 50 ms; it is as good as one of
-    100,000 (benchmarks/tracking.py, six flights, seeds from 1000)."""
+    """Evaluations of a search, all but that of the first frame, so that it ends within 50 ms. 100,000 find the same;
+    with 10,000 two of 120 flights followed a wrong pose where 30,000 found the right one (benchmarks/tracking.py, seeds
+    from 1100 and 2100)."""
     search_every: int = option(10, least=1)
     """With several bodies those that are not found are searched for in one of so many frames, and so is a body that is
     followed while most of what should be visible is missing. A round value."""
@@ -61,10 +64,17 @@ class FollowedBody:
     source : (n, 3) array
         Its points.
     options : TrackingOptions
+    symmetries : list of (R, t)
+        Motions after which it looks the same from some side.
     """
 
-    def __init__(self, source: NDArray[np.float64], options: TrackingOptions) -> None:
-        self.source, self.options = source, options
+    def __init__(
+        self,
+        source: NDArray[np.float64],
+        options: TrackingOptions,
+        symmetries: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]] = (),
+    ) -> None:
+        self.shape, self.options = Shape(source, list(symmetries), options.motion), options
         self.detections = self.searched = 0
         self.forget()
 
@@ -114,7 +124,7 @@ class FollowedBody:
         """Take the match of a frame that was searched while the body was lost."""
         if match.status is Status.UNTRUSTED:
             return
-        after = searched(match, [], self.source, time, self.options.motion)
+        after = searched(match, [], self.shape, time)
         self.hold(after, match.task.shape[1])
 
     def take(self, match: Match | None, predicted: bool, time: float) -> None:
@@ -132,4 +142,4 @@ class FollowedBody:
             del self.rivals[1:]
             self.rivals[0].filter.update(match.fused_pose, time)
         else:
-            self.rivals = [RivalPose(MotionFilter(self.source, free_pose(match), time, self.options.motion))]
+            self.rivals = [RivalPose(MotionFilter(self.shape.source, free_pose(match), time, self.options.motion))]

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found
-from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
 from rootmatch.pipeline.status import TRUST, Status
-from rootmatch.predicted import free_fits, pose_of
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
 
@@ -37,6 +35,8 @@ RECENT = 0.2
 """Weight of a frame in the mean of which points are visible. A round value."""
 LIKELY = 0.5
 """Probability of an assignment about a prediction from which its pose is taken: more likely than all others."""
+NEAR = 1.0 + 2.0 * math.cos(0.5)
+"""Trace of the rotation between two poses above which they are the same one, not a turned copy. A round value."""
 TENTATIVE = 4
 """Matches from which what is found, but not believed, is followed beside the prediction. One more than give a pose."""
 
@@ -52,11 +52,14 @@ class RivalPose:
         Log-odds against clutter, tempered, summed over the frames.
     visibility : float or None
         Recent mean of the log-probability of which visible points are matched.
+    tentative : bool
+        Whether it went on from what its prediction found, but did not believe, in the last frame.
     """
 
     filter: MotionFilter
     evidence: float = 0.0
     visibility: float | None = None
+    tentative: bool = False
 
     @property
     def total(self) -> float:
@@ -97,7 +100,31 @@ class Decided:
         return self.probability >= SURE
 
 
-def decided(rivals: Sequence[RivalPose], follow: Callable[[Pose], tuple[Match, Found | None]], time: float) -> Decided:
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What is known of a body before it is seen.
+
+    Attributes
+    ----------
+    source : (n, 3) float64
+        Its points.
+    symmetries : list of (R, t)
+        Motions after which it looks the same from some side; see `rootmatch.pipeline.near_symmetries`.
+    motion : MotionOptions
+        How fast it may move.
+    """
+
+    source: NDArray[np.float64]
+    symmetries: list[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    motion: MotionOptions
+
+
+def decided(
+    rivals: Sequence[RivalPose],
+    follow: Callable[[Pose], tuple[Match, Found | None]],
+    time: float,
+    shape: Shape | None = None,
+) -> Decided:
     """The rivals after another frame.
 
     Parameters
@@ -108,28 +135,37 @@ def decided(rivals: Sequence[RivalPose], follow: Callable[[Pose], tuple[Match, F
         The match of the frame with a predicted pose, and what was found.
     time : float
         Of the frame, seconds.
+    shape : Shape, optional
+        The best pose is then also tried after the motions that leave the body nearly as it is, unless another rival is
+        there: a search need not have found both, nor the frames since then both again.
     """
+    only = all(rival.tentative for rival in rivals)
+    before = [replace(rival, filter=rival.filter.copy()) for rival in rivals] if shape is not None else []
+    tried = [follow(rival.filter.predicted(time)) for rival in rivals]
+    there = any(what is not None and what.believed for _, what in tried)
     every: list[tuple[RivalPose, Match, Found | None]] = []
-    for rival in rivals:
-        match, found = follow(rival.filter.predicted(time))
-        if found is not None and found.believed:
-            rival.take(max(found.log_odds - found.visibility, 0.0), found.visibility)
-            if found.probability >= LIKELY:
-                rival.filter.update(found.pose, time)
-        elif found is not None and _tentative(found):
-            other = RivalPose(rival.filter.copy(), rival.evidence, rival.visibility)
-            other.filter.update(found.pose, time)
-            other.take(found.beyond_chance, found.visibility)
-            every.append((other, match, found))
-        every.append((rival, match, found))
+    for rival, (match, what) in zip(rivals, tried, strict=True):
+        every += _taken(rival, match, what, there=there, kept=only or not rival.tentative, time=time)
+    every.sort(key=lambda one: -one[0].total)
+    best = next((k for k, rival in enumerate(rivals) if rival is every[0][0]), None)
+    if there and shape is not None and best is not None:
+        for R, t in shape.symmetries:
+            turned = before[best].filter.turned(R, t)
+            pose = turned.predicted(time)
+            poses = [what.pose for _, _, what in every if what is not None and what.believed]
+            if all(float(np.trace(pose.R.T @ one.R)) < NEAR for one in poses):
+                rival = replace(before[best], filter=turned)
+                every += _taken(rival, *follow(pose), there=True, kept=False, time=time)
     every.sort(key=lambda one: -one[0].total)
     distinct: dict[bytes, tuple[RivalPose, Match, Found | None]] = {}
     for one in every:
         same = one[2] is not None and one[2].believed
         distinct.setdefault(one[1].assignment.tobytes() if same else id(one[0]).to_bytes(8, "little"), one)
     ranked = list(distinct.values())[:MOST]
-    ranked = [one for one in ranked if one[0].total > ranked[0][0].total - NEGLIGIBLE]
-    shares = _shares([rival for rival, _, _ in ranked])
+    # what is tentative gives up nothing
+    firm = max((one[0].total for one in ranked if not one[0].tentative), default=-math.inf)
+    ranked = [one for one in ranked if one[0].tentative or one[0].total > firm - NEGLIGIBLE]
+    shares = shares_of([rival for rival, _, _ in ranked])
     _, match, found = ranked[0]
     if found is not None and match.status is not Status.UNTRUSTED:
         sure = shares[0] >= SURE and found.probability >= TRUST.probability
@@ -146,7 +182,34 @@ def decided(rivals: Sequence[RivalPose], follow: Callable[[Pose], tuple[Match, F
     return Decided(match, [rival for rival, _, _ in ranked], believed, float(shares[0]))
 
 
-def _tentative(found: Found) -> bool:
+def _taken(
+    rival: RivalPose, match: Match, found: Found | None, *, there: bool, kept: bool, time: float
+) -> list[tuple[RivalPose, Match, Found | None]]:
+    """A rival after a frame, and where what it found is not believed that as another one, which is tentative.
+
+    ``there``: whether one of the rivals is believed: then the body is in view, and only its pose is in question.
+    ``kept``: whether it is followed further where nothing is found.
+    """
+    if found is not None and there and not found.believed and _worth_following(found):
+        found = replace(found, believed=True)
+        match = replace(match, status=Status.AMBIGUOUS, prior_holds=True, fused_pose=found.pose, fault=None)
+    if found is not None and found.believed:
+        rival.tentative = False
+        rival.take(max(found.log_odds - found.visibility, 0.0), found.visibility)
+        if found.probability >= LIKELY:
+            rival.filter.update(found.pose, time)
+        return [(rival, match, found)]
+    if not kept:
+        return []
+    if found is None or not _worth_following(found):
+        return [(rival, match, found)]
+    other = RivalPose(rival.filter.copy(), rival.evidence, rival.visibility, tentative=True)
+    other.filter.update(found.pose, time)
+    other.take(found.log_odds - found.visibility, found.visibility)
+    return [(other, match, found), (rival, match, None)]
+
+
+def _worth_following(found: Found) -> bool:
     return (
         found.matched >= TENTATIVE
         and found.probability >= LIKELY
@@ -155,111 +218,8 @@ def _tentative(found: Found) -> bool:
     )
 
 
-def _shares(rivals: Sequence[RivalPose]) -> NDArray[np.float64]:
+def shares_of(rivals: Sequence[RivalPose]) -> NDArray[np.float64]:
+    """Probability of each of them, which add up to one."""
     total = np.array([rival.total for rival in rivals])
     weight = np.exp(total - total.max())
     return np.asarray(weight / weight.sum())
-
-
-def searched(
-    match: Match, before: Sequence[RivalPose], source: NDArray[np.float64], time: float, options: MotionOptions
-) -> Decided:
-    """The poses that a searched frame leaves, together with those followed until then.
-
-    Each assignment goes on from each prediction that it does not contradict; without one, it has to be the more likely
-    for itself.
-
-    Parameters
-    ----------
-    match : Match
-        Of the frame, searched without a prediction, and not untrusted.
-    before : sequence of RivalPose
-        Those that were followed, none of which the frame confirmed. They are left as they are.
-    source : (n, 3) array
-        The body's points.
-    time : float
-        Of the frame, seconds.
-    options : MotionOptions
-        How fast the body may move.
-    """
-    least = match.problem.minimal + 1
-    every = [match.assignment, *(other for other, _ in match.alternatives)]
-    every = [one for one in every if (one >= 0).sum() >= least][:MOST]
-    floor = min((rival.evidence for rival in before), default=0.0)
-    frames = [PriorFrame(match.task, rival.filter.predicted(time)) for rival in before]
-    known: list[tuple[RivalPose, PriorFit, bool]] = []
-    for free in free_fits(match.task, every):
-        for rival, frame in zip(before, frames, strict=True):
-            fit = frame.fitted(free.assignment, free.R, free.t)
-            if fit.chi2_prior < DEFAULT_PRIOR.contradicted:
-                one = RivalPose(rival.filter.copy(), rival.evidence, rival.visibility)
-                one.filter.update(pose_of(fit), time)
-                one.take(fit.log_odds - fit.visibility, fit.visibility)
-                known.append((one, fit, True))
-        one = RivalPose(MotionFilter(source, pose_of(free), time, options), floor)
-        one.take(free.log_odds - free.visibility, free.visibility)
-        known.append((one, free, False))
-    if not known:
-        return Decided(match, list(before), None, 0.0)
-    known.sort(key=lambda one: -one[0].total)
-    distinct: dict[bytes, tuple[RivalPose, PriorFit, bool]] = {}
-    for entry in known:
-        distinct.setdefault(entry[1].assignment.tobytes(), entry)
-    ranked = [one for one in distinct.values() if one[0].total > known[0][0].total - NEGLIGIBLE]
-    if match.status is Status.MATCHED:
-        ranked = [one for one in ranked if np.array_equal(one[1].assignment, match.assignment)][:1] or ranked[:1]
-    shares = _shares([rival for rival, _, _ in ranked])
-    _, fit, held = ranked[0]
-    if match.status is not Status.MATCHED:
-        scores = {one.tobytes(): score for one, score in [(match.assignment, match.score), *match.alternatives]}
-        match = replace(
-            match,
-            assignment=fit.assignment,
-            score=scores.pop(fit.assignment.tobytes()),
-            alternatives=[(np.frombuffer(one, np.int64), score) for one, score in scores.items()],
-            motions=np.where(fit.assignment >= 0, 0, -1),
-            fitted_probability=float(shares[0]),
-            status=Status.MATCHED if shares[0] >= SURE else Status.AMBIGUOUS,
-        )
-    match = replace(match, prior_holds=held if before else None, fused_pose=pose_of(fit) if held else None)
-    return Decided(match, [rival for rival, _, _ in ranked], None, float(shares[0]))
-
-
-def challengers(
-    match: Match, current: Match, rival: RivalPose, source: NDArray[np.float64], time: float, options: MotionOptions
-) -> list[RivalPose]:
-    """Other poses that a search found in a frame where the one that is followed misses much of what should be visible.
-
-    Both are judged by this frame alone, and share the evidence of those before.
-
-    Parameters
-    ----------
-    match : Match
-        Of the frame, searched without a prediction, and not untrusted.
-    current : Match
-        Of the frame and the pose that is followed.
-    rival : RivalPose
-        That pose.
-    source : (n, 3) array
-        The body's points.
-    time : float
-        Of the frame, seconds.
-    options : MotionOptions
-        How fast the body may move.
-    """
-    least = match.problem.minimal + 1
-    every = [match.assignment, *(other for other, _ in match.alternatives)]
-    kept = current.assignment >= 0
-    every = [
-        one for one in every if (one >= 0).sum() >= least and 2 * (one == current.assignment)[kept].sum() < kept.sum()
-    ]
-    own, *fits = free_fits(match.task, [current.assignment, *every[: MOST - 1]])
-    found = []
-    for fit in fits:
-        lead = fit.log_odds - fit.visibility - own.log_odds + own.visibility
-        one = RivalPose(
-            MotionFilter(source, pose_of(fit), time, options), rival.evidence + TEMPER * lead, fit.visibility
-        )
-        if one.total > rival.total - NEGLIGIBLE:
-            found.append(one)
-    return found

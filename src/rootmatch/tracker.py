@@ -15,16 +15,20 @@ from rootmatch.errors import InputError
 from rootmatch.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.matcher import Matcher
 from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
+from rootmatch.pipeline.near_symmetries import near_symmetries
 from rootmatch.pipeline.status import Status
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
-from rootmatch.rival_poses import challengers, decided, searched
+from rootmatch.rival_poses import decided
+from rootmatch.rival_search import challengers, searched
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
 TRACKING = TrackingOptions()
+TURNS = 3
+"""Near symmetries of a body that are tried. A round value."""
 
 
 class Tracker:
@@ -84,9 +88,12 @@ class Tracker:
         )
         self._frame = 0
         self._bodies: dict[Label | None, FollowedBody] = {}
-        for k, label in enumerate([None] if self.labels is None else self.labels.names):
-            points = slice(None) if self.labels is None else self.labels.points_of(k)
-            self._bodies[label] = FollowedBody(self.matcher.source[points], tracking)
+        if self.labels is None:
+            turns = near_symmetries(self.matcher.source, self.matcher.normals, TURNS)
+            self._bodies[None] = FollowedBody(self.matcher.source, tracking, turns)
+        else:
+            for k, label in enumerate(self.labels.names):
+                self._bodies[label] = FollowedBody(self.matcher.source[self.labels.points_of(k)], tracking)
 
     @property
     def state(self) -> TrackingState:
@@ -184,16 +191,15 @@ class Tracker:
             found = search()
             body.start(found, when)
             return found
-        after = decided(body.rivals, lambda pose: self.matcher.tried(target, pose, noise), when)
+        shape = None if body.sure else body.shape
+        after = decided(body.rivals, lambda pose: self.matcher.tried(target, pose, noise), when, shape)
         detections = len(np.asarray(target))
         if after.found is not None:
             body.hold(after, detections)
             if body.misses(after.found, detections - self.matcher.problem.order) and body.late(self._frame):
                 other = search()
                 if other.status is not Status.UNTRUSTED:
-                    body.rivals += challengers(
-                        other, after.match, after.left[0], body.source, when, self.tracking.motion
-                    )
+                    body.rivals += challengers(other, after.match, after.left[0], body.shape, when)
                 return replace(after.match, hyperedges=other.hyperedges)
             return after.match
         worth = body.worth_a_search(detections)
@@ -208,7 +214,7 @@ class Tracker:
         if not body.rivals:
             body.start(found, when)
             return found
-        after = searched(found, body.rivals, body.source, when, self.tracking.motion)
+        after = searched(found, body.rivals, body.shape, when, after.match.assignment)
         body.hold(after, detections)
         return after.match
 

@@ -76,6 +76,14 @@ class MotionFilter:
         """Another one that goes its own way from here."""
         return deepcopy(self)
 
+    def turned(self, R: Floats, t: Floats) -> MotionFilter:
+        """Another one, of the body after a motion x' = R x + t of its points, that moves as this one does."""
+        other = self.copy()
+        other.R = self.R @ R
+        other.t = self.t + self.R @ (R @ self.centre + t - self.centre)
+        other._ahead = None
+        return other
+
     def predicted(self, time: float) -> Pose:
         """The pose at a later time."""
         R, t, P = self._at(time)
