@@ -6,10 +6,10 @@ find either alone; knowing the motions, the other one is asked for.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-
-from rootmatch.algebra.rotation import one_rotation_vector
 
 Floats = NDArray[np.float64]
 
@@ -104,4 +104,4 @@ def _mapped(source: Floats, normals: Floats | None, R: Floats, t: Floats, near: 
 
 
 def _alike(first: Floats, second: Floats) -> bool:
-    return float(np.linalg.norm(one_rotation_vector(first @ second.T))) < ANGLE
+    return float((first * second).sum()) > 1.0 + 2.0 * math.cos(ANGLE)
