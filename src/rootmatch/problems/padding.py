@@ -22,11 +22,14 @@ LANES = 8
 
 def padded(tables: Any, targets: int) -> Any:
     """Tables of n' = ``targets`` points with padding behind them; as they are where their record names no fields."""
-    padding = -targets % LANES
-    fields = kernels_of(tables).target_fields
-    if padding == 0 or not fields:
+    if targets % LANES == 0 or not kernels_of(tables).target_fields:
         return tables
-    return with_targets(tables, np.minimum(np.arange(targets + padding), targets - 1), targets)
+    return with_targets(tables, padded_places(targets), targets)
+
+
+def padded_places(targets: int) -> NDArray[np.int64]:
+    """Targets with padding behind them: the last one again."""
+    return np.minimum(np.arange(targets + -targets % LANES), targets - 1)
 
 
 def with_targets(tables: Any, chosen: NDArray[np.int64], targets: int) -> Any:

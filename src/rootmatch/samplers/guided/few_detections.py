@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.problems.padding import padded, with_targets
+from rootmatch.problems.padding import padded_places, with_targets
 from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid, renumbered
 
 
@@ -38,5 +38,5 @@ class FewDetections(NamedTuple):
             rays=np.ascontiguousarray(grid.rays[:, images]),
             density=grid.density[images],
         )
-        fewer = padded(with_targets(tables, images, count), len(images))
+        fewer = with_targets(tables, images[padded_places(len(images))], count)
         return cls(images, fewer, few, np.ascontiguousarray(allowed[:, images]) if allowed.size else allowed)
