@@ -29,6 +29,9 @@ class MinimalSetOptions(Options):
     """Fraction of the drawn sets that is used, the wider ones. A round value, not tuned."""
     first_wave: int = option(8, least=1)
     """Minimal sets that are tried together at first; each wave is twice the one before. Not tuned."""
+    fewest_wave: int = option(4, least=1)
+    """Fewest of a first wave, which has at most a fifth of all sets: where six points of six are seen, four sets are
+    enough to know that no such pose was missed."""
     largest_wave: int = option(128, least=1)
     """Minimal sets of the largest wave. Not tuned."""
     evenness: float = option(0.7, least=0.0, most=1.0)
@@ -49,8 +52,9 @@ def minimal_sets(
     Where there are many the sets are drawn without end (a set may come again); otherwise each comes once.
     """
     n = len(positions)
-    wave = options.first_wave
-    listed = math.comb(n, size) <= options.listed
+    every = math.comb(n, size)
+    wave = min(options.first_wave, max(options.fewest_wave, every // 5))
+    listed = every <= options.listed
     ranked = np.empty((0, size), np.int64)
     while True:
         if len(ranked) < wave:
