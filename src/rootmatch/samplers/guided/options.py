@@ -89,8 +89,10 @@ class RefinementOptions(Options):
     rival_lacks: int = option(3, least=0)
     """And all but so many: of a hundred, ten fewer are never as probable. A round value."""
     rival_missed: float = option(0.08, above=0.0, most=1.0)
-    """Probability of having missed such a rival at which none is looked for any more: two minimal sets where all points
-    are seen, in every arrangement of those detections. A round value; `tests/test_guided.py` has such objects."""
+    """Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
+    minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
+    with less of it, four in six shuffles of a headset without normals were another side. A round value;
+    `tests/test_guided.py` has such objects."""
     lag: float = option(15.0, above=0.0)
     """Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
     benchmarks/constellations.py what turned out the most probable lagged by at most 7."""

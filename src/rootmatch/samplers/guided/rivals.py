@@ -31,7 +31,9 @@ def try_rivals(search: Search) -> None:
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
     fewest = max(options.refinement.rival * len(images), len(images) - options.refinement.rival_lacks)
     met = min((fewest / search.n) ** search.minimal, 0.999)
-    enough = options.refinement.rival_missed if tried is None else options.visibility.missed
+    # the more of the object is hidden, the more poses show another side of it, and the fewer sets are wide in each
+    hidden = search.n / len(images)
+    enough = options.refinement.rival_missed**hidden if tried is None else options.visibility.missed
     done, wanted = 0, math.ceil(math.log(enough) / math.log1p(-met))
     if wanted == 0:
         search.missed = 0.0
