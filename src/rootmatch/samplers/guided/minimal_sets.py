@@ -29,8 +29,8 @@ class MinimalSetOptions(Options):
     """Fraction of the drawn sets that is used, the wider ones. A round value, not tuned."""
     first_wave: int = option(8, least=1)
     """Minimal sets that are tried together at first; each wave is twice the one before. Not tuned."""
-    fewest_wave: int = option(4, least=1)
-    """Fewest of a first wave, which has at most a fifth of all sets: where six points of six are seen, four sets are
+    fewest_wave: int = option(2, least=1)
+    """Fewest of a first wave, which has at most a tenth of all sets: where six points of six are seen, two sets are
     enough to know that no such pose was missed."""
     largest_wave: int = option(128, least=1)
     """Minimal sets of the largest wave. Not tuned."""
@@ -53,7 +53,7 @@ def minimal_sets(
     """
     n = len(positions)
     every = math.comb(n, size)
-    wave = min(options.first_wave, max(options.fewest_wave, every // 5))
+    wave = min(options.first_wave, max(options.fewest_wave, every // 10))
     listed = every <= options.listed
     ranked = np.empty((0, size), np.int64)
     while True:

@@ -50,8 +50,10 @@ class VisibilityOptions(Options):
     lost: float = option(0.25, above=0.0, most=1.0)
     """Probability that a set leads to nothing though all of it is detected, where that is known: of triples listed by
     shape, and without normals. In 180 development scenes of benchmarks/constellations.py (sim-15-20, sim-0-0,
-    sim-5-0-near) it was 0.06 to 0.08, in one scene of twenty above 0.25; in 200 of drones 0.001 where all points are
-    seen, and 0.13 where five of six are."""
+    sim-5-0-near) it was 0.06 to 0.08, in one scene of twenty above 0.25; in 62 of drones 0.13 where five points of six
+    are seen."""
+    lost_of_all: float = option(0.05, above=0.0, most=1.0)
+    """The same where all points are detected, so that no hidden one ends a test: 0.001 in 200 scenes of drones."""
     largest_wave: int = option(32, least=1)
     """Most triples listed by shape after which it is asked again whether enough were tried. Not tuned."""
     least_matched: int = option(6, least=4)
@@ -187,7 +189,8 @@ def missed_at_random(
 ) -> float:
     """Probability that none of so many sets met a pose with ``matched`` of n points detected, any of them."""
     inside = math.comb(matched, size) / math.comb(n, size)
-    return float((1.0 - (1.0 - options.lost) * inside) ** sets)
+    lost = options.lost if matched < n else options.lost_of_all
+    return float((1.0 - (1.0 - lost) * inside) ** sets)
 
 
 class TriedSets:
