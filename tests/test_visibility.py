@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 import rootmatch as rm
 from rootmatch.samplers.guided.detection_grid import local_density
-from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, sphere, within
+from rootmatch.samplers.guided.visibility import (
+    DEFAULT_VISIBILITY,
+    TriedSets,
+    covering_waves,
+    facing_points,
+    missed_at_random,
+    sphere,
+    within,
+)
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
 NOISE = 0.3
@@ -92,6 +100,17 @@ def test_far_clutter_does_not_thin_out_a_cluster() -> None:
     among = local_density(np.concatenate([cluster, [[0.9, -0.8, 0.7], [0.6, 0.9, -0.9]]], axis=1), 1e-4)
     assert np.median(among[:12]) > 0.4 * np.median(alone)
     assert among[12:].max() < 0.01 * np.median(alone)
+
+
+@pytest.mark.parametrize(("matched", "lost"), [(4, "lost"), (5, "lost"), (6, "lost_of_all")])
+def test_missed_at_random_is_how_often_random_sets_all_fail(matched: int, lost: str) -> None:
+    rng = np.random.default_rng(matched)
+    every = np.array(list(itertools.combinations(range(6), 3)))
+    tried = every[rng.integers(len(every), size=(20_000, 3))]
+    failing = (tried >= matched).any(axis=2) | (rng.random((20_000, 3)) < getattr(DEFAULT_VISIBILITY, lost))
+    expected = failing.all(axis=1).mean()
+    assert missed_at_random(matched, 6, 3, 3) == pytest.approx(expected, abs=0.015)
+    assert missed_at_random(6, 6, 3, 2) <= DEFAULT_VISIBILITY.missed < missed_at_random(5, 6, 3, 2)
 
 
 @pytest.mark.parametrize("clutter", [0, 5])
