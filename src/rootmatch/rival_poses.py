@@ -155,8 +155,8 @@ def decided(
             poses = [what.pose for _, _, what in every if what is not None and what.believed]
             if all(float(np.trace(pose.R.T @ one.R)) < NEAR for one in poses):
                 # what was known of it stays known
-                same = next((one for one in before if float(np.trace(turned.R.T @ one.filter.R)) >= NEAR), before[best])
-                rival = RivalPose(turned, same.evidence, same.visibility)
+                near = next((one for one in before if float(np.trace(turned.R.T @ one.filter.R)) >= NEAR), before[best])
+                rival = RivalPose(turned, near.evidence, near.visibility)
                 every += _taken(rival, *follow(pose), there=True, kept=False, time=time)
     every.sort(key=lambda one: -one[0].total)
     distinct: dict[bytes, tuple[RivalPose, Match, Found | None]] = {}
