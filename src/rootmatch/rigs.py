@@ -53,6 +53,11 @@ class RigOptions(Options):
 
 
 OPTIONS = RigOptions()
+INSTEAD = {
+    "bodies": "match the points of each body by themselves, with all detections",
+    "prior": "its poses are not predicted, so leave it out",
+}
+"""What to do where a rig does not take an option."""
 UNREACHABLE = 1e9
 """Cost of a detection beyond the gate: no assignment takes it."""
 
@@ -98,7 +103,7 @@ def _check(task: MatchingTask) -> None:
     }
     for name, is_given in given.items():
         if is_given:
-            raise InputError(f"{name}: a rig does not take it; leave it out")
+            raise InputError(f"{name}: a rig does not take it; {INSTEAD.get(name, 'leave it out')}")
 
 
 def _searched(task: MatchingTask, copies: Copies, options: RigOptions) -> tuple[AffinityTensor, list[Integers], int]:
