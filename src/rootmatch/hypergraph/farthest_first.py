@@ -11,7 +11,9 @@ from rootmatch.jit.decorators import driver
 def farthest_first(points, first, order):  # type: ignore[no-untyped-def]
     """Fill in the order (n,) of points (n, k) that begins with ``first``: always the one farthest from those before."""
     n = points.shape[0]
-    nearest = np.full(n, np.inf)
+    nearest = np.empty(n)
+    for i in range(n):
+        nearest[i] = np.inf
     choice = first
     for place in range(n):
         order[place] = choice
@@ -22,7 +24,8 @@ def farthest_first(points, first, order):  # type: ignore[no-untyped-def]
                 squared = 0.0
                 for axis in range(points.shape[1]):
                     squared += (points[i, axis] - points[choice, axis]) ** 2
-                nearest[i] = min(nearest[i], squared)
+                if squared < nearest[i]:
+                    nearest[i] = squared
             if nearest[i] > nearest[following]:
                 following = i
         choice = following

@@ -26,6 +26,7 @@ from numba import config, njit
 from rootmatch.jit import prebuilt
 from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.locks import FileLock
+from rootmatch.jit.options import FOR_PYTHON_ALONE
 
 LOG = logging.getLogger("rootmatch")
 
@@ -241,7 +242,7 @@ try:
             draft.unlink(missing_ok=True)
             raise
 
-    DriverDispatcher(lambda: None, targetoptions={"nopython": True, "boundscheck": None})
+    DriverDispatcher(lambda: None, targetoptions={"nopython": True, "boundscheck": None, **FOR_PYTHON_ALONE})
     _ = CompileResult._rebuild, CompileResult._reduce, CompileResultCacheImpl.check_cachable
     AVAILABLE = True
 except MISSING as error:
@@ -256,7 +257,9 @@ def kept_on_disk(options: dict[str, Any]) -> Callable[[Callable[..., Any]], Any]
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return function
         if AVAILABLE:
-            return DriverDispatcher(function, targetoptions={"nopython": True, "boundscheck": None, **options})
+            return DriverDispatcher(
+                function, targetoptions={"nopython": True, "boundscheck": None, **FOR_PYTHON_ALONE, **options}
+            )
         try:
             return njit(cache=True, **options)(function)
         except RuntimeError as error:

@@ -26,3 +26,12 @@ try:
 except MISSING as error:
     FORCED = {}
     warn_lost("kernels need not be inlined: sweeps may be slower, and their last digits may change", error)
+
+
+FOR_PYTHON_ALONE: dict[str, Any] = {"no_cfunc_wrapper": True}
+"""Options of what Python calls and C does not: a twentieth of the time to compile it; none where Numba has no such."""
+
+try:
+    check(**FOR_PYTHON_ALONE)
+except MISSING:
+    FOR_PYTHON_ALONE = {}

@@ -119,11 +119,11 @@ def _walk(  # type: ignore[no-untyped-def]
     wide = n <= n_target
     y = np.empty((min(n, n_target), max(n, n_target)))
     row, column = np.empty(y.shape[0]), np.empty(y.shape[1])
-    w, tables = np.empty(at.size), np.empty((2, at.size))
+    w, tables, begin = np.empty(at.size), np.empty((2, at.size)), np.int64(0)
     for step in range(steps):
         if v.size == 0:
             tables[:] = 0.0
-            scatter(indices, weights, at, 0, weights.size, tables)
+            scatter(indices, weights, at, begin, weights.size, tables)
         largest, total = 0.0, 0.0
         for a in range(at.size):
             w[a] = unary[a] + (v[a] if v.size else tables[0, a] + tables[1, a])

@@ -6,7 +6,7 @@ descent, in a small fraction of the time: a small match spent a quarter of it on
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,7 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
                 rotations[0], translations[0], linear,
             )  # fmt: skip
         else:
-            left_out = -1
+            left_out: Any = np.int64(-1)  # of the type it will have, or what it is given to would be compiled for both
             for half in range(2):
                 count = wide_triple(image, target, left_out, triple)
                 start_of_triple(

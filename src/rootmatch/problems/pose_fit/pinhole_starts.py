@@ -10,15 +10,13 @@ from rootmatch.jit.decorators import part
 from rootmatch.problems.p3p.roots import ratio_pairs
 from rootmatch.problems.pose_fit.pinhole_descent import factored, solved
 
-UNKNOWNS = 5
-"""Of the linear start of an upright camera: two of the rotation, three of the translation."""
-
 
 @part
 def start_upright(image, weight, world_points, turned_rays, world, own, rotation, translation, scratch):  # type: ignore[no-untyped-def]
     """The linear pose with a rotation about the vertical; see `initial_poses.upright_start`."""
     normal, row, unknown = scratch, scratch[6], scratch[7]
     normal[:6] = 0.0
+    unknowns = normal.shape[1] - 1  # two of the rotation, three of the translation
     for i in range(image.shape[0]):
         k = image[i]
         if k < 0:
@@ -36,13 +34,13 @@ def start_upright(image, weight, world_points, turned_rays, world, own, rotation
                 for q in range(6):
                     normal[p, q] += weight[k] * weight[k] * row[p] * row[q]
     trace = 0.0
-    for p in range(UNKNOWNS):
+    for p in range(unknowns):
         trace += normal[p, p]
-    for p in range(UNKNOWNS):
+    for p in range(unknowns):
         normal[p, p] += 1e-12 * trace + 1e-300
-        unknown[p] = -normal[p, UNKNOWNS]
-    factored(normal, UNKNOWNS)
-    solved(normal, UNKNOWNS, unknown)
+        unknown[p] = -normal[p, unknowns]
+    factored(normal, unknowns)
+    solved(normal, unknowns, unknown)
     scale = 1.0 / max(math.hypot(unknown[0], unknown[1]), 1e-300)
     cosine, sine = scale * unknown[0], scale * unknown[1]
     x, y, z = scale * unknown[2], unknown[3], scale * unknown[4]
