@@ -333,6 +333,8 @@ def test_some_of_the_detections_alone_are_searched_as_if_the_others_were_forbidd
     rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-6.0, least=m + 1, normals=False)
     arrangements = enumeration.target_arrangements(7, m - 1)
     few = FewDetections.of(tables, grid, mask, images)
+    place = {int(k): number for number, k in enumerate(images)}
+    assert few.grid.cells.tolist() == [[place.get(k, -1) for k in row] for row in grid.cells.tolist()]
     tasks = {"first": 0, "last": 4 * len(arrangements), "keep": 500, "chunks": 1}
     found, ratios, _ = run_sequential_tests(
         few.tables, few.grid, rules, sets, arrangements, allowed=few.allowed, **tasks

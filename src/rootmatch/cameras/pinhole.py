@@ -174,7 +174,7 @@ class Camera(CameraModel):
             For a pixel beyond where the lens model folds over, which shows nothing.
         """
         rays = self._rays(pixels)
-        unit: Floats = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        unit: Floats = rays / np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
         return unit
 
     def angular_noise(self, pixels: ArrayLike, sigma: ArrayLike) -> Floats:

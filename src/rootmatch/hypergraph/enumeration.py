@@ -29,7 +29,7 @@ def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] |
 
 
 KEPT_SUBSETS = 16_384
-"""Subsets up to which they are kept for the next frame: 400 kB of triples."""
+"""Subsets, or arrangements, up to which they are kept for the next frame: 400 kB of triples."""
 
 
 def subsets(n: int, size: int) -> NDArray[np.int64]:
@@ -54,6 +54,17 @@ def source_bases(n: int, order: int) -> NDArray[np.int64]:
 
 def target_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
     """All ordered choices (P, length) of target points without repetition, in lexicographic order."""
+    if n_target**length <= KEPT_SUBSETS:
+        return _kept_arrangements(n_target, length).copy()
+    return _arrangements(n_target, length)
+
+
+@lru_cache(maxsize=64)
+def _kept_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
+    return _arrangements(n_target, length)
+
+
+def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
     grid = np.indices((n_target,) * length, dtype=np.int32).reshape(length, -1)
     distinct = np.ones(grid.shape[1], dtype=bool)
     for first, second in combinations(range(length), 2):
@@ -69,7 +80,7 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     from rootmatch.hypergraph.farthest_first import farthest_first  # takes Numba
 
     order = np.empty(len(points), dtype=np.int64)
-    distance = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
+    distance = ((points - points.sum(axis=0) / len(points)) ** 2).sum(axis=1)
     farthest_first(np.ascontiguousarray(points, np.float64), int(distance.argmax()), order)
     return order
 

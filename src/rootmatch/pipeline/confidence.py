@@ -89,11 +89,12 @@ def marginals(
     """
     first = assignments[0]
     odds = gains / doubt
-    strong = np.argsort(-odds, kind="stable")[: FITTED if len(assignments) > 1 else 0]
-    relative = (logarithms - logarithms[0]).tolist()
-    known = {assignment.tobytes(): value for assignment, value in zip(assignments, relative, strict=True)}
-    for number, changed in zip(strong, changes.take(strong).applied_to(first), strict=True):
-        odds[number] = known.get(changed.tobytes(), odds[number])
+    if len(assignments) > 1:
+        strong = np.argsort(-odds, kind="stable")[:FITTED]
+        relative = (logarithms - logarithms[0]).tolist()
+        known = {assignment.tobytes(): value for assignment, value in zip(assignments, relative, strict=True)}
+        for number, changed in zip(strong, changes.take(strong).applied_to(first), strict=True):
+            odds[number] = known.get(changed.tobytes(), odds[number])
     weights = np.exp(np.minimum(odds, 0.0))
     second = changes.other >= 0
     total = np.bincount(changes.source, weights, len(first))
@@ -102,6 +103,8 @@ def marginals(
     none = np.bincount(changes.source[away], weights[away], len(first))
     local, none = 1.0 / (1.0 + total), np.where(first < 0, 1.0, none) / (1.0 + total)
 
+    if len(assignments) == 1:
+        return Marginals(local, none, 1.0)
     every = np.array(assignments)
     same = of_one_pose(first, every)
     shares = np.exp(logarithms)

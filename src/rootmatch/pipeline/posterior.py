@@ -149,7 +149,7 @@ def ranked(
     pace, best, inflation, known = Pace(task.deadline, FITTED_FIRST), -1, 1.0, _NOTHING_KNOWN
     for turn in range(options.rounds + 1):
         pool.fit(pace)
-        inflation = _inflation(pool.fits, options)
+        inflation, settled = _inflation(pool.fits, options), False
         # clutter and the share of the visible points that is detected are those of the best assignment
         for _ in range(2):
             odds = log_odds(task, leader)
@@ -159,7 +159,8 @@ def ranked(
                 break
             before = leader, detected
             leader, detected = pool.assignments[best], _detected(task, pool.assignments[best], pool.visible(best))
-            if detected == before[1] and np.array_equal(leader, before[0]):
+            settled = detected == before[1] and np.array_equal(leader, before[0])
+            if settled:
                 break
         if turn == options.rounds or not len(value) or task.deadline.left() <= 0.0:
             break
@@ -185,6 +186,8 @@ def ranked(
                     pool.add(other)
                 elif value[number] + gain > enough and number == best:
                     beside.append((other, number, gain))
+        if settled and len(pool.assignments) == len(value) and visited.issuperset(near):
+            break  # another turn would be the same
     if best < 0 or value[best] == -np.inf:
         return Ranked([], np.empty(0), np.nan, NO_POSE)
     every, values, numbers = list(pool.assignments[: len(value)]), value.tolist(), list(range(len(value)))

@@ -74,6 +74,9 @@ def as_points(points: ArrayLike, dimension: int, name: str) -> NDArray[np.float6
 
 def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
     """Two points of the same coordinates, None where all differ."""
+    ascending = np.sort(points[:, 0])
+    if (ascending[1:] != ascending[:-1]).all():
+        return None  # as nearly always
     order = np.lexsort(points.T[::-1])
     same = np.flatnonzero((points[order[1:]] == points[order[:-1]]).all(axis=1))
     if not len(same):

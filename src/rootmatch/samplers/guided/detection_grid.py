@@ -178,7 +178,8 @@ def local_density(
     detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
     """
     ahead = np.isfinite(positions[0])
-    inside = positions[:, ahead]
+    every = bool(ahead.all())
+    inside = np.ascontiguousarray(positions) if every else positions[:, ahead]
     count = inside.shape[1]
     centred = inside - inside.sum(axis=1, keepdims=True) / count
     (suu, suv), (_, svv) = centred @ centred.T / count
@@ -186,7 +187,10 @@ def local_density(
     k = max(neighbours, math.ceil(math.sqrt(count)))
     density = np.full(positions.shape[1], overall)
     if k < count:
-        density[ahead] = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
+        near = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
+        if every:
+            return np.asarray(near)
+        density[ahead] = near
     return density
 
 
@@ -202,13 +206,27 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     return np.asarray(distance[:, 0] ** 2)
 
 
+def cells_of_some(grid: DetectionGrid, images: NDArray[np.int64]) -> NDArray[np.int16]:
+    """Cells (h, w) that name some detections (m,) by their place among these, and no others."""
+    stretch = np.sqrt(2.0 / np.maximum(1.0 + grid.rays[2, images], STRAIGHT)) if grid.whole else np.ones(len(images))
+    # as far as `build_grid` looks, and two cells more for rounding
+    about = ((math.sqrt(grid.gate2) * grid.scale + HALF_DIAGONAL * stretch) * stretch).astype(np.int64) + 3
+    places = ((grid.positions[:, images] - grid.corner[:, None]) * grid.scale).astype(np.int64)
+    cells = np.full(grid.cells.shape, NOBODY, np.int16)
+    _renumber(grid.cells, images, places, about, cells)
+    return cells
+
+
 @driver(nogil=True)
-def renumbered(cells, number, out):  # type: ignore[no-untyped-def]
-    """Copy cells (h, w) with each detection by its new number."""
-    for row in range(cells.shape[0]):
-        for column in range(cells.shape[1]):
-            k = cells[row, column]
-            out[row, column] = number[k] if k >= 0 else k
+def _renumber(cells, images, places, about, out):  # type: ignore[no-untyped-def]
+    """Write the place of each of the images (m,) into the cells that name it, all near those in ``places`` (2, m)."""
+    height, width = cells.shape
+    for m in range(images.size):
+        k, reach = images[m], about[m]
+        for row in range(max(0, places[1, m] - reach), min(height, places[1, m] + reach + 1)):
+            for column in range(max(0, places[0, m] - reach), min(width, places[0, m] + reach + 1)):
+                if cells[row, column] == k:
+                    out[row, column] = m
 
 
 @driver(nogil=True, error_model="numpy")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.problems.padding import padded_places, with_targets
-from rootmatch.samplers.guided.detection_grid import NOBODY, DetectionGrid, renumbered
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, cells_of_some
 
 
 class FewDetections(NamedTuple):
@@ -28,12 +28,8 @@ class FewDetections(NamedTuple):
     ) -> FewDetections:
         """Those with some numbers, of tables without padding, a grid and a mask of all detections."""
         count = grid.positions.shape[1]
-        number = np.full(count, NOBODY, np.int16)
-        number[images] = np.arange(len(images))
-        cells = np.empty_like(grid.cells)
-        renumbered(grid.cells, number, cells)
         few = grid._replace(
-            cells=cells,
+            cells=cells_of_some(grid, images),
             positions=np.ascontiguousarray(grid.positions[:, images]),
             rays=np.ascontiguousarray(grid.rays[:, images]),
             density=grid.density[images],

@@ -107,5 +107,5 @@ def widest(
 def others_of(sets: Integers, n: int) -> Integers:
     """The points (S, n − m) that are not in each set, ascending."""
     free = np.ones((len(sets), n), np.bool_)
-    np.put_along_axis(free, sets, False, axis=1)
+    free[np.arange(len(sets))[:, None], sets] = False
     return np.nonzero(free)[1].reshape(len(sets), n - sets.shape[1])

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
@@ -38,7 +39,7 @@ def try_rivals(search: Search) -> None:
     if wanted == 0:
         search.missed = 0.0
         return
-    for sets in _sets(search, len(arrangements), alike=tried is None):
+    for sets in _sets(search, len(arrangements), wanted=wanted if tried is None else 0):
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
         while first < tasks and (block := pace.block(tasks - first)):
@@ -54,9 +55,26 @@ def try_rivals(search: Search) -> None:
     search.missed = 0.0
 
 
-def _sets(search: Search, arrangements: int, alike: bool) -> Iterator[PreparedSets]:
-    """Waves of minimal sets: those that the search began with, if any are as good as others, then further ones."""
-    if alike and search.first_sets is not None:
-        yield search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
-    for points in search._waves():
+def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSets]:
+    """Waves of minimal sets; where so many are wanted, whichever, those that the search began with are among the first.
+
+    These are tried together with further ones: another wave takes as long as its kernel.
+    """
+    waves = search._waves()
+    if wanted and search.first_sets is not None:
+        first = search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
+        lacking = min(wanted, search.options.sets.largest_wave) - len(first.points)
+        if lacking > 0 and len(points := _joined(waves, lacking)):
+            further = search._prepared(points, arrangements)
+            first = PreparedSets(*(np.concatenate(pair) for pair in zip(first, further, strict=True)))
+        yield first
+    for points in waves:
         yield search._prepared(points, arrangements)
+
+
+def _joined(waves: Iterator[NDArray[np.int64]], count: int) -> NDArray[np.int64]:
+    """The first ``count`` minimal sets of some waves, all where there are fewer."""
+    found: list[NDArray[np.int64]] = []
+    while count > sum(map(len, found)) and (wave := next(waves, None)) is not None:
+        found.append(wave)
+    return np.concatenate(found)[:count] if found else np.empty((0, 0), np.int64)
