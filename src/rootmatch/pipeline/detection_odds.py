@@ -113,7 +113,8 @@ def log_odds_against_clutter(
     """
     matched = assignment >= 0
     rates = options.detected if detection is None else (min(detection, MOST_DETECTED),)
-    detected = [float(np.where(matched, np.log(d * visible), np.log1p(-d * visible)).sum()) for d in rates]
+    chance = np.array(rates)[:, None] * visible
+    detected = np.where(matched, np.log(chance), np.log1p(-chance)).sum(axis=1)
     clutter = float(np.log(CROWDING * density[assignment[matched]]).sum())
     return float(np.logaddexp.reduce(detected)) - math.log(len(detected)) - clutter
 

@@ -7,8 +7,6 @@ Where anything is in doubt the tensor is made, and solved or assessed as that of
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +15,7 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import Once
 from rootmatch.pipeline.assessment import Assessment, does_not_fit, fits, point_by_point, sure_beyond_chance
 from rootmatch.pipeline.confidence import of_one_pose
 from rootmatch.pipeline.posterior import ranked
@@ -41,7 +40,7 @@ def decided_by_pose(task: MatchingTask, sampled: SampledTensor) -> Assessment | 
     if not hyperedges_agree(task, kept[0]):
         return None
 
-    @cache
+    @Once
     def scores() -> list[float]:
         """Of the assignment and its alternatives."""
         return [float(score) for score in scores_of(tensor, kept)]

@@ -94,8 +94,8 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def narrowed(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
-    sides = np.ptp(rays, axis=1)
-    area = float(np.sort(sides)[1:].prod())
+    _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
+    area = float(math.prod(longer))
     met = rays.shape[1] * math.pi * gate * gate / max(area, gate * gate)
     return 1.0 if met <= options.crowd else max(math.sqrt(options.crowd / met), options.narrowest)
 

@@ -62,13 +62,13 @@ class Search:
         self.allowed = task.allowed
         sigma = np.sqrt(tables.variance)
         usual = max(usual_noise(sigma), float(sigma.max()) / options.grid.noise_ratio)
-        self.normals = bool(np.any(tables.normals[:3]))
+        self.normals = bool(tables.normals[:3].any())
         gate = options.gate * usual
         if not self.normals:
             gate *= narrowed(tables.rays, gate, options.grid)
         self.grid = build_grid(tables.rays, gate, options.grid)
         self.density = CROWDING * self.grid.density
-        self.clutter = float(self.density.mean()) * math.pi * self.grid.gate2
+        self.clutter = float(self.density.sum()) / self.n_target * math.pi * self.grid.gate2
         """Mean number of clutter detections within a gate."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
         self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
@@ -250,10 +250,10 @@ class Search:
         self.tested += tested
         self.evaluated += solved + looked_up
         survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
-        chosen = np.flatnonzero(survivors[:, 0] >= 0)
-        chosen = chosen[np.argsort(-ratios[chosen], kind="stable")[:most]]
+        (chosen,) = (survivors[:, 0] >= 0).nonzero()
         if len(chosen):
-            self._verify(points[survivors[chosen, 0]], np.ascontiguousarray(survivors[chosen, 1:]))
+            chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:most]]
+            self._verify(points[survivors[chosen, 0]], survivors[chosen, 1:])
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates."""
@@ -261,10 +261,11 @@ class Search:
             self.tables, points, images, self.density, self.allowed, options=self.options.verification
         )
         self.evaluated += len(points) * (self.n - self.minimal)
-        real = np.flatnonzero(evidence > -np.inf)
-        if len(real):
+        real = evidence > -np.inf
+        count = int(np.count_nonzero(real))
+        if count:
             found = Hypotheses(points, images, evidence, best, candidates)
-            self.hypotheses.append(found if len(real) == len(points) else found.take(real))
+            self.hypotheses.append(found if count == len(points) else found.take(real))
 
     def refine(self) -> None:
         """Solve minimal sets of the best clusters' own correspondences, wide ones.
@@ -282,14 +283,16 @@ class Search:
         self.refined_clusters = beyond_chance
         points, images = [], []
         for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
-            matched = np.flatnonzero(hypotheses.best[leader] >= 0)
+            (matched,) = (hypotheses.best[leader] >= 0).nonzero()
             chosen = widest(self.positions, matched, self.minimal, options.sets, self.rng, options=self.options.sets)
             points.append(np.repeat(chosen, solutions, axis=0))
             images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
         if points:
             stacked = np.concatenate(points)
-            roots = np.tile(np.arange(solutions), len(stacked) // solutions)
-            self._verify(stacked, np.column_stack([roots, np.concatenate(images)]))
+            solved = np.empty((len(stacked), 1 + self.minimal), np.int64)
+            solved[:, 0] = np.arange(len(stacked)) % solutions
+            solved[:, 1:] = np.concatenate(images)
+            self._verify(stacked, solved)
 
     def clusters(self) -> HypothesisClusters:
         """The clusters at the end; where one is beyond chance, it and its rivals."""
@@ -306,12 +309,12 @@ class Search:
         Where one is beyond chance, it and its rivals.
         """
         _, _, hypotheses = self._clustered()
-        level = self._false_alarm_level()
-        if len(hypotheses.evidence) and hypotheses.evidence[0] > level:
-            hypotheses = hypotheses.take(self._rivals(hypotheses.evidence))
-        near = hypotheses.evidence > hypotheses.evidence.max(initial=0.0) - self.options.refinement.lag
+        level, evidence = self._false_alarm_level(), hypotheses.evidence
+        near = evidence > evidence.max(initial=0.0) - self.options.refinement.lag
+        if len(evidence) and evidence[0] > level:
+            near &= self._rivals(evidence)
         first: dict[bytes, int] = {}
-        for number in np.flatnonzero(near).tolist():
+        for number in near.nonzero()[0].tolist():
             first.setdefault(hypotheses.best[number].tobytes(), number)
         return np.ascontiguousarray(hypotheses.best[list(first.values())[: self.options.hypotheses]])
 

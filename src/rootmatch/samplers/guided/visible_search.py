@@ -29,7 +29,7 @@ SHAPES_PER_SOLVED = 16
 
 def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
     """The search that suits a task."""
-    normals = bool(np.any(task.tables.normals[:3]))
+    normals = bool(task.tables.normals[:3].any())
     if task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS:
         return VisibleSearch(task, options, deadline)
     if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= options.local.least:
