@@ -101,10 +101,11 @@ def marginals(
     total += np.bincount(changes.other[second], weights[second], len(first))
     away = changes.target < 0
     none = np.bincount(changes.source[away], weights[away], len(first))
-    local, none = 1.0 / (1.0 + total), np.where(first < 0, 1.0, none) / (1.0 + total)
+    local: Floats = np.asarray(1.0 / (1.0 + total))
+    none = np.where(first < 0, 1.0, none) / (1.0 + total)
 
     if len(assignments) == 1:
-        return Marginals(local, none, 1.0)
+        return Marginals(local, np.asarray(none), 1.0)
     every = np.array(assignments)
     same = of_one_pose(first, every)
     shares = np.exp(logarithms)
