@@ -9,6 +9,7 @@ their noise. All start from the same linear equations of an upright camera.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,9 +82,9 @@ class AbsoluteFit(Fit):
         used = self.assignments[k][self.assignments[k] >= 0]
         position = float(density[used].mean()) / len(self.target) * float(self.position_density[k])
         rotations, tilt = (8.0 * np.pi**2, 0.0) if self.upright is None else (2.0 * np.pi, self.upright.noise)
-        laplace = 0.5 * self.jacobian.shape[-1] * np.log(2.0 * np.pi)
-        of_tilt = np.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
-        return float(laplace - np.log(rotations) - of_tilt + np.log(position) - np.log(np.log(DEPTHS)))
+        laplace = 0.5 * self.jacobian.shape[-1] * math.log(2.0 * np.pi)
+        of_tilt = math.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
+        return float(laplace - math.log(rotations) - of_tilt + np.log(position) - math.log(math.log(DEPTHS)))
 
     def facing(self, k: int, normals: Floats) -> Floats:
         """See `Fit.facing`."""

@@ -56,6 +56,8 @@ class Fit(ABC):
 
     def inflated(self, inflation: float) -> Floats:
         """The evidence (K,) with all variances larger by a factor."""
+        if inflation == 1.0:
+            return np.where(np.isfinite(self.chi2), self.evidence, -np.inf)
         with np.errstate(invalid="ignore"):
             change = self.chi2 * (1.0 - 1.0 / inflation) - self.freedom * np.log(inflation)
             return np.where(np.isfinite(self.chi2), self.evidence + 0.5 * change, -np.inf)

@@ -238,25 +238,26 @@ def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyp
     """
     m, last = across.size, nearest.size - 1
     for i in range(m):
-        nearest[:] = np.inf
         nearest[0] = 0.0  # itself
+        for place in range(1, last + 1):
+            nearest[place] = np.inf
         left, right = i - 1, i + 1
-        while True:
-            before = across[i] - across[left] if left >= 0 else np.inf
-            after = across[right] - across[i] if right < m else np.inf
-            du = min(before, after)
-            if not du * du < nearest[last]:
-                break
-            j = left if before <= after else right
-            left, right = (left - 1, right) if before <= after else (left, right + 1)
-            dv = along[j] - along[i]
-            distance2 = du * du + dv * dv
-            if distance2 < nearest[last]:
-                place = last
-                while nearest[place - 1] > distance2:
-                    nearest[place] = nearest[place - 1]
-                    place -= 1
-                nearest[place] = distance2
+        while left >= 0 or right < m:
+            for side in range(2):
+                j = left if side == 0 else right
+                if j < 0 or j >= m:
+                    continue
+                du, dv = across[j] - across[i], along[j] - along[i]
+                distance2 = du * du + dv * dv
+                if distance2 < nearest[last]:
+                    # into its place without a branch
+                    for place in range(last, 0, -1):
+                        nearest[place] = min(nearest[place], max(nearest[place - 1], distance2))
+                within = du * du < nearest[last]
+                if side == 0:
+                    left = left - 1 if within else -1
+                else:
+                    right = right + 1 if within else m
         out[order[i]] = nearest[last]
 
 
