@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import UnseenPixelError
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import changed
 from rootmatch.options import Options, option
 from rootmatch.pipeline.assessment import fits
 from rootmatch.pipeline.body_labels import Label, twin_points
@@ -208,7 +209,7 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
         return 0
     again, _ = _searched(task, body, np.sort(body.detections), body.budget, solve)
     if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
-        body.match = replace(found, status=Status.MATCHED)
+        body.match = changed(found, status=Status.MATCHED)
     return again.hyperedges
 
 
@@ -233,7 +234,7 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
         lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
         if lead < math.log(1.0 / options.doubt - 1.0):
             probability = body.probability / (1.0 + math.exp(-lead))
-            body.match = replace(body.match, status=Status.AMBIGUOUS, fitted_probability=probability)
+            body.match = changed(body.match, status=Status.AMBIGUOUS, fitted_probability=probability)
 
 
 def _make_exclusive(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import changed
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
 from rootmatch.pipeline.status import TRUST, Status
@@ -87,18 +88,18 @@ def _match(task: MatchingTask, found: Found) -> Match:
 def _judged(task: MatchingTask, found: Match) -> Match:
     """A match found without the prediction, and whether that held; it decides between what else is equally good."""
     if found.status is Status.UNTRUSTED:
-        return replace(found, prior_holds=None)
+        return changed(found, prior_holds=None)
     every = [found.assignment, *(other for other, _ in found.alternatives)]
     every = [one for one in every if (one >= 0).sum() > task.problem.minimal]
     frame = PriorFrame(task, prior_of(task))
     fits = [frame.fitted(one, R, t) for one, (R, t) in zip(every, _poses(task, every), strict=True)]
     near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
     if not near:
-        return replace(found, prior_holds=False)
+        return changed(found, prior_holds=False)
     if found.status is Status.MATCHED:
         own = fits[0]
         held = own in near
-        return replace(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
+        return changed(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
     near.sort(key=lambda fit: -fit.log_odds)
     best, others = near[0], near[1:]
     share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.pipeline.motion_filter import MotionFilter
+from rootmatch.pipeline.motion_filter import MotionFilter, body_radius
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, match_with_prior
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
 from rootmatch.pipeline.status import TRUST, Status
@@ -113,8 +113,7 @@ def _widened(pose: Pose, factor: float) -> Pose:
 
 def _turned(match: Match, fits: Sequence[PriorFit], shape: Shape, known: set[bytes]) -> list[PriorFit]:
     """Fits of what each pose explains after a motion that leaves the body nearly as it is; others than those known."""
-    radius = float(np.sqrt(((shape.source - shape.source.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    loose = np.diag(np.repeat([LOOSE, LOOSE * radius], 3) ** 2)
+    loose = np.diag(np.repeat([LOOSE, LOOSE * body_radius(shape.source)], 3) ** 2)
     new: dict[bytes, NDArray[np.int64]] = {}
     for fit in fits:
         for R, t in shape.symmetries:

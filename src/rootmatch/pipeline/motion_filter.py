@@ -44,6 +44,11 @@ class MotionOptions(Options):
 DEFAULT_MOTION = MotionOptions()
 
 
+def body_radius(source: Floats) -> float:
+    """Root mean square distance of a body's points (n, 3) from their centre."""
+    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
 class MotionFilter:
     """Pose and velocity of one body with constant velocity but for random accelerations.
 
@@ -62,7 +67,7 @@ class MotionFilter:
 
     def __init__(self, source: Floats, pose: Pose, time: float, options: MotionOptions = DEFAULT_MOTION) -> None:
         self.centre = source.mean(axis=0)
-        self.radius = math.sqrt(float(((source - self.centre) ** 2).sum(axis=1).mean()))
+        self.radius = body_radius(source)
         self.options, self.time, self.scale = options, time, 1.0
         self.R, self.t, covariance = self._centred(pose)
         self.velocity = np.zeros(6)

@@ -11,6 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.pipeline.motion_filter import body_radius
+from rootmatch.samplers.point_sets.motions import fitted_motions
+
 Floats = NDArray[np.float64]
 
 TOLERANCE = 0.01
@@ -45,7 +48,7 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
     n = len(source)
     if not LEAST <= n <= MOST_POINTS:
         return []
-    radius = float(np.sqrt(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    radius = body_radius(source)
     near, least = TOLERANCE * radius, max(LEAST, SHARE * n)
     distance = np.linalg.norm(source[:, None] - source, axis=2)
     first, second = np.nonzero(np.triu(distance > 0.5 * radius))
@@ -63,32 +66,22 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
             rows.append(np.column_stack([np.broadcast_to((a, b, c), (len(m), 3)), k[here], j[here], m]))
     triples = np.concatenate(rows) if rows else np.empty((0, 6), np.int64)
     triples = triples[(triples[:, :3] != triples[:, 3:]).any(axis=1)]
-    R, t = _fitted(source[triples[:, :3]], source[triples[:, 3:]])
+    motions = fitted_motions(source[triples[:, :3]], source[triples[:, 3:]], scaled=False, mirror=False)
     found: list[tuple[int, Floats, Floats]] = []
-    for rotation, shift in zip(R, t, strict=True):
+    for rotation, shift in zip(motions.linear, motions.shift, strict=True):
         if _alike(rotation, np.eye(3)) or any(_alike(rotation, one) for _, one, _ in found):
             continue
         count, image = _mapped(source, normals, rotation, shift, near)
         if count < least:
             continue
         own = np.flatnonzero(image >= 0)
-        refined, shifts = _fitted(source[None, own], source[None, image[own]])
-        count, _ = _mapped(source, normals, refined[0], shifts[0], near)
-        if count >= least and not any(_alike(refined[0], one) for _, one, _ in found):
-            found.append((count, refined[0], shifts[0]))
+        refined = fitted_motions(source[None, own], source[None, image[own]], scaled=False, mirror=False)
+        R, t = refined.linear[0], refined.shift[0]
+        count, _ = _mapped(source, normals, R, t, near)
+        if count >= least and not any(_alike(R, one) for _, one, _ in found):
+            found.append((count, R, t))
     found.sort(key=lambda one: -one[0])
     return [(rotation, shift) for _, rotation, shift in found[:most]]
-
-
-def _fitted(points: Floats, images: Floats) -> tuple[Floats, Floats]:
-    """Motions that fit points (K, m, 3) to images best (Kabsch)."""
-    centre, there = points.mean(axis=1), images.mean(axis=1)
-    covariance = (images - there[:, None]).swapaxes(1, 2) @ (points - centre[:, None])
-    U, _, V = np.linalg.svd(covariance)
-    sign = np.ones((len(points), 3))
-    sign[:, 2] = np.sign(np.linalg.det(U @ V))
-    R = (U * sign[:, None]) @ V
-    return R, there - (R @ centre[..., None])[..., 0]
 
 
 def _mapped(source: Floats, normals: Floats | None, R: Floats, t: Floats, near: float) -> tuple[int, NDArray[np.int64]]:

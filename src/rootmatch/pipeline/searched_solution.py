@@ -12,11 +12,8 @@ from rootmatch.pipeline.assessment import fits
 from rootmatch.pipeline.status import TRUST
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.solvers.base import Solution
+from rootmatch.solvers.base import DOMINANT, Solution
 
-DOMINANT = 2.0 / 3.0
-"""Share of the weight of all hyper-edges that an assignment must hold: any other one has what it shares with this one
-and at most half as much again. A round value; what it changes: benchmarks/record.py, benchmarks/constellations.py."""
 ROUNDS = 4
 """Most rounds in which points are added; hypotheses hardly ever leave any. Not tuned."""
 

@@ -16,6 +16,10 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 
 Alternatives = list[tuple[NDArray[np.int64], float]]
 
+DOMINANT = 2.0 / 3.0
+"""Share of the weight of all hyper-edges with which an assignment dominates: any other has what it shares with this one
+and at most half as much again. A round value; what it changes: benchmarks/record.py, benchmarks/constellations.py."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rootmatch.options import Options, option
 from rootmatch.solvers.ascent.random_walk_start import WalkOptions
 from rootmatch.solvers.ascent.stopping import AscentStoppingOptions
+from rootmatch.solvers.base import DOMINANT
 
 __all__ = ["AscentOptions", "AscentStoppingOptions", "WalkOptions"]
 
@@ -45,9 +46,8 @@ class AscentOptions(Options):
         Weight over the largest that the hyper-edges of a core must have on average, those missing counted as 0. A round
         value, not tuned.
     dominant : float
-        Share of the weight of all hyper-edges from which the assignment that the walk leads to is not searched beyond:
-        any other has what it shares with this one and at most half as much again. As
-        `rootmatch.pipeline.searched_solution`.
+        Share of the weight of all hyper-edges from which the assignment that the walk leads to is not searched beyond;
+        see `rootmatch.solvers.base.DOMINANT`.
     hopeless : float
         Score over the best below which a candidate is not tried. A round value, not tuned.
     rivals : int
@@ -85,7 +85,7 @@ class AscentOptions(Options):
     largest_round: int = option(64, least=1)
     usual_weight: float = option(0.5, above=0.0)
     core_density: float = option(0.2, least=0.0)
-    dominant: float = option(2.0 / 3.0, least=0.5)
+    dominant: float = option(DOMINANT, least=0.5)
     hopeless: float = option(1e-3, least=0.0)
     rivals: int = option(16, least=0)
     forced_gain: float = option(0.5, least=0.0)
