@@ -32,8 +32,14 @@ def rotations_of(t, i0, i1, j0, j1):  # type: ignore[no-untyped-def]
 @part
 def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
     """Both rotations for every second image."""
+    p, u = t.points, t.rays
+    # read before the loop, which would not vectorise if it read them
+    dx, dy, dz = p[0, i[1]] - p[0, i[0]], p[1, i[1]] - p[1, i[0]], p[2, i[1]] - p[2, i[0]]
+    ax, ay, az = column(u, j[0])
     for k in range(scratch.shape[1]):
-        scratch[0, k], scratch[1, k], scratch[2, k], scratch[3, k] = rotations_of(t, i[0], i[1], j[0], k)
+        scratch[0, k], scratch[1, k], scratch[2, k], scratch[3, k] = rotations(
+            dx, dy, dz, ax, ay, az, u[0, k], u[1, k], u[2, k]
+        )  # fmt: skip
 
 
 @scalar

@@ -262,9 +262,9 @@ def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyp
 
 
 @scalar
-def position_of(grid, x, y, z):  # type: ignore[no-untyped-def]
+def position_of(whole, x, y, z):  # type: ignore[no-untyped-def]
     """Where a point (x, y, z) in the grid's basis lies on its map, and whether it does: on a plane, what is ahead."""
-    if len(grid.whole) > 0:
+    if len(whole) > 0:
         size = np.sqrt(x * x + y * y + z * z)
         scale = np.sqrt(2.0 / (size * (size + z)))
         return x * scale, y * scale, size + z > 0.0
@@ -273,25 +273,38 @@ def position_of(grid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def field_of(grid):  # type: ignore[no-untyped-def]
+    """Corner, scale, height and width of a grid: read before a loop, which would not vectorise if it read them."""
+    height, width = grid.cells.shape
+    return grid.corner[0], grid.corner[1], grid.scale, height, width
+
+
+@scalar
 def look_up(grid, x, y, z):  # type: ignore[no-untyped-def]
     """Detection within the gate of a point (x, y, z) in the grid's basis, or −1, and their squared distance."""
-    u, v, there = position_of(grid, x, y, z)
-    column = (u - grid.corner[0]) * grid.scale
-    row = (v - grid.corner[1]) * grid.scale
+    return detection_at(grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2, grid.whole, x, y, z)
+
+
+@scalar
+def detection_at(cells, positions, rays, field, gate2, whole, x, y, z):  # type: ignore[no-untyped-def]
+    """`look_up` with what it reads of the grid: in a loop, each array of a tuple that is handed on is counted."""
+    left, top, scale, height, width = field
+    u, v, there = position_of(whole, x, y, z)
+    column = (u - left) * scale
+    row = (v - top) * scale
     found, distance2 = NOBODY, np.inf
-    height, width = grid.cells.shape
     # written so that NaN is outside
     if there and column >= 0.0 and column < width and row >= 0.0 and row < height:
-        k = int(grid.cells[int(row), int(column)])
+        k = int(cells[np.uint32(row), np.uint32(column)])
         if k >= 0:
-            if len(grid.whole) > 0:
+            if len(whole) > 0:
                 inverse = 1.0 / np.sqrt(x * x + y * y + z * z)
-                du, dv, dw = x * inverse - grid.rays[0, k], y * inverse - grid.rays[1, k], z * inverse - grid.rays[2, k]
+                du, dv, dw = x * inverse - rays[0, k], y * inverse - rays[1, k], z * inverse - rays[2, k]
                 distance2 = du * du + dv * dv + dw * dw
             else:
-                du = u - grid.positions[0, k]
-                dv = v - grid.positions[1, k]
+                du = u - positions[0, k]
+                dv = v - positions[1, k]
                 distance2 = du * du + dv * dv
-            if distance2 <= grid.gate2:
+            if distance2 <= gate2:
                 found = k
     return found, distance2

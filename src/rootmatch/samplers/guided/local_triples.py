@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import in_threads
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
+from rootmatch.samplers.guided.likelihood_ratio import weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, cell_of
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, lookups_before_dropped, weakest_of
+from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, lookups_before_dropped
 from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS, keep_survivor
 
 FRAME = 12
@@ -114,6 +115,7 @@ def _screen(tables, grid, flat_cells, i, coordinates, lookups, filled, root, blo
     Loops that vectorise; how many solutions there are.
     """
     found = 0
+    field, whole = field_of(grid), grid.whole
     for k in range(filled):
         real, frame = listed_frame(tables, i, block, k, scratch, root)
         ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
@@ -130,7 +132,7 @@ def _screen(tables, grid, flat_cells, i, coordinates, lookups, filled, root, blo
             x = frames[0, k] + a * frames[3, k] + b * frames[6, k] + c * frames[9, k]
             y = frames[1, k] + a * frames[4, k] + b * frames[7, k] + c * frames[10, k]
             z = frames[2, k] + a * frames[5, k] + b * frames[8, k] + c * frames[11, k]
-            hit[0, k] = cell_of(grid, x, y, z)
+            hit[0, k] = cell_of(whole, field, x, y, z)
         for k in range(filled):
             hit[1, k] |= flat_cells[hit[0, k]] >= 0
     return found
@@ -160,12 +162,14 @@ def _likelihood_ratio(grid, test, others, coordinates, k, masked, allowed, frame
     """Log-likelihood ratio and hits of a frame; −∞ when dropped."""
     ratio, hits = 0.0, 0
     fall = test.fall / grid.gate2
+    cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
+    whole = grid.whole
     for r in range(others.shape[0]):
         a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
         x = frames[0, k] + a * frames[3, k] + b * frames[6, k] + c * frames[9, k]
         y = frames[1, k] + a * frames[4, k] + b * frames[7, k] + c * frames[10, k]
         z = frames[2, k] + a * frames[5, k] + b * frames[8, k] + c * frames[11, k]
-        met, distance2 = look_up(grid, x, y, z)
+        met, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
         if met >= 0 and stamp[met] != tick and (not masked or allowed[others[r], met]):
             stamp[met] = tick
             gain = test.hit - fall * distance2

@@ -8,9 +8,13 @@ in ten, is tested one by one.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from rootmatch.jit.decorators import part, scalar
-from rootmatch.samplers.guided.detection_grid import position_of
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.jit.decorators import scalar
+from rootmatch.samplers.guided.detection_grid import field_of, position_of
 from rootmatch.samplers.guided.dispatch import set_frame
 
 ROOTS = 4
@@ -21,16 +25,39 @@ NO_SOLUTION = -2
 """Instead of a cell: there is no such solution."""
 
 
+class Work(NamedTuple):
+    """Scratch of the screening."""
+
+    cells: NDArray[np.int32]
+    """(2, columns)."""
+    places: NDArray[np.uint32]
+    """The same memory."""
+    met: NDArray[np.bool_]
+    """(columns,)."""
+    passed: NDArray[np.int64]
+    """(columns + 1,)."""
+
+
+class Screened(NamedTuple):
+    """Hypotheses that are tested one by one."""
+
+    frames: NDArray[np.float64]
+    """(B, 12) frames of sets."""
+    picked: NDArray[np.int64]
+    """(B, 2 + m) number of the set, root, and image of each of its points."""
+
+
 @scalar
-def cell_of(grid, x, y, z):  # type: ignore[no-untyped-def]
+def cell_of(whole, field, x, y, z):  # type: ignore[no-untyped-def]
     """Number of the cell that a point (x, y, z) in the grid's basis projects to; outside, 0, which is empty."""
-    u, v, there = position_of(grid, x, y, z)
-    column = (u - grid.corner[0]) * grid.scale
-    row = (v - grid.corner[1]) * grid.scale
-    height, width = grid.cells.shape
+    left, top, scale, height, width = field
+    u, v, there = position_of(whole, x, y, z)
+    column = (u - left) * scale
+    row = (v - top) * scale
     # written so that NaN is outside
     inside = there & (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
-    return int(row if inside else 0.0) * width + int(column if inside else 0.0)
+    # 32 bits: conversions to 64 fill vectors on few processors
+    return np.int32(row if inside else 0.0) * np.int32(width) + np.int32(column if inside else 0.0)
 
 
 @scalar
@@ -48,14 +75,21 @@ def away(frame, normal, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def predicted_cell(grid, frame, normals, point):  # type: ignore[no-untyped-def]
-    """Cell of a point with these coordinates, or HIDDEN."""
+def predicted_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
+    """Cell of a point with these coordinates."""
+    x, y, z = rotated(frame, point[0], point[1], point[2])
+    return cell_of(whole, field, x + frame[0], y + frame[1], z + frame[2])
+
+
+@scalar
+def facing_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
+    """Cell of a point with these coordinates, or HIDDEN by its normal."""
     x, y, z = rotated(frame, point[0], point[1], point[2])
     x, y, z = x + frame[0], y + frame[1], z + frame[2]
-    cell = cell_of(grid, x, y, z)
-    length = math.sqrt(x * x + y * y + z * z) if normals else 1.0
-    hidden = normals and away(frame, point[3:], x / length, y / length, z / length) > 0.0
-    return HIDDEN if hidden else cell
+    cell = cell_of(whole, field, x, y, z)
+    length = math.sqrt(x * x + y * y + z * z)
+    hidden = away(frame, point[3:], x / length, y / length, z / length) > 0.0
+    return np.int32(HIDDEN) if hidden else cell
 
 
 @scalar
@@ -68,8 +102,69 @@ def numbers(coordinates, row):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def cells_of_two(tables, grid, normals, before, one, two, own, bearings, scratch, root, cells):  # type: ignore[no-untyped-def]
-    """Cells of two points at one root for every last image, or NO_SOLUTION."""
+def cells_of_two(tables, grid, field, before, one, two, scratch, root, cells):  # type: ignore[no-untyped-def]
+    """Cells of two points at one root for every last image, and how many solutions there are; 0 where there is none."""
+    whole, found = grid.whole, 0
+    for k in range(scratch.shape[1]):
+        real, frame = set_frame(tables, grid, before, k, scratch, root)
+        first, second = predicted_cell(whole, field, frame, one), predicted_cell(whole, field, frame, two)
+        cells[0, k] = first if real else np.int32(0)
+        cells[1, k] = second if real else np.int32(0)
+        found += real
+    return found
+
+
+@scalar
+def list_met(flat_cells, places, met, earlier, passed):  # type: ignore[no-untyped-def]
+    """List the last images one of whose two cells is not empty, or that were met ``earlier``; how many there are.
+
+    ``places`` (2, columns) are the cells as unsigned numbers. Without a branch: one in ten is met, in no order.
+    """
+    count = np.uint64(0)
+    for k in range(places.shape[1]):
+        # negative where both are empty
+        hit = (flat_cells[places[0, k]] & flat_cells[places[1, k]]) >= 0
+        hit = hit | (earlier & met[k])
+        met[k] = hit
+        passed[count] = k
+        count += np.uint64(hit)
+    return count
+
+
+@scalar
+def list_met_or_hidden(flat_cells, cells, met, earlier, passed):  # type: ignore[no-untyped-def]
+    """The same where points that are hidden meet no detection, and how many solutions there are."""
+    count, found = 0, 0
+    for k in range(cells.shape[1]):
+        first, second = cells[0, k], cells[1, k]
+        there = first != NO_SOLUTION
+        hit = (first == HIDDEN) | (second == HIDDEN)
+        hit = hit | ((flat_cells[max(first, 0)] & flat_cells[max(second, 0)]) >= 0) | (earlier & met[k])
+        met[k] = there & hit
+        passed[count] = k
+        count += there & hit
+        found += there
+    return count, found
+
+
+@scalar
+def facing_cells_of_two(tables, grid, field, before, one, two, own, bearings, scratch, root, cells):  # type: ignore[no-untyped-def]
+    """The same where normals tell, of solutions in which the set's own points face the camera."""
+    for k in range(scratch.shape[1]):
+        real, frame = set_frame(tables, grid, before, k, scratch, root)
+        x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
+        real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
+        real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
+        real = real & (away(frame, own[8:], x, y, z) <= 0.0)
+        first, second = facing_cell(grid.whole, field, frame, one), facing_cell(grid.whole, field, frame, two)
+        cells[0, k] = first if real else np.int32(NO_SOLUTION)
+        cells[1, k] = second if real else np.int32(NO_SOLUTION)
+
+
+@scalar
+def list_facing(tables, grid, normals, before, own, bearings, scratch, root, passed):  # type: ignore[no-untyped-def]
+    """List the last images of solutions in which the set's own points face the camera; how many there are."""
+    count = 0
     for k in range(scratch.shape[1]):
         real, frame = set_frame(tables, grid, before, k, scratch, root)
         if normals:
@@ -77,28 +172,16 @@ def cells_of_two(tables, grid, normals, before, one, two, own, bearings, scratch
             real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
             real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
             real = real & (away(frame, own[8:], x, y, z) <= 0.0)
-        cells[0, k] = predicted_cell(grid, frame, normals, one) if real else NO_SOLUTION
-        cells[1, k] = predicted_cell(grid, frame, normals, two) if real else NO_SOLUTION
+        passed[count] = k
+        count += real
+    return count
 
 
 @scalar
-def mark_facing(tables, grid, before, own, bearings, scratch, root, passed):  # type: ignore[no-untyped-def]
-    """Mark the solutions at one root in which the set's own points face the camera; how many there are."""
-    found = 0
-    for k in range(scratch.shape[1]):
-        real, frame = set_frame(tables, grid, before, k, scratch, root)
-        x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
-        real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
-        real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
-        real = real & (away(frame, own[8:], x, y, z) <= 0.0)
-        passed[root, k] = real
-        found += real
-    return found
-
-
-@part
-def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, lookups, scratch, cells, passed):  # type: ignore[no-untyped-def]
-    """Mark the solutions that cannot be dropped yet in ``passed`` (solutions, columns); how many solutions there are.
+def screen(  # type: ignore[no-untyped-def]
+    tables, grid, flat_cells, normals, before, coordinates, own, j, lookups, scratch, work, s, hypotheses, filled
+):  # fmt: skip
+    """Add the solutions that cannot be dropped yet to ``hypotheses``; how many solutions there are, and then of these.
 
     Parameters
     ----------
@@ -116,38 +199,57 @@ def screen(tables, grid, flat_cells, normals, before, coordinates, own, j, looku
         Points that are looked up.
     scratch : (2 solutions, columns) array
         Of `solve_set`; NaN where the last image is not free.
-    cells : (2, columns) int64 array
+    work : Work
         Scratch.
+    s : int
+        Number of the set.
+    hypotheses : Screened
+        What was added before.
+    filled : int
+        How many these are.
     """
+    cells, places, met, passed = work
+    frames, picked = hypotheses
     if normals:
-        last = own.shape[0] - 1
+        third = own.shape[0] - 1
         u = grid.rays
         fronts = (
             own[0, 0], own[0, 1], own[0, 2], own[0, 3],
-            own[last - 1, 0], own[last - 1, 1], own[last - 1, 2], own[last - 1, 3],
-            own[last, 0], own[last, 1], own[last, 2], own[last, 3],
+            own[third - 1, 0], own[third - 1, 1], own[third - 1, 2], own[third - 1, 3],
+            own[third, 0], own[third, 1], own[third, 2], own[third, 3],
         )  # fmt: skip
-        bearings = u[0, j[0]], u[1, j[0]], u[2, j[0]], u[0, j[last - 1]], u[1, j[last - 1]], u[2, j[last - 1]]
+        bearings = u[0, j[0]], u[1, j[0]], u[2, j[0]], u[0, j[third - 1]], u[1, j[third - 1]], u[2, j[third - 1]]
     else:
         fronts = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         bearings = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    found = 0
-    if normals and lookups == 0:
-        for root in range(passed.shape[0]):
-            found += mark_facing(tables, grid, before, fronts, bearings, scratch, root, passed)
-        return found
-    for root in range(passed.shape[0]):
-        for pair in range((lookups + 1) // 2 if lookups > 0 else 1):
+    field, found, m = field_of(grid), 0, j.size
+    for root in range(scratch.shape[0] // 2):
+        count, real = 0, 0
+        if lookups == 0:
+            count = real = list_facing(tables, grid, normals, before, fronts, bearings, scratch, root, passed)
+        for pair in range((lookups + 1) // 2):
             one = numbers(coordinates, 2 * pair)
-            two = numbers(coordinates, min(2 * pair + 1, lookups - 1) if lookups > 0 else 0)
-            cells_of_two(tables, grid, normals, before, one, two, fronts, bearings, scratch, root, cells)
-            for k in range(scratch.shape[1]):
-                first, second = cells[0, k], cells[1, k]
-                there = first != NO_SOLUTION
-                hit = first == HIDDEN or second == HIDDEN or lookups == 0
-                first, second = max(first, 0), max(second, 0)
-                hit = hit or flat_cells[first] >= 0
-                hit = there and (hit or flat_cells[second] >= 0)
-                passed[root, k] = hit or (pair > 0 and passed[root, k])
-                found += there and pair == 0
-    return found
+            two = numbers(coordinates, min(2 * pair + 1, lookups - 1))
+            if normals:
+                facing_cells_of_two(
+                    tables, grid, field, before, one, two, fronts, bearings, scratch, root, cells
+                )  # fmt: skip
+                count, real = list_met_or_hidden(flat_cells, cells, met, pair > 0, passed)
+            else:
+                real = cells_of_two(tables, grid, field, before, one, two, scratch, root, cells)
+                count = int(list_met(flat_cells, places, met, pair > 0, passed))
+        found += real
+        for q in range(count):
+            k = passed[q]
+            _, frame = set_frame(tables, grid, before, k, scratch, root)
+            (
+                frames[filled, 0], frames[filled, 1], frames[filled, 2], frames[filled, 3],
+                frames[filled, 4], frames[filled, 5], frames[filled, 6], frames[filled, 7],
+                frames[filled, 8], frames[filled, 9], frames[filled, 10], frames[filled, 11],
+            ) = frame  # fmt: skip
+            picked[filled, 0], picked[filled, 1] = s, root
+            for p in range(m - 1):
+                picked[filled, 2 + p] = j[p]
+            picked[filled, 1 + m] = k
+            filled += 1
+    return found, filled

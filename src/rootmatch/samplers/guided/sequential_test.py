@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.jit.threads import in_threads
 from rootmatch.options import Options, option
 from rootmatch.problems.padding import padded_rows, target_columns
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
-from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_frame, set_known, solve_set
-from rootmatch.samplers.guided.screening import screen
+from rootmatch.samplers.guided.detection_grid import DetectionGrid
+from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_known, solve_set
+from rootmatch.samplers.guided.likelihood_ratio import keep_likeliest
+from rootmatch.samplers.guided.screening import Screened, Work, screen
 
 
 @dataclass(frozen=True)
@@ -137,47 +138,8 @@ def prepare_sets(
     return PreparedSets(points, others, coordinates, own, offset)
 
 
-@part
-def weakest_of(ratios):  # type: ignore[no-untyped-def]
-    """Place of the lowest ratio of a chunk, which the next survivor takes."""
-    weakest = 0
-    for q in range(ratios.size):
-        if ratios[q] < ratios[weakest]:
-            weakest = q
-    return weakest
-
-
-@part
-def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
-    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
-    ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
-    ratio = 0.0
-    hits = 0
-    looked = 0
-    fall = test.fall / grid.gate2
-    for r in range(others.shape[0]):
-        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
-        x = ox + a * ex + b * fx + c * gx
-        y = oy + a * ey + b * fy + c * gy
-        z = oz + a * ez + b * fz + c * gz
-        if test.normals:
-            a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
-            away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
-            if away + coordinates[r, 6] * math.sqrt(x * x + y * y + z * z) > 0.0:
-                continue
-        looked += 1
-        k, distance2 = look_up(grid, x, y, z)
-        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
-            stamp[k] = tick
-            hit = test.hit - fall * distance2
-            ratio += hit if hit > test.miss else test.miss
-            hits += 1
-        else:
-            ratio += test.miss
-            if ratio < test.floor:
-                ratio = -np.inf
-                break
-    return ratio, hits, looked
+TESTED = 64
+"""Hypotheses that are tested together, which costs one call. Changes no result."""
 
 
 def run_sequential_tests(
@@ -232,13 +194,15 @@ def run_sequential_tests(
 
     def test_chunks(first_chunk: int, last_chunk: int) -> None:
         scratch = np.empty((2 * solutions, columns))
-        cells = np.empty((2, columns), np.int64)
-        passed = np.empty((solutions, columns), np.bool_)
+        cells = np.empty((2, columns), np.int32)
+        work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
+        room = TESTED + solutions * columns
+        hypotheses = Screened(np.empty((room, 12)), np.empty((room, 2 + m), np.int64))
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
         _test_chunks(
             tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last,
-            first_chunk, last_chunk, chunks, scratch, cells, passed, stamp, image, survivors, ratios, counts,
+            first_chunk, last_chunk, chunks, scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
         )  # fmt: skip
 
     in_threads(test_chunks, chunks, threads)
@@ -255,16 +219,16 @@ def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> i
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_chunks(  # type: ignore[no-untyped-def]
     tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, first_chunk, last_chunk, chunks,
-    scratch, cells, passed, stamp, j, survivors, ratios, counts,
+    scratch, work, hypotheses, stamp, j, survivors, ratios, counts,
 ):  # fmt: skip
     """Chunks ``first_chunk … last_chunk − 1`` of the tasks.
 
-    ``scratch`` (2 s, columns), ``cells`` (2, columns), ``passed`` (s, columns) with s solutions of a set, ``stamp``
-    (n',) and j (m,) are scratch, made outside, as each array made in jitted code costs compile time.
+    ``scratch`` (2 s, columns) with s solutions of a set, ``work``, ``hypotheses``, ``stamp`` (n',) and j (m,) are
+    scratch, made outside, as each array made in jitted code costs compile time.
     """
     tables, grid, flat_cells, sets = borrowed((tables, grid, flat_cells, sets))
     arrangements, allowed = borrowed((arrangements, allowed))
-    scratch, cells, passed, stamp, j = borrowed((scratch, cells, passed, stamp, j))
+    scratch, work, hypotheses, stamp, j = borrowed((scratch, work, hypotheses, stamp, j))
     survivors, ratios, counts = borrowed((survivors, ratios, counts))
     points_of, others_of, coordinates_of, own_of, offset = sets
     count, m = points_of.shape
@@ -273,12 +237,10 @@ def _test_chunks(  # type: ignore[no-untyped-def]
     tick = 0
     for chunk in range(first_chunk, last_chunk):
         start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
-        weakest, solved, tested, looked = 0, 0, 0, 0
+        solved, tested, looked, filled = 0, 0, 0, 0
         for task in range(start, end):
             s = task % count
             i = points_of[s]
-            others = others_of[s]
-            coordinates = coordinates_of[s]
             rank = (offset[s] + task // count) % arrangements.shape[0]
             possible = True
             for p in range(m - 1):
@@ -288,38 +250,31 @@ def _test_chunks(  # type: ignore[no-untyped-def]
                 continue
             solve_set(tables, i, j, scratch)
             solved += n_target - m + 1
-            for k in range(scratch.shape[1]):
-                free = k < n_target and (not masked or allowed[i[m - 1], k])
+            for row in range(scratch.shape[0]):
                 for p in range(m - 1):
-                    free = free and j[p] != k
-                if not free:
-                    for row in range(scratch.shape[0]):
-                        scratch[row, k] = np.nan
+                    scratch[row, j[p]] = np.nan
+                for k in range(n_target, scratch.shape[1]):
+                    scratch[row, k] = np.nan
+                if masked:
+                    for k in range(n_target):
+                        if not allowed[i[m - 1], k]:
+                            scratch[row, k] = np.nan
             before = set_known(tables, grid, i, j)
-            hypotheses = screen(
-                tables, grid, flat_cells, test.normals, before, coordinates, own_of[s], j, lookups, scratch, cells,
-                passed,
+            found, filled = screen(
+                tables, grid, flat_cells, test.normals, before, coordinates_of[s], own_of[s], j, lookups, scratch,
+                work, s, hypotheses, filled,
             )  # fmt: skip
-            tested += hypotheses
-            looked += hypotheses * lookups
-            for k in range(n_target):
-                for root in range(passed.shape[0]):
-                    if not passed[root, k]:
-                        continue
-                    j[m - 1] = k
-                    tick += 1
-                    for p in range(m):
-                        stamp[j[p]] = tick
-                    _, frame = set_frame(tables, grid, before, k, scratch, root)
-                    ratio, hits, own_lookups = _likelihood_ratio(
-                        grid, test, others, coordinates, masked, allowed, frame, stamp, tick
-                    )
-                    looked += own_lookups - lookups
-                    if ratio > ratios[chunk, weakest] and hits + m >= test.least:
-                        ratios[chunk, weakest] = ratio
-                        survivors[chunk, weakest, 0] = s
-                        survivors[chunk, weakest, 1] = root
-                        for p in range(m):
-                            survivors[chunk, weakest, 2 + p] = j[p]
-                        weakest = weakest_of(ratios[chunk])
+            tested += found
+            looked += found * lookups
+            if filled >= TESTED:
+                tick, own = keep_likeliest(
+                    grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick,
+                    survivors[chunk], ratios[chunk],
+                )  # fmt: skip
+                looked, filled = looked + own - filled * lookups, 0
+        tick, own = keep_likeliest(
+            grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick,
+            survivors[chunk], ratios[chunk],
+        )  # fmt: skip
+        looked += own - filled * lookups
         counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked

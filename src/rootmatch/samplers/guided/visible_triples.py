@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import in_threads
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, look_up
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
+from rootmatch.samplers.guided.likelihood_ratio import weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, away
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, weakest_of
+from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest
 
 BLOCK = 64
 """Image triples that are solved together."""
@@ -186,6 +187,8 @@ def _likelihood_ratio(grid, test, others, coordinates, facing, masked, allowed, 
     hits = 0
     looked = 0
     fall = test.fall / grid.gate2
+    cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
+    whole = grid.whole
     facing2 = facing * facing
     for r in range(others.shape[0]):
         a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
@@ -202,7 +205,7 @@ def _likelihood_ratio(grid, test, others, coordinates, facing, masked, allowed, 
         if along * along < facing2 * (u * u + v * v + w * w) * distance2:
             continue
         looked += 1
-        k, distance2 = look_up(grid, x, y, z)
+        k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
         if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
             stamp[k] = tick
             hit = test.hit - fall * distance2

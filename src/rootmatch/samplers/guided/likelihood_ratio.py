@@ -1,0 +1,84 @@
+"""Log-likelihood ratios of the hypotheses that the screening leaves, one by one; those of the highest ratio survive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.decorators import part, scalar
+from rootmatch.samplers.guided.detection_grid import detection_at, field_of
+
+
+@part
+def weakest_of(ratios):  # type: ignore[no-untyped-def]
+    """Place of the lowest ratio of a chunk, which the next survivor takes."""
+    weakest = 0
+    for q in range(ratios.size):
+        if ratios[q] < ratios[weakest]:
+            weakest = q
+    return weakest
+
+
+@scalar
+def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
+    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
+    ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
+    ratio = 0.0
+    hits = 0
+    looked = 0
+    fall = test.fall / grid.gate2
+    cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
+    whole = grid.whole
+    for r in range(others.shape[0]):
+        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
+        x = ox + a * ex + b * fx + c * gx
+        y = oy + a * ey + b * fy + c * gy
+        z = oz + a * ez + b * fz + c * gz
+        if test.normals:
+            a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
+            away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
+            if away + coordinates[r, 6] * math.sqrt(x * x + y * y + z * z) > 0.0:
+                continue
+        looked += 1
+        k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
+        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
+            stamp[k] = tick
+            hit = test.hit - fall * distance2
+            ratio += hit if hit > test.miss else test.miss
+            hits += 1
+        else:
+            ratio += test.miss
+            if ratio < test.floor:
+                ratio = -np.inf
+                break
+    return ratio, hits, looked
+
+
+@part
+def keep_likeliest(  # type: ignore[no-untyped-def]
+    grid, test, others_of, coordinates_of, masked, allowed, hypotheses, filled, stamp, tick, survivors, ratios
+):  # fmt: skip
+    """Test what the screening leaves, one by one; the last stamp used, and how many points were looked up."""
+    frames, picked = hypotheses
+    m, looked = picked.shape[1] - 2, 0
+    weakest = weakest_of(ratios)
+    for q in range(filled):
+        s = picked[q, 0]
+        tick += 1
+        for p in range(m):
+            stamp[picked[q, 2 + p]] = tick
+        frame = (
+            frames[q, 0], frames[q, 1], frames[q, 2], frames[q, 3], frames[q, 4], frames[q, 5],
+            frames[q, 6], frames[q, 7], frames[q, 8], frames[q, 9], frames[q, 10], frames[q, 11],
+        )  # fmt: skip
+        ratio, hits, own = _likelihood_ratio(
+            grid, test, others_of[s], coordinates_of[s], masked, allowed, frame, stamp, tick
+        )  # fmt: skip
+        looked += own
+        if ratio > ratios[weakest] and hits + m >= test.least:
+            ratios[weakest] = ratio
+            for p in range(m + 2):
+                survivors[weakest, p] = picked[q, p]
+            weakest = weakest_of(ratios)
+    return tick, looked
