@@ -260,12 +260,6 @@ def test_a_frame_that_the_lens_cannot_show_is_reported_and_the_flight_goes_on() 
         rm.match(BODY, np.concatenate([target, beyond]), rm.P3P(lens))
 
 
-def test_a_rig_is_refused_before_the_first_frame() -> None:
-    rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, np.eye(3), np.array([-0.2, 0.0, 0.0]))])
-    with pytest.raises(rm.InputError, match=r"a Rig given.*Matcher"):
-        rm.Tracker(BODY, rm.P3P(rig))
-
-
 def test_the_filter_is_that_of_kalman() -> None:
     """A pose fused by hand is the textbook's update of position and velocity."""
     R, t = pose(0.0)

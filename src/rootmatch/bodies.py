@@ -21,9 +21,10 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.on_demand import changed
 from rootmatch.options import Options, option
 from rootmatch.pipeline.assessment import fits
-from rootmatch.pipeline.body_labels import Label, twin_points
+from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.rig_task import RigCopies, twin_of
 from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.predicted import direct_match, empty_match
@@ -132,8 +133,9 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
     budgets = [int(first * options.budget_growth**k) for k in range(options.rounds)]
     evaluated = 0
-    for body in bodies:
-        _predict(task, body, free, options)
+    for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
+        for body in bodies:
+            _predict(task, body, free, sure)
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]
         searched = False
@@ -157,19 +159,24 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     return _joined(task, bodies, evaluated)
 
 
-def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], options: BodyOptions) -> None:
-    """Settle a body whose predicted pose decides among the free detections."""
+def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: float) -> None:
+    """Match a body by its predicted pose among the free detections, and settle it where that is sure enough.
+
+    What is believed but in doubt stays, as no search would know more.
+    """
     part = task.body(body.number)
-    if part.predicted is None or not free.any():
+    if body.settled or part.predicted is None or not free.any():
         return
     columns = np.flatnonzero(free)
-    sub = replace(part.subset(np.arange(len(body.points)), columns), predicted=part.predicted)
+    sub = replace(part.subset(np.arange(len(part.points.source)), columns), predicted=part.predicted)
     found = direct_match(sub)
-    if found is None or found.status is not Status.MATCHED or (found.probability or 0.0) < options.sure:
+    if found is None:
         return
     body.match = _widened(found, part, columns)
-    body.settled = True
-    free[body.detections] = False
+    body.among = len(columns)
+    if found.status is Status.MATCHED and (found.probability or 0.0) >= sure:
+        body.settled = True
+        free[body.detections] = False
 
 
 def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> tuple[Match, bool]:
@@ -186,7 +193,9 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
         return empty_match(part, fault), False
     sub = part.subset(np.arange(len(body.points)), columns)
     try:
-        bounded = sub.options.sampler == "auto" and sub.options.scheduler is None and pays(sub.sampling_task)
+        of_rig = isinstance(sub.problem, RigCopies)
+        bounded = sub.options.sampler == "auto" and sub.options.scheduler is None
+        bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
             sub = replace(sub, options=replace(sub.options, hyperedges=Guided(budget=budget)))
         found = solve(sub)
@@ -194,7 +203,9 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
         if not task.predicted_bodies:
             raise
         return empty_match(part, str(error)), False  # the bodies whose pose is predicted need no rays
-    return _widened(found, part, columns), bounded and found.hyperedges >= budget
+    # a rig has a budget for each camera
+    ended = not found.converged if of_rig else found.hyperedges >= budget
+    return _widened(found, part, columns), bounded and ended
 
 
 def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
@@ -225,7 +236,7 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
     here = None
     for other in others:
         theirs = task.body(other.number)
-        twin = twin_points(own.points.source, theirs.points.source, options.alike)
+        twin = twin_of(own, theirs, options.alike)
         if twin is None:
             continue
         here = here or ranked(own, [body.match.assignment], AS_GIVEN)

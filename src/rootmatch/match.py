@@ -24,6 +24,7 @@ from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
 from rootmatch.pipeline.pose_decision import decided_by_pose, soft_of
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
+from rootmatch.pipeline.rig_task import RigCopies, copies_task, is_rig
 from rootmatch.pipeline.sampling import affordable, sample, swept
 from rootmatch.pipeline.searched_solution import searched_solution
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
@@ -34,7 +35,7 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match
-from rootmatch.rigs import is_rig, match_rig
+from rootmatch.rigs import match_copies, shown
 from rootmatch.samplers.base import SampledTensor, Sampler
 from rootmatch.solvers import Solver
 from rootmatch.solvers.base import Solution, solved
@@ -248,11 +249,13 @@ def solve(task: MatchingTask, started: float) -> Match:
 def _solve(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
     if is_rig(task):
-        return match_rig(task)
+        return shown(_solve(copies_task(task)))
     if task.bodies is not None:
         return match_bodies(task, _solve)
     if task.predicted is not None:
         return match_predicted(task, _solve)
+    if isinstance(task.problem, RigCopies):
+        return match_copies(task)
     options = task.options
     if options.packs_motions and pays(task):
         solution, sampled = motions_of_pairs(task)

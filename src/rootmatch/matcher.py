@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.bodies import match_bodies
+from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError, UnseenPixelError
 from rootmatch.hypergraph import enumeration
-from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.match import solve
 from rootmatch.pipeline.body_labels import Label, check_bodies
 from rootmatch.pipeline.prior import Found
+from rootmatch.pipeline.rig_task import copies_task, is_rig
 from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import check_problem
 from rootmatch.predicted import UNCONFIRMED, empty_match, tried
@@ -27,8 +28,8 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match, Status
-from rootmatch.rigs import is_rig
+from rootmatch.result import Match
+from rootmatch.rigs import shown
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
@@ -179,7 +180,10 @@ class Matcher:
         if searching:
             before = self.options
             if budget is not None and before.sampler == "auto" and before.scheduler is None:
-                self.options = replace(before, hyperedges=BoundedSearch(budget, self._sweep))
+                # a rig searches each of its cameras
+                of_rig = rig_of(self.problem) is not None
+                bounded = Guided(budget=budget) if of_rig else BoundedSearch(budget, self._sweep)
+                self.options = replace(before, hyperedges=bounded)
             try:
                 return self.match(target, noise=noise, prior=prior, max_seconds=max_seconds)
             finally:
@@ -187,7 +191,7 @@ class Matcher:
         if self.bodies is None:
             assert isinstance(prior, Pose)
             return self.tried(target, prior, noise)[0]
-        return self._of_frame(target, prior, noise, lambda task: match_bodies(task, _not_searched))
+        return self._of_frame(target, prior, noise, lambda task: _as_copies(task, _bodies_not_searched))
 
     def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Match, Found | None]:
         """What a predicted pose of the only body finds, and its match, which is untrusted unless that is believed."""
@@ -197,7 +201,7 @@ class Matcher:
             match, known[0] = tried(task)
             return match
 
-        return self._of_frame(target, prior, noise, find), known[0]
+        return self._of_frame(target, prior, noise, lambda task: _as_copies(task, find)), known[0]
 
     def _of_frame(
         self,
@@ -246,22 +250,9 @@ class Matcher:
         n, n_target = len(self.source), len(detections)
         noise = math.nan if isinstance(self.noise, str) else self.noise
         points = PointSets(self.source, detections, np.full(n, math.nan), np.full(n_target, math.nan), self.normals)
-        affinity = self.options.affinity(self.problem)
-        return Match(
-            task=MatchingTask(self.problem, points, affinity, self.options, noise=noise),
-            assignment=np.full(n, -1, np.int64),
-            score=0.0,
-            margin=0.0,
-            alternatives=[],
-            soft=np.zeros((n, n_target)),
-            tensor=AffinityTensor.unchecked(np.empty((0, self.problem.order), np.int32), np.empty(0), (n, n_target)),
-            motions=np.full(n, -1, np.int64),
-            status=Status.UNTRUSTED,
-            converged=True,
-            hyperedges=0,
-            seconds=time.perf_counter() - started,
-            fault=fault,
-        )
+        task = MatchingTask(self.problem, points, self.options.affinity(self.problem), self.options, noise=noise)
+        found = _as_copies(task, lambda task: empty_match(task, fault))
+        return replace(found, seconds=time.perf_counter() - started)
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
@@ -271,5 +262,14 @@ class Matcher:
         return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL
 
 
+def _as_copies(task: MatchingTask, find: Callable[[MatchingTask], Match]) -> Match:
+    """What is found, of a rig for the copies of its points."""
+    return shown(find(copies_task(task))) if is_rig(task) else find(task)
+
+
 def _not_searched(task: MatchingTask) -> Match:
     return empty_match(task, UNCONFIRMED)
+
+
+def _bodies_not_searched(task: MatchingTask) -> Match:
+    return match_bodies(task, _not_searched)

@@ -156,17 +156,24 @@ def empty_match(task: MatchingTask, fault: str) -> Match:
 
 def free_pose(match: Match) -> Pose:
     """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
-    if (match.assignment >= 0).sum() <= match.problem.minimal and match.fused_pose is not None:
-        return match.fused_pose
-    return pose_of(free_fits(match.task, [match.assignment])[0])
+    fused = match.fused_pose
+    if (match.assignment >= 0).sum() <= match.problem.minimal and fused is not None:
+        return fused
+    fits = free_fits(match.task, [match.assignment])
+    if not fits and fused is not None:
+        return fused
+    return pose_of(fits[0])
 
 
 def free_fits(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[PriorFit]:
-    """Assignments fitted with a prior that says nothing, the same for all of them."""
-    poses = _poses(task, assignments)
-    size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
-    far = max((float(np.linalg.norm(t)) for _, t in poses), default=0.0)
-    vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + far)], 3) ** 2)
-    return [
-        PriorFrame(task, Pose(R, t, vague)).fitted(one, R, t) for one, (R, t) in zip(assignments, poses, strict=True)
+    """Assignments fitted with a prior that says nothing, the same for all of them.
+
+    Of a rig those are left out that have too few matches in every camera.
+    """
+    known = [
+        (one, R, t) for one, (R, t) in zip(assignments, _poses(task, assignments), strict=True) if np.isfinite(t).all()
     ]
+    size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
+    far = max((float(np.linalg.norm(t)) for _, _, t in known), default=0.0)
+    vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + far)], 3) ** 2)
+    return [PriorFrame(task, Pose(R, t, vague)).fitted(one, R, t) for one, R, t in known]

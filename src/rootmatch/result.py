@@ -38,15 +38,32 @@ class Sightings:
     ----------
     assignment : (C, n) int64
         Index into the target of each source point in each camera; −1 where it is not seen.
-    pose : Pose or None
-        Of the rig, of all sightings; its ``points`` are camera · n + point.
     alternatives : list of (C, n) int64
         The next probable ones.
+    copies : Match
+        Of the copies of the points, one for each camera, in the order camera · n + point.
     """
 
     assignment: NDArray[np.int64]
-    pose: Pose | None
     alternatives: list[NDArray[np.int64]]
+    copies: Match
+
+    @property
+    def poses(self) -> list[Pose | None]:
+        """Of the rig, one for each body, by all sightings; their ``points`` are camera · n + point."""
+        return self.copies.poses
+
+    @property
+    def pose(self) -> Pose | None:
+        """The first of them."""
+        return self.poses[0] if self.poses else None
+
+    @cached_property
+    def confidence(self) -> NDArray[np.float64]:
+        """Of each point (n,): of its surest sighting, or the least of those that an unseen point lacks."""
+        each = self.copies.confidence.reshape(self.assignment.shape)
+        surest = np.where(self.assignment >= 0, each, -1.0).max(axis=0)
+        return np.asarray(np.where((self.assignment >= 0).any(axis=0), surest, each.min(axis=0)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,6 +159,8 @@ class Match:
         """Posterior probability that the assignment is right; see `Match`."""
         if self.fitted_probability is not None:
             return self.fitted_probability
+        if self.sightings is not None:
+            return self.sightings.copies.probability
         if self.bodies is not None:
             known = [body.probability for body in self.bodies.values()]
             return None if None in known else float(np.prod(np.array(known, np.float64)))
@@ -160,6 +179,8 @@ class Match:
         """
         if self.fitted_confidence is not None:
             return self.fitted_confidence
+        if self.sightings is not None:
+            return self.sightings.confidence
         if self.bodies is not None:
             confidence = np.full(len(self.assignment), np.nan)
             for k, body in enumerate(self.bodies.values()):
@@ -236,10 +257,10 @@ class Match:
         InputError
             If the problem fits no poses: derived ones, whose equations do not say what a pose is.
         """
+        if self.sightings is not None:
+            return self.sightings.poses
         if self.prior_holds and self.task.predicted is not None:
             return [fused_pose(self.task, self.assignment)]
-        if self.sightings is not None:
-            return [self.sightings.pose]
         return self.poses_of(self.assignment)
 
     @cached_property

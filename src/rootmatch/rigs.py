@@ -2,6 +2,8 @@
 
 Hypotheses come from minimal sets within one camera. Each is a pose of the rig, which predicts the detections of all
 cameras; what it gathers there is fitted, gathered again, and ranked by its posterior probability with all cameras.
+All of that is of the points' copies (`rootmatch.pipeline.rig_task`), and so are predictions and bodies: `shown` makes
+the match of the points of it.
 """
 
 from __future__ import annotations
@@ -12,23 +14,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.cameras.rig import Rig, rig_of
-from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.on_demand import changed
 from rootmatch.options import Options, option
-from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
+from rootmatch.pipeline.assessment import Assessment, does_not_fit, point_by_point, sure_beyond_chance
 from rootmatch.pipeline.posterior import NO_POSE, Ranked, ranked
+from rootmatch.pipeline.rig_task import RigCopies
 from rootmatch.pipeline.sampling import sample
-from rootmatch.pipeline.status import TRUST, judged
+from rootmatch.pipeline.status import TRUST, Status, judged
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.gate import GATE
-from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
-from rootmatch.problems.pose_fit.rig_fit import LEAST, STEPS, Copies, rig_fit, rig_pose
-from rootmatch.problems.rig_copies import RigCopies
+from rootmatch.problems.pose_fit.rig_fit import LEAST, STEPS, Copies, rig_fit
 from rootmatch.result import Match, Sightings
+from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.guided.sampler import Guided
 
@@ -49,112 +50,117 @@ class RigOptions(Options):
     gate: float = option(GATE, above=0.0)
     """Distance from a prediction, in standard deviations of it, within which a detection is gathered."""
     budget: int = option(3_000_000, least=1)
-    """Evaluations of the search in one camera."""
+    """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 
 
 OPTIONS = RigOptions()
-INSTEAD = {
-    "bodies": "match the points of each body by themselves, with all detections",
-    "prior": "its poses are not predicted, so leave it out",
-}
-"""What to do where a rig does not take an option."""
 UNREACHABLE = 1e9
 """Cost of a detection beyond the gate: no assignment takes it."""
 
 
-def is_rig(task: MatchingTask) -> bool:
-    """Whether the detections of a task are those of a rig."""
-    return rig_of(task.problem) is not None
+def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:
+    """The match of a task of copies, searched without a prediction.
 
-
-def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:
-    """The match of a task whose camera is a rig.
-
-    Raises
-    ------
-    InputError
-        For an option that rigs do not take.
+    `Match.converged` says whether each camera's search ended before its budget.
     """
-    _check(task)
-    rig: Rig = task.problem.camera  # type: ignore[attr-defined]
-    _, plane, sigma = rig.chart(task.points.target, task.points.target_noise)
-    copies = Copies(rig, task.points.source, rig.offsets(task.points.target), task.points.target[:, 2].astype(np.int64))
-    tensor, hypotheses, evaluated = _searched(task, copies, options)
-    whole = _of_copies(task, copies, plane, sigma)
-    proposals = _verified(whole, copies, hypotheses, options)
-    found = ranked(whole, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
-    return _reported(task, whole, copies, tensor=tensor, found=found, evaluated=evaluated)
+    problem = task.problem
+    assert isinstance(problem, RigCopies)
+    sampled, hypotheses, whole = _searched(task, problem, options)
+    proposals = _verified(task, problem.copies, hypotheses, options)
+    found = ranked(task, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
+    return _judged(task, sampled, found, whole)
 
 
-def _check(task: MatchingTask) -> None:
-    """Refuse what rigs do not take."""
-    options = task.options
-    if task.problem.name != "p3p":
-        raise InputError(f"rig: {task.problem.name} takes one camera; use P3P(rig)")
-    given = {
-        "motions": options.motions != 1,
-        "bodies": task.bodies is not None,
-        "prior": task.predicted is not None,
-        "preset": options.preset is not None,
-        "solver": options.solver is not None,
-        "scheduler": options.scheduler is not None,
-        "samples": options.samples is not None,
-        "hyperedges": options.hyperedges not in (None, "auto", "guided"),
-    }
-    for name, is_given in given.items():
-        if is_given:
-            raise InputError(f"{name}: a rig does not take it; {INSTEAD.get(name, 'leave it out')}")
+def shown(match: Match, task: MatchingTask | None = None) -> Match:
+    """The match of the points of a match of their copies: one detection for each point, and all of them beside.
 
-
-def _searched(task: MatchingTask, copies: Copies, options: RigOptions) -> tuple[AffinityTensor, list[Integers], int]:
-    """Hyper-edges within the cameras, assignments of copies that hypotheses of single cameras name, and the cost."""
+    Parameters
+    ----------
+    match : Match
+        Of a task of copies.
+    task : MatchingTask, optional
+        That of the points and the rig, where it is another one than the copies were made of.
+    """
+    problem = match.task.problem
+    assert isinstance(problem, RigCopies)
+    task = task or problem.task
     n, n_target = task.shape
-    indices, weights, hypotheses, evaluated = [], [], [], 0
+    sightings = match.assignment.reshape(-1, n)
+    first, camera = _first_of(sightings)
+    alternatives = [(_first_of(other.reshape(-1, n))[0], score) for other, score in match.alternatives]
+    points = np.flatnonzero(first >= 0)
+    soft = np.zeros((n, n_target))
+    copies = camera[points] * n + points
+    soft[points, first[points]] = match.soft[copies, first[points]]
+    motions = np.full(n, -1, np.int64)
+    motions[points] = match.motions[copies]
+    i, j = np.divmod(match.tensor.indices.astype(np.int64), max(n_target, 1))
+    indices = (i % n * n_target + j).astype(np.int32)
+    bodies = None
+    if match.bodies is not None:
+        bodies = {label: shown(one, task.body(k)) for k, (label, one) in enumerate(match.bodies.items())}
+    every = Sightings(sightings, [other.reshape(-1, n) for other, _ in match.alternatives], match)
+    return changed(
+        match,
+        task=task,
+        assignment=first,
+        alternatives=[(other, score) for other, score in alternatives if not np.array_equal(other, first)],
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(match.tensor.weights), (n, n_target), task.prior),
+        motions=motions,
+        bodies=bodies,
+        fitted_confidence=None if match.fitted_confidence is None else every.confidence,
+        sightings=every,
+    )
+
+
+def of_copies(match: Match) -> Match:
+    """The match of the copies of which `shown` made a match; itself where there is no rig."""
+    if match.sightings is None:
+        return match
+    return changed(match.sightings.copies, seconds=match.seconds, limited=match.limited)
+
+
+def _searched(
+    task: MatchingTask, problem: RigCopies, options: RigOptions
+) -> tuple[SampledTensor, list[Integers], bool]:
+    """Hyper-edges within the cameras, and assignments of copies that hypotheses of single cameras name.
+
+    And whether every camera's search ended before its budget. What one camera's search would have met was not missed.
+    """
+    copies, points = problem.copies, problem.task
+    n, n_target = points.shape
+    given = task.options.hyperedges
+    guided = given if isinstance(given, Guided) else Guided(budget=options.budget)
+    guided = replace(guided, hypotheses=options.hypotheses)
+    indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
         if len(own) < task.problem.order or task.deadline.passed():
             continue
-        part = task.subset(np.arange(n), own)
+        part = points.subset(np.arange(n), own)
         part = replace(
             part,
-            problem=replace(task.problem, camera=camera),  # type: ignore[type-var]
+            problem=replace(points.problem, camera=camera),  # type: ignore[type-var]
             points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
-            options=replace(part.options, hyperedges=Guided(budget=options.budget, hypotheses=options.hypotheses)),
+            options=replace(part.options, hyperedges=guided),
+            deadline=task.deadline,
         )
         sampled = sample(part)
         evaluated += sampled.evaluated
+        whole, missed = whole and sampled.evaluated < guided.budget, min(missed, sampled.missed)
         i, j = np.divmod(sampled.tensor.indices.astype(np.int64), len(own))
-        indices.append((i * n_target + own[j]).astype(np.int32))
+        indices.append(((k * n + i) * n_target + own[j]).astype(np.int32))
         weights.append(np.asarray(sampled.tensor.weights))
         for assignment in sampled.assignments if sampled.assignments is not None else []:
             if (assignment >= 0).sum() >= LEAST:
-                whole = np.full(n * len(copies.offsets), -1, np.int64)
-                whole[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
-                hypotheses.append(whole)
+                one = np.full(len(task.points.source), -1, np.int64)
+                one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
+                hypotheses.append(one)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, (n, n_target), task.prior)
-    return tensor, hypotheses, evaluated
-
-
-def _of_copies(task: MatchingTask, copies: Copies, plane: Floats, sigma: Floats) -> MatchingTask:
-    """The task of the copies, each of which may be any detection of its camera."""
-    cameras, points = len(copies.offsets), task.points
-    own = np.repeat(np.arange(cameras), copies.count)[:, None] == copies.owner
-    return replace(
-        task,
-        problem=RigCopies(copies),
-        points=PointSets(
-            source=np.tile(points.source, (cameras, 1)),
-            target=plane,
-            source_noise=np.tile(points.source_noise, cameras),
-            target_noise=sigma,
-            normals=None if points.normals is None else np.tile(points.normals, (cameras, 1)),
-            view_cosine=None if points.view_cosine is None else np.tile(points.view_cosine, cameras),
-        ),
-        allowed=own if task.allowed is None else own & np.tile(task.allowed, (cameras, 1)),
-        prior=None if task.prior is None else np.tile(task.prior, (cameras, 1)),
-    )
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.prior)
+    return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 
 def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
@@ -165,10 +171,10 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
     assert whole.allowed is not None
     low, high = target.min(axis=0), target.max(axis=0)
     density = CROWDING * len(target) / max(float(np.prod(high - low)), 1e-300)
-    current = np.array(hypotheses)
+    current, start = np.array(hypotheses), None
     for turn in range(options.rounds):
         # at first all matches are of one camera, whose own fit is the best one
-        fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS)
+        fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS, start=start)
         possible = np.flatnonzero(np.isfinite(fit.chi2))
         gathered = [
             _gathered(fit, k, copies, whole.allowed, density=density, options=options) for k in possible.tolist()
@@ -178,7 +184,9 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
             break
         current = np.array([gathered[k][0] for k in order])
         _, first = np.unique(current, axis=0, return_index=True)
-        current = current[np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]]
+        first = np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]
+        rows = possible[order[first]]
+        current, start = current[first], (fit.rotation[rows], fit.translation[rows])
     return list(current)
 
 
@@ -193,7 +201,8 @@ def _gathered(
 
     out, gain = np.full(len(allowed), -1, np.int64), 0.0
     jacobian = fit.jacobian[k]
-    spread = jacobian @ fit.covariance[k] @ jacobian.transpose(0, 2, 1)
+    with np.errstate(all="ignore"):  # of a point in the plane of a camera's centre
+        spread = jacobian @ fit.covariance[k] @ jacobian.transpose(0, 2, 1)
     for camera in range(len(copies.offsets)):
         rows, own = slice(camera * copies.count, (camera + 1) * copies.count), np.flatnonzero(copies.owner == camera)
         if not len(own):
@@ -214,51 +223,45 @@ def _gathered(
     return out, gain
 
 
-def _reported(
-    task: MatchingTask, whole: MatchingTask, copies: Copies, *, tensor: AffinityTensor, found: Ranked, evaluated: int
-) -> Match:
-    """The match: one detection for each point, and all of them beside."""
-    n = task.shape[0]
-    every = [one.reshape(-1, n) for one in found.assignments[: TRUST.alternatives + 1]]
-    best = every[0] if every else np.full((len(copies.offsets), n), -1, np.int64)
-    first = [_first_of(one) for one in (every or [best])]
-    scores = scores_of(tensor, np.array(first)).tolist()
-    alternatives = [
-        (one, score) for one, score in zip(first[1:], scores[1:], strict=True) if not np.array_equal(one, first[0])
-    ]
+def _judged(task: MatchingTask, sampled: SampledTensor, found: Ranked, whole: bool) -> Match:
+    """The match of the most probable assignment of copies, judged as that of one camera."""
+    every = found.assignments[: TRUST.alternatives + 1]
+    best = every[0] if every else np.full(task.shape[0], -1, np.int64)
+    scores = scores_of(sampled.tensor, np.array(every or [best])).tolist()
+    alternatives = list(zip(every[1:], scores[1:], strict=True))
     probability = found.probability if every else None
-    listed = found.probability_of(1 + TRUST.listed) if every else 0.0
-    trusted = found.beyond_chance > TRUST.beyond_clutter and listed > TRUST.listed_probability
-    trusted = trusted and found.misfit.variances <= DEFAULT_OPTIONS.most_inflation
-    lead = margin(scores[0], alternatives, first[0])
-    status = judged(math.inf if trusted else 0.0, -math.inf if trusted else math.inf, lead, probability)
-    confidence = np.full(n, math.nan)
-    if found.marginals is not None:
-        # of the sightings of a point the surest one, of an unseen point the least sure
-        each = found.marginals.each.reshape(-1, n)
-        surest = np.where(best >= 0, each, -1.0).max(axis=0)
-        confidence = np.where((best >= 0).any(axis=0), surest, each.min(axis=0))
-    pose = rig_pose(copies, whole.points.target, whole.points.target_noise, best.ravel()) if every else None
+    lead = margin(scores[0], alternatives, best)
+    trusted = bool(every) and not does_not_fit(found.misfit) and sure_beyond_chance(task, found)
+    status = judged(1.0, -math.inf, lead, probability) if trusted else Status.UNTRUSTED
+    if status is Status.MATCHED and sampled.missed > TRUST.missed:
+        status = Status.AMBIGUOUS
+    assessed = Assessment(
+        assignment=best, score=scores[0], margin=lead, probability=probability, alternatives=alternatives,
+        status=status, noise_factor=found.misfit.sigma if every else None,
+    )  # fmt: skip
+    if every:
+        assessed = point_by_point(task, assessed, found, sampled)
     return Match(
         task=task,
-        assignment=first[0],
-        score=float(scores[0]),
-        margin=lead,
-        alternatives=alternatives,
-        soft=one_hot(first[0], task.shape[1]),
-        tensor=tensor,
-        motions=np.where(first[0] >= 0, 0, -1),
-        status=status,
-        converged=True,
-        hyperedges=evaluated,
+        assignment=assessed.assignment,
+        score=assessed.score,
+        margin=assessed.margin,
+        alternatives=assessed.alternatives,
+        soft=one_hot(assessed.assignment, task.shape[1]),
+        tensor=sampled.tensor,
+        motions=np.where(assessed.assignment >= 0, 0, -1),
+        status=assessed.status,
+        converged=whole,
+        hyperedges=sampled.evaluated,
         seconds=0.0,
-        fitted_confidence=confidence,
-        fitted_probability=probability,
-        sightings=Sightings(best, pose, every[1:]),
+        fitted_confidence=np.full(len(best), math.nan) if assessed.confidence is None else assessed.confidence,
+        fitted_probability=assessed.probability,
+        noise_factor=assessed.noise_factor,
     )
 
 
-def _first_of(sightings: Integers) -> Integers:
-    """The detection of each point in the first camera that has one, −1 for none; of (C, n)."""
+def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
+    """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
     seen = sightings >= 0
-    return np.where(seen.any(axis=0), sightings[seen.argmax(axis=0), np.arange(sightings.shape[1])], -1)
+    camera = seen.argmax(axis=0)
+    return np.where(seen.any(axis=0), sightings[camera, np.arange(sightings.shape[1])], -1), camera

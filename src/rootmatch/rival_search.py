@@ -149,7 +149,10 @@ def challengers(match: Match, current: Match, rival: RivalPose, shape: Shape, ti
     every = [
         one for one in every if (one >= 0).sum() >= least and 2 * (one == current.assignment)[kept].sum() < kept.sum()
     ]
-    own, *fits = free_fits(match.task, [current.assignment, *every[: MOST - 1]])
+    fits = free_fits(match.task, [current.assignment, *every[: MOST - 1]])
+    if not fits or fits[0].assignment is not current.assignment:
+        return []  # the few matches that each camera of a rig has fix no pose
+    own, *fits = fits
     fits += _turned(match, fits[:TURNED], shape, {one.tobytes() for one in [current.assignment, *every]})
     found = []
     for fit in fits:

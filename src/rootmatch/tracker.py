@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rootmatch.cameras.rig import rig_of
 from rootmatch.errors import InputError
 from rootmatch.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.matcher import Matcher
 from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.pipeline.near_symmetries import near_symmetries
+from rootmatch.pipeline.prior import Found
+from rootmatch.pipeline.rig_task import RigCopies
 from rootmatch.pipeline.status import Status
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
+from rootmatch.rigs import of_copies, shown
 from rootmatch.rival_poses import decided
 from rootmatch.rival_search import challengers, searched
 
@@ -43,7 +45,7 @@ class Tracker:
     source : (n, 3) array
         Points in space in any frame and unit.
     problem : Problem
-        `P3P` or `UP2P`.
+        `P3P`, also of a `Rig`, or `UP2P`.
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
     tracking : TrackingOptions
@@ -74,10 +76,6 @@ class Tracker:
     ) -> None:
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels, as Matcher may estimate it")
-        if rig_of(problem) is not None:
-            raise InputError(
-                "tracker: a Rig given, whose poses are not predicted; match its frames by rootmatch.Matcher"
-            )
         self.matcher = Matcher(source, problem, noise=noise, **options)
         Capability.PRIOR.require(problem.takes_prior, problem.name)
         self.tracking = tracking
@@ -143,7 +141,8 @@ class Tracker:
         Parameters
         ----------
         target : (n', 2) array
-            Pixels, in any order, clutter among them; n' may change from frame to frame and may be 0.
+            Pixels, in any order, clutter among them; n' may change from frame to frame and may be 0. Of a `Rig`
+            ``(pixels, index)`` or rows of x, y and the index of the camera.
         time : float, optional
             Seconds, later than that of the frame before; by default one interval later.
         prior : Pose or dict, optional
@@ -169,9 +168,11 @@ class Tracker:
             found = self._match_bodies(target, when, prior, noise, max_seconds)
         elif prior is not None:
             found = self.matcher.follow(target, prior, noise, max_seconds, budget=self._budget)
-            self._bodies[None].take(found, True, when)
+            self._bodies[None].take(of_copies(found), True, when)
         else:
             found = self._match_one(target, when, noise, max_seconds)
+            if isinstance(found.task.problem, RigCopies):
+                found = shown(found)
         self.time = when
         return found
 
@@ -185,15 +186,19 @@ class Tracker:
         body = self._bodies[None]
 
         def search() -> Match:
-            return self.matcher.follow(target, None, noise, max_seconds, budget=self._budget)
+            return of_copies(self.matcher.follow(target, None, noise, max_seconds, budget=self._budget))
+
+        def follow(pose: Pose) -> tuple[Match, Found | None]:
+            match, what = self.matcher.tried(target, pose, noise)
+            return of_copies(match), what
 
         if not body.rivals:
             found = search()
             body.start(found, when)
             return found
         shape = None if body.sure else body.shape
-        after = decided(body.rivals, lambda pose: self.matcher.tried(target, pose, noise), when, shape)
-        detections = len(np.asarray(target))
+        after = decided(body.rivals, follow, when, shape)
+        detections = after.match.task.shape[1]
         if after.found is not None:
             body.hold(after, detections)
             if body.misses(after.found, detections - self.matcher.problem.order) and body.late(self._frame):
@@ -236,7 +241,8 @@ class Tracker:
         searching = lost and (self._frame - 1) % self.tracking.search_every == 0
         found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=self._budget)
         for label, body in self._bodies.items():
-            body.take(None if found.bodies is None else found.bodies[label], label in given, when)  # type: ignore[index]
+            one = None if found.bodies is None else of_copies(found.bodies[label])  # type: ignore[index]
+            body.take(one, label in given, when)
         return found
 
     def _time(self, time: float | None) -> float:

@@ -88,6 +88,18 @@ class CameraModel(ABC):
         """
         return self, pixels, sigma
 
+    def from_centre(self, points: Floats) -> Floats:
+        """Points (…, n, 3) of the camera frame as seen from its centre: themselves, but for the cameras of a rig."""
+        return points
+
+    def in_image(self, pixels: Floats) -> Floats:
+        """How far the images (…, n, 2) of n points are expected in the image, from 0 to 1: unknown, so 1."""
+        return np.ones(pixels.shape[:-1])
+
+    def images(self) -> list[NDArray[np.int64]]:
+        """Which detections lie in which of several images that share a plane; none where there is but one image."""
+        return []
+
 
 def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
     """How unit rays (…, 3) move with their pixels, (…, 3, 2), by the derivatives (…, 2, 3) of these by the rays."""

@@ -14,6 +14,9 @@ from rootmatch.errors import InputError
 
 ORTHONORMAL = 1e-6
 """Deviation of R Rᵀ from the identity up to which R counts as a rotation: that of a file's digits."""
+RIM = 0.05
+"""Part of an image's width on both sides of its rim where a predicted point is less and less expected in it: the pose
+is not exact. A round value."""
 
 
 @dataclass(frozen=True)
@@ -27,16 +30,23 @@ class Rig(CameraModel):
     ----------
     views : sequence of (camera, R, t)
         Each camera with its pose in the rig, ``x_camera = R x_rig + t``: R (3, 3), t (3,) in the unit of the points.
+    sizes : sequence of (width, height), optional
+        Of the images, in pixels from (0, 0). A predicted pose then does not expect what lies outside of them; without,
+        every point before a camera counts as visible.
 
     Raises
     ------
     InputError
-        If there is no camera, one of them is none whose detections are pixels, R is no rotation or t no vector.
+        If there is no camera, one of them is none whose detections are pixels, R is no rotation or t no vector; if
+        sizes are not a pair of positive numbers for each camera.
     """
 
     views: tuple[tuple[CameraModel, Any, Any], ...]
+    sizes: tuple[tuple[float, float], ...] | None
 
-    def __init__(self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]]) -> None:
+    def __init__(
+        self, views: Sequence[tuple[CameraModel, ArrayLike, ArrayLike]], sizes: ArrayLike | None = None
+    ) -> None:
         try:
             given: list[tuple[Any, ...]] = [tuple(view) for view in views]
         except TypeError:
@@ -55,6 +65,12 @@ class Rig(CameraModel):
                 raise InputError(f"rig: R of camera {k} is no rotation; give x_camera = R x_rig + t")
             kept.append((camera, tuple(map(tuple, rotation.tolist())), tuple(translation.tolist())))
         object.__setattr__(self, "views", tuple(kept))
+        if sizes is not None:
+            pairs = _numbers(sizes, (len(kept), 2), "sizes")
+            if (pairs <= 0.0).any():
+                raise InputError(f"rig: an image of size {pairs.min():g} given; give width and height in pixels")
+            sizes = tuple((width, height) for width, height in pairs.tolist())
+        object.__setattr__(self, "sizes", sizes)
 
     @property
     def cameras(self) -> tuple[CameraModel, ...]:
@@ -150,6 +166,14 @@ class Rig(CameraModel):
                 offsets[k] = edge - low[0], -low[1]
                 edge += high[0] - low[0]
         return offsets
+
+    def expects(self, k: int, pixels: Floats) -> Floats:
+        """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
+        if self.sizes is None:
+            return np.ones(pixels.shape[:-1])
+        size = np.array(self.sizes[k])
+        within = np.minimum(pixels, size - pixels).min(axis=-1)
+        return np.asarray(np.clip(0.5 + 0.5 * within / (RIM * size[0]), 0.0, 1.0))
 
     def project(self, points: ArrayLike) -> Floats:
         """A rig has as many images of a point as cameras.

@@ -68,6 +68,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
 
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
+    from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended
     from rootmatch.io.frame_files import read_frames
 
@@ -80,7 +81,8 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
         }
         done = set.intersection(*(file.done for file in open_files.values())) if open_files else set[int]()
         dimension = job.problem.target_dimension or job.source.points.shape[1]
-        frames = (frame for frame in read_frames(image, dimension) if frame.number not in done)
+        read = read_frames(image, dimension, of_rig=rig_of(job.problem) is not None)
+        frames = (frame for frame in read if frame.number not in done)
         for number, status, rows, record in _results(job, frames, jobs, scheduler):
             for flag, file in open_files.items():
                 if number not in file.done:

@@ -104,9 +104,6 @@ def match(
     from rootmatch import io
     from rootmatch.cameras.rig import rig_of
 
-    of_rig = rig_of(posed) is not None
-    if of_rig and has_frames(image):
-        raise InputError(f"{image}: a column frame, which a rig does not take; give one file for each frame")
     # 0 where the points say it
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
@@ -141,7 +138,7 @@ def match(
             if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
-    target = io.read_points(image, posed.target_dimension, posed.order, of_rig=of_rig)
+    target = io.read_points(image, posed.target_dimension, posed.order, of_rig=rig_of(posed) is not None)
     true = io.read_truth(truth, source, target) if truth else None
     options = plain | {
         "scheduler": scheduler,

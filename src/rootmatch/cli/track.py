@@ -19,7 +19,8 @@ from rootmatch.cli.problem_options import build_problem, flag
 from rootmatch.errors import InputError, quoted
 
 Frames = Annotated[
-    Path, typer.Argument(metavar="FRAMES.csv|-", help="Detections frame,x,y in order; - reads them as they come.")
+    Path,
+    typer.Argument(metavar="FRAMES.csv|-", help="Detections frame,x,y[,camera] in order; - reads them."),
 ]
 Rate = Annotated[
     float, typer.Option(metavar="HZ", help="Frames a second; missing numbers are time.", rich_help_panel=option.INPUT)
@@ -79,6 +80,7 @@ def track(
         raise InputError(f"--noise: {quoted(noise)} given; give a number of pixels") from None
     posed = build_problem(str(problem), given)
     from rootmatch import io
+    from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended, match_rows, pose_rows
     from rootmatch.io.frame_files import read_frames
     from rootmatch.tracker import Tracker
@@ -107,7 +109,7 @@ def track(
         printed = csv.writer(sys.stdout, lineterminator="\n")
         if table is None:
             printed.writerow(header)
-        for frame in read_frames(frames, posed.target_dimension):
+        for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
             found = tracker.match(frame.points, time=frame.number / rate)
             rows = pose_rows(frame.number, found)
             if table is not None:

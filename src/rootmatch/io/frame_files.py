@@ -29,7 +29,7 @@ class Frame:
     ----------
     number : int
     points : (m, 2) array
-        Pixels.
+        Pixels; of a rig (m, 3), the camera's index the third.
     rows : (m,) int64 array
         Rows of the file, the header being row 1.
     """
@@ -51,7 +51,7 @@ def has_frames(path: Path) -> bool:
     return "frame" in [cell.strip().lower() for cell in header.split(",")]
 
 
-def read_frames(path: Path, dimension: int = 2) -> Iterator[Frame]:
+def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iterator[Frame]:
     """Frames of a CSV file with columns ``frame,x,y``, each as soon as the next begins.
 
     Parameters
@@ -60,6 +60,8 @@ def read_frames(path: Path, dimension: int = 2) -> Iterator[Frame]:
         The file, ``-`` for standard input. Rows of one frame follow one another, and numbers ascend.
     dimension : int
         2 for pixels, 3 for unit rays ``x,y,z``.
+    of_rig : bool
+        Whether they are detections of several cameras: ``frame,x,y,camera``, with the camera's index from 0.
 
     Raises
     ------
@@ -68,7 +70,8 @@ def read_frames(path: Path, dimension: int = 2) -> Iterator[Frame]:
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:
-        yield from _frames(name, stream, ("frame", "x", "y", "z")[: dimension + 1])
+        columns = ("frame", "x", "y", "camera") if of_rig else ("frame", "x", "y", "z")[: dimension + 1]
+        yield from _frames(name, stream, columns)
 
 
 def _frames(path: Path, stream: Iterable[str], needed: tuple[str, ...]) -> Iterator[Frame]:

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.options import Options, option
 from rootmatch.pipeline.prior_frame import Floats, Integers, PriorFit, PriorFrame, Projected, normal_density
+from rootmatch.pipeline.rig_task import RigCopies
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.base import invertible
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.up2p import UP2P
 
 
@@ -31,7 +33,7 @@ class PriorOptions(Options):
     gate: float = option(4.0, above=0.0)
     """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
     most_pairs: int = option(400, least=1)
-    """Candidate pairs beyond which a prior is too wide to decide alone."""
+    """Candidate pairs in an image beyond which a prior is too wide to decide alone."""
     tried: int = option(64, least=1)
     """Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
     beams: int = option(4, least=1)
@@ -124,7 +126,7 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
     squared, _ = frame.squared(first.pixels, spread)
     candidates = (squared <= options.gate**2) & (first.visible > frame.HIDDEN)[:, None] & frame.allowed
     pairs = int(candidates.sum())
-    if not 0 < pairs <= options.most_pairs:
+    if not 0 < pairs <= options.most_pairs * max(len(frame.images), 1):
         return None
     known: dict[bytes, PriorFit] = {}
     fits = [_settled(frame, frame.R, frame.t, frame.covariance, options=options, known=known, at=first)]
@@ -317,5 +319,7 @@ def prior_of(task: MatchingTask) -> Pose:
 
 def fused_pose(task: MatchingTask, assignment: Integers) -> Pose | None:
     """The most likely pose of an assignment (n,) and the prediction together, with its residuals."""
-    camera = task.problem.camera  # type: ignore[attr-defined]
-    return camera_poses(task.points, camera, assignment[None], prior=prior_of(task))[0]
+    points, problem = task.points, task.problem
+    if isinstance(problem, RigCopies):
+        return rig_pose(problem.copies, points.target, points.target_noise, assignment, prior_of(task))
+    return camera_poses(points, problem.camera, assignment[None], prior=prior_of(task))[0]  # type: ignore[attr-defined]

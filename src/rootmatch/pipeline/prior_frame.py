@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED
+from rootmatch.pipeline.image_density import clutter_area, crowded_density
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.guided.detection_grid import local_density
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -124,8 +124,8 @@ class PriorFrame:
         self.detection = task.options.detection or USUAL_DETECTION
         self.given_detection = task.options.detection
         n_target = len(self.target)
-        extent = np.maximum(np.ptp(self.target, axis=0), 8.0 * float(sigma.max()))
-        self.area = float(np.prod(extent)) * ((n_target + 1.0) / max(n_target - 1.0, 0.5)) ** 2
+        self.images = self.camera.images()
+        self.area = clutter_area(self.target, sigma, self.images, self.camera.focal)
         self.clutter = CROWDING * max(n_target, 1) / self.area
         self.allowed = np.ones((len(self.source), n_target), np.bool_) if task.allowed is None else task.allowed
 
@@ -146,7 +146,9 @@ class PriorFrame:
         # −a [r]× = r × a, row by row
         jacobian[..., 0], jacobian[..., 1], jacobian[..., 2] = y * c - z * b, z * a - x * c, x * b - y * a
         whole = sees & np.isfinite(pixels).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-        visible = np.where(whole, self._facing(positions, R), 0.0)
+        visible = np.where(whole, self._facing(self.camera.from_centre(positions), R), 0.0)
+        if self.images:
+            visible *= self.camera.in_image(pixels)
         if not whole.all():
             pixels = np.where(whole[:, None], pixels, 1e9)
             jacobian = np.where(whole[:, None, None], jacobian, 0.0)
@@ -307,11 +309,7 @@ class PriorFrame:
     def against_clutter(self, fit: PriorFit) -> float:
         """Log-odds of a fit against clutter that crowds as the detections do, each about itself."""
         used = fit.assignment[fit.assignment >= 0]
-        density = (
-            local_density(self.target.T, math.sqrt(float(np.median(self.variance))))
-            if len(self.target) > 1
-            else (np.full(1, self.clutter / CROWDING))
-        )
+        density = crowded_density(self.target, math.sqrt(float(np.median(self.variance))), self.area, self.images)
         free = len(self.target) - len(used)
         uniform = CROWDING * (free + HALF) / self.area
         return fit.log_odds + len(used) * math.log(uniform) - float(np.log(CROWDING * density[used]).sum())

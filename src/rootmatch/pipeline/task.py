@@ -326,6 +326,7 @@ class MatchingTask:
         allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[np.ix_(source, target)])
         return replace(
             self,
+            problem=self.problem.of_some(source, target),
             points=self.points.subset(source, target),
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,

@@ -26,6 +26,7 @@ LOOSE = ("K", "fx", "fy", "cx", "cy", *DISTORTION[1:])
 """Keys that others may look like: too short, or with companions such as ``distortion_model``."""
 ONE_BY_ONE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 DIRECTIONS = ("vertical_camera", "vertical_world", "axis", "axis2")
+SIZE = ("width", "height")
 EXAMPLE = '{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}'
 
 
@@ -77,7 +78,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
 
 
 def _rig(path: Path, views: Any) -> Rig:
-    """The rig of a JSON list of cameras, each with R and t."""
+    """The rig of a JSON list of cameras, each with R and t, and perhaps with the width and height of its image."""
     if not isinstance(views, list) or not all(isinstance(view, dict) for view in views):
         raise InputError(f"{path}: rig is {quoted(views)}; give a list of cameras with R and t")
     cameras = []
@@ -87,11 +88,12 @@ def _rig(path: Path, views: Any) -> Rig:
                 raise InputError(f"{path}: rig: {key} of camera {k} is missing, or has not {count} numbers")
         if "rig" in view:
             raise InputError(f"{path}: rig: camera {k} is a rig itself; give cameras")
-        rest = {key: value for key, value in view.items() if key not in ("R", "t")}
+        rest = {key: value for key, value in view.items() if key not in ("R", "t", *SIZE)}
         place = matrix(path, "R", view["R"]), numbers(path, "t", view["t"])
         cameras.append((camera_of(path, rest, ()), *place))
+    sizes = [[view[key] for key in SIZE if key in view] for view in views]
     try:
-        return Rig(cameras)
+        return Rig(cameras, sizes if any(sizes) else None)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -128,7 +130,10 @@ def camera_entry(camera: CameraModel) -> dict[str, Any]:
     if isinstance(camera, UnitRays):
         return {"bearings": True}
     if isinstance(camera, Rig):
-        return {"rig": [camera_entry(own) | {"R": list(map(list, R)), "t": list(t)} for own, R, t in camera.views]}
+        entries = [camera_entry(own) | {"R": list(map(list, R)), "t": list(t)} for own, R, t in camera.views]
+        for one, size in zip(entries, camera.sizes or (), strict=False):
+            one |= dict(zip(SIZE, size, strict=True))
+        return {"rig": entries}
     if not isinstance(camera, Camera):
         raise InputError(f"camera: {type(camera).__name__} given, which camera files do not hold; give a Camera")
     entry: dict[str, Any] = dict(zip(NUMBERS, camera.numbers, strict=True))

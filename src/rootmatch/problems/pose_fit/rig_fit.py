@@ -21,6 +21,7 @@ from rootmatch.problems.pose_fit.absolute import AbsoluteFit, absolute_fit
 from rootmatch.problems.pose_fit.base import Floats, invertible
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
 from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 
 Integers = NDArray[np.int64]
@@ -123,8 +124,33 @@ class Copies(CameraModel):
         ]
         return np.concatenate(parts, axis=-3)
 
+    def from_centre(self, points: Floats) -> Floats:
+        """Copies (…, C n, 3), each as from the centre of its own camera."""
+        return points - np.repeat(self.rig.centres / self.unit, self.count, axis=0)
 
-def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers, steps: int = STEPS) -> AbsoluteFit:
+    def in_image(self, pixels: Floats) -> Floats:
+        """How far the pixels (…, C n, 2) of copies are expected in the images of their cameras."""
+        parts = np.split(pixels, len(self.offsets), axis=-2)
+        return np.concatenate([self.rig.expects(k, own - self.offsets[k]) for k, own in enumerate(parts)], axis=-1)
+
+    def images(self) -> list[Integers]:
+        """The detections of each camera."""
+        return [np.flatnonzero(self.owner == k) for k in range(len(self.offsets))]
+
+
+@dataclass(frozen=True, eq=False)
+class CopiesAsGiven(Copies):
+    """The same in the caller's frame and unit."""
+
+    @cached_property
+    def unit(self) -> float:
+        """The caller's."""
+        return 1.0
+
+
+def rig_fit(
+    copies: Copies, target: Floats, sigma: Floats, assignments: Integers, steps: int = STEPS, start: State | None = None
+) -> AbsoluteFit:
     """Fit of each assignment of copies, as `absolute_fit` of one camera.
 
     Parameters
@@ -136,6 +162,8 @@ def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers
         −1 where unmatched. One with fewer than four matches in every camera has no fit, an infinite χ².
     steps : int
         Most steps from the fit of the camera with most matches; 0 where the others have none.
+    start : (K, 3, 3) and (K, 3) arrays, optional
+        Rotations and translations, in the unit of the fits, from which to start instead.
     """
     used = assignments >= 0
     image, weight = target[np.maximum(assignments, 0)], np.where(used, 1.0 / sigma[np.maximum(assignments, 0)], 0.0)
@@ -143,7 +171,7 @@ def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers
     model = ProjectionModel(
         np.broadcast_to(copies.places, (count, *copies.places.shape)), image, weight, copies, np.eye(3)
     )
-    (rotation, translation), chi2 = descended(model, _starts(copies, target, sigma, assignments), steps)
+    (rotation, translation), chi2 = descended(model, start or _starts(copies, target, sigma, assignments), steps)
     with np.errstate(all="ignore"):
         positions = copies.places @ rotation.swapaxes(-1, -2) + translation[:, None]
         jacobian = model.jacobian((rotation, translation)).reshape(*assignments.shape, 2, 6)
@@ -165,7 +193,7 @@ def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers
         predicted=copies.project(positions),
         jacobian=every,
         covariance=np.asarray(np.linalg.inv(normal)),
-        positions=positions - np.repeat(copies.rig.centres / copies.unit, copies.count, axis=0),
+        positions=copies.from_centre(positions),
         rotation=rotation,
         translation=translation,
         seen=copies.sees(positions),
@@ -174,34 +202,44 @@ def rig_fit(copies: Copies, target: Floats, sigma: Floats, assignments: Integers
     )
 
 
-def rig_pose(copies: Copies, target: Floats, sigma: Floats, assignment: Integers) -> Pose | None:
+def rig_pose(
+    copies: Copies, target: Floats, sigma: Floats, assignment: Integers, prior: Pose | None = None
+) -> Pose | None:
     """The most likely pose of the rig for one assignment of copies (C n,), None where there is none.
 
-    Its `points` are indices of copies: camera · n + point.
+    Its `points` are indices of copies: camera · n + point. With a predicted pose, which is part of the fit, three
+    matches in all are enough.
     """
-    fit = rig_fit(copies, target, sigma, assignment[None])
-    if not np.isfinite(fit.chi2[0]):
-        return None
-    members = np.flatnonzero(assignment >= 0)
-    detections = assignment[members]
-    weight = np.where(assignment >= 0, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
+    used = assignment >= 0
+    weight = np.where(used, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
     image = target[np.maximum(assignment, 0)][None]
-    model = ProjectionModel(copies.places[None], image, weight, copies, np.eye(3))
-    covariance = covariance_of(model, (fit.rotation, fit.translation))[0]
-    rotation, turned = fit.rotation[0], fit.rotation[0] @ copies.centre
+    gaussian = None if prior is None else Prior.of(prior, copies.centre, copies.unit)
+    model = ProjectionModel(copies.places[None], image, weight, copies, np.eye(3), prior=gaussian)
+    start = _starts(copies, target, sigma, assignment[None])
+    if gaussian is not None:
+        start = gaussian.rotation[None], gaussian.translation[None]
+    state, chi2 = descended(model, start, STEPS)
+    if not np.isfinite(chi2[0]):
+        return None
+    covariance = covariance_of(model, state)[0]
+    rotation, translation = state[0][0], state[1][0]
+    turned = rotation @ copies.centre
     change = np.zeros((6, 6))
     change[:3, :3], change[3:, 3:] = np.eye(3), copies.unit * np.eye(3)
     change[3:, :3] = cross_matrix(turned)  # t = u t' − R c, so τ = u τ' − ω × R c
-    plane = copies.offsets[copies.owner[detections]]
+    members = np.flatnonzero(used)
+    detections = assignment[members]
+    with np.errstate(all="ignore"):
+        predicted = copies.project(copies.places @ rotation.T + translation)[members]
     return fitted_pose(
         rotation,
-        copies.unit * fit.translation[0] - turned,
+        copies.unit * translation - turned,
         change @ covariance @ change.T,
-        chi2=float(fit.chi2[0]),
-        freedom=int(fit.freedom[0]),
+        chi2=float(chi2[0]),
+        freedom=2 * len(members) - (6 if gaussian is None else 0),
         points=members,
-        predicted=fit.predicted[0][members] - plane,
-        residuals=np.linalg.norm(fit.predicted[0][members] - target[detections], axis=1),
+        predicted=predicted - copies.offsets[copies.owner[detections]],
+        residuals=np.linalg.norm(predicted - target[detections], axis=1),
         sigma=sigma[detections],
     )
 
