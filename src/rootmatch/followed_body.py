@@ -81,7 +81,7 @@ class FollowedBody:
     def forget(self) -> None:
         """Call it lost."""
         self.rivals: list[RivalPose] = []
-        self.sure = False
+        self.sure = self.settled = False
         self.missed = self.scant = 0
 
     @property
@@ -111,6 +111,7 @@ class FollowedBody:
     def hold(self, after: Decided, detections: int) -> None:
         """Take a frame that agrees with one of the poses."""
         self.rivals, self.sure = after.left, after.sure
+        self.settled |= after.sure
         self.missed, self.detections = 0, detections
 
     def miss(self, time: float) -> None:
@@ -119,6 +120,11 @@ class FollowedBody:
         self.rivals = [one for one in self.rivals if time - one.filter.time <= self.options.coasting]
         if not self.rivals:
             self.forget()
+
+    def presume(self, time: float) -> None:
+        """Let a frame in which it was not found narrow the predictions by what is likely to be seen of it."""
+        for rival in self.rivals:
+            rival.presume(time)
 
     def start(self, match: Match, time: float) -> None:
         """Take the match of a frame that was searched while the body was lost."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.on_demand import changed
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
-from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
+from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame, unbiased_frame
 from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
@@ -20,8 +20,6 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
 
 UNCONFIRMED = "the prior pose is not confirmed"
-VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
-"""Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
 
 
 def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) -> Match:
@@ -54,13 +52,14 @@ def tried(task: MatchingTask) -> tuple[Match, Found | None]:
     found = match_with_prior(task, prior_of(task))
     if found is None:
         return empty_match(task, UNCONFIRMED), None
-    match = _match(task, found)
+    match = match_of(task, found)
     if found.believed:
         return match, found
     return replace(match, status=Status.UNTRUSTED, prior_holds=None, fused_pose=None, fault=UNCONFIRMED), found
 
 
-def _match(task: MatchingTask, found: Found) -> Match:
+def match_of(task: MatchingTask, found: Found) -> Match:
+    """The match of what a prediction found, as if it is believed."""
     n, n_target = task.shape
     matched = found.assignment >= 0
     soft = np.zeros((n, n_target))
@@ -175,5 +174,4 @@ def free_fits(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[
     ]
     size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
     far = max((float(np.linalg.norm(t)) for _, _, t in known), default=0.0)
-    vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * (size + far)], 3) ** 2)
-    return [PriorFrame(task, Pose(R, t, vague)).fitted(one, R, t) for one, R, t in known]
+    return [unbiased_frame(task, R, t, size + far).fitted(one, R, t) for one, R, t in known]

@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
+from rootmatch.pipeline.pose_flip import flipped_pose
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found
+from rootmatch.pipeline.prior_frame import PriorFit
 from rootmatch.pipeline.status import TRUST, Status
+from rootmatch.predicted import match_of, pose_of
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match
 
@@ -54,12 +57,15 @@ class RivalPose:
         Recent mean of the log-probability of which visible points are matched.
     tentative : bool
         Whether it went on from what its prediction found, but did not believe, in the last frame.
+    presumed : (Pose, float) or None
+        What too few detections of this frame to be believed gave, and the probability that they are the body's.
     """
 
     filter: MotionFilter
     evidence: float = 0.0
     visibility: float | None = None
     tentative: bool = False
+    presumed: tuple[Pose, float] | None = None
 
     @property
     def total(self) -> float:
@@ -71,6 +77,13 @@ class RivalPose:
         self.evidence += TEMPER * evidence
         before = visibility if self.visibility is None else self.visibility
         self.visibility = (1.0 - RECENT) * before + RECENT * visibility
+
+    def presume(self, time: float) -> None:
+        """Take what too few detections of a frame gave, by as much as it is likely."""
+        if self.presumed is not None:
+            pose, probability = self.presumed
+            self.filter.update(pose, time, probability)
+            self.presumed = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,18 +210,53 @@ def _taken(
         match = replace(match, status=Status.AMBIGUOUS, prior_holds=True, fused_pose=found.pose, fault=None)
     if found is not None and found.believed:
         rival.tentative = False
+        taken = []
+        if found.runner_up is not None:
+            found, second = _apart(found, found.runner_up)
+            branch = replace(rival, filter=rival.filter.copy())
+            branch.take(max(second.log_odds - second.visibility, 0.0), second.visibility)
+            branch.filter.update(second.pose, time)
+            taken.append((branch, match_of(match.task, second), second))
         rival.take(max(found.log_odds - found.visibility, 0.0), found.visibility)
         if found.probability >= LIKELY:
-            rival.filter.update(found.pose, time)
-        return [(rival, match, found)]
+            rival.filter.update(found.pose, time, found.probability)
+            flipped = flipped_pose(match.task, found.assignment, found.pose)
+            if flipped is not None:
+                rival.filter.widen(*flipped)
+        return [(rival, match, found), *taken]
     if not kept:
         return []
-    if found is None or not _worth_following(found):
+    rival.presumed = None
+    if found is None:
+        return [(rival, match, None)]
+    if not _worth_following(found):
+        probability = found.probability / (1.0 + math.exp(-found.beyond_chance))
+        if probability >= LIKELY and found.chi2_prior < DEFAULT_PRIOR.contradicted:
+            rival.presumed = found.pose, probability
         return [(rival, match, found)]
     other = RivalPose(rival.filter.copy(), rival.evidence, rival.visibility, tentative=True)
     other.filter.update(found.pose, time)
     other.take(found.log_odds - found.visibility, found.visibility)
     return [(other, match, found), (rival, match, None)]
+
+
+def _apart(found: Found, second: PriorFit) -> tuple[Found, Found]:
+    """What was found and its runner-up, each as probable as it were without the other one."""
+    odds = math.exp(max(second.log_odds - found.log_odds, -700.0))
+    rest = max(1.0 / found.probability - 1.0 - odds, 0.0)
+    other = replace(
+        found,
+        assignment=second.assignment,
+        pose=pose_of(second),
+        log_odds=second.log_odds,
+        probability=1.0 / (1.0 + rest / max(odds, 1e-300)) if rest > 0.0 else 1.0,
+        chi2_prior=second.chi2_prior,
+        visibility=second.visibility,
+        expected=second.expected,
+        alternatives=[],
+        runner_up=None,
+    )
+    return replace(found, probability=1.0 / (1.0 + rest), runner_up=None), other
 
 
 def _worth_following(found: Found) -> bool:

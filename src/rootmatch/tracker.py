@@ -196,7 +196,7 @@ class Tracker:
             found = search()
             body.start(found, when)
             return found
-        shape = None if body.sure else body.shape
+        shape = None if body.settled else body.shape
         after = decided(body.rivals, follow, when, shape)
         detections = after.match.task.shape[1]
         if after.found is not None:
@@ -204,6 +204,7 @@ class Tracker:
             if body.misses(after.found, detections - self.matcher.problem.order) and body.late(self._frame):
                 other = search()
                 if other.status is not Status.UNTRUSTED:
+                    body.settled = False
                     body.rivals += challengers(other, after.match, after.left[0], body.shape, when)
                 return replace(after.match, hyperedges=other.hyperedges)
             return after.match
@@ -211,9 +212,11 @@ class Tracker:
         body.rivals = after.left
         body.miss(when)
         if not worth:
+            body.presume(when)
             return after.match
         found = search()
         if found.status is Status.UNTRUSTED:
+            body.presume(when)
             # what was found about the prediction is more likely than what was found anywhere
             return replace(after.match, hyperedges=found.hyperedges) if (after.match.assignment >= 0).any() else found
         if not body.rivals:

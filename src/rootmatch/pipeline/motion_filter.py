@@ -94,9 +94,19 @@ class MotionFilter:
         R, t, P = self._at(time)
         return self._given(R, t, P[:6, :6])
 
-    def update(self, pose: Pose, time: float) -> None:
-        """Take a pose that was fitted with the prediction for this time as its prior, and so knows all of it."""
+    def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
+        """Take a pose that was fitted with the prediction for this time as its prior, and so knows all of it.
+
+        Parameters
+        ----------
+        pose : Pose
+        time : float
+        weight : float
+            Probability that the detections are those of the body, else the prediction stands: the mean and the
+            covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
+        """
         R, t, P = self._at(time)
+        before = (R, t, self.velocity, P)
         self.R, self.t, covariance = self._centred(pose)
         step = np.concatenate([one_rotation_vector(self.R @ R.T), self.t - t])
         prior = P[:6, :6]
@@ -113,8 +123,25 @@ class MotionFilter:
         expected = max(6.0 - float(np.trace(covariance @ inverse)), 0.1)
         ratio = min(float(step @ inverse @ step) / expected, 10.0)
         options = self.options
-        scale = self.scale * math.sqrt(1.0 + options.memory * (ratio - 1.0))
+        scale = self.scale * math.sqrt(1.0 + weight * options.memory * (ratio - 1.0))
         self.scale = min(max(scale, options.least_scale), options.most_scale)
+        if weight < 1.0:
+            self._mixed(weight, before, step)
+
+    def widen(self, pose: Pose, probability: float) -> None:
+        """Let the covariance know that the last pose may be another one, with a probability."""
+        R, t, _ = self._centred(pose)
+        away = np.concatenate([one_rotation_vector(R @ self.R.T), t - self.t])
+        self.P[:6, :6] += probability * (1.0 - probability) * np.outer(away, away)
+
+    def _mixed(self, weight: float, before: tuple[Floats, Floats, Floats, Floats], step: Floats) -> None:
+        """Take the update since ``before`` with a probability: first two moments of both together."""
+        R, t, velocity, P = before
+        change = np.concatenate([step, self.velocity - velocity])
+        self.R = one_rotation_matrix(weight * step[:3]) @ R
+        self.t = t + weight * step[3:]
+        self.velocity = velocity + weight * change[6:]
+        self.P = (1.0 - weight) * P + weight * self.P + weight * (1.0 - weight) * np.outer(change, change)
 
     def _at(self, time: float) -> tuple[Floats, Floats, Floats]:
         """Pose and covariance at a time, kept as an update asks for them once more."""

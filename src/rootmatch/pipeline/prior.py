@@ -53,6 +53,8 @@ class PriorOptions(Options):
     contradicted: float = option(45.0, above=0.0)
     """χ² of a pose about the prior, of six degrees of freedom, from which the prior was wrong: less than one in 10⁷ of
     right ones."""
+    undoubted: float = option(0.95, above=0.0, most=1.0)
+    """Probability of an assignment below which the next one is fitted as well. A round value."""
     most_misfit: float = option(4.0, above=1.0)
     """Factor on the given variances beyond which no assignment is believed, as in `PosteriorOptions`."""
 
@@ -89,6 +91,8 @@ class Found:
         Part of ``log_odds`` that the visible points tell: which of them are matched.
     expected : float
         Visible points.
+    runner_up : PriorFit or None
+        The next probable assignment, fitted, where the first is in doubt.
     """
 
     assignment: Integers
@@ -102,6 +106,7 @@ class Found:
     beyond_chance: float
     visibility: float
     expected: float
+    runner_up: PriorFit | None = None
 
     @property
     def matched(self) -> int:
@@ -152,6 +157,12 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
         near, better = frame.neighbours(best)
     others = sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in ranked[1:])
     probability = 1.0 / (1.0 + others + near)
+    runner_up = None
+    if probability < options.undoubted:
+        if all(not np.array_equal(fit.assignment, better) for fit in ranked):
+            ranked.append(frame.fitted(better, best.R, best.t, best.at))
+        ranked[1:] = sorted(ranked[1:], key=lambda fit: -fit.log_odds)
+        runner_up = ranked[1]
     beyond = frame.against_clutter(best) - math.log(tested)
     believed = (
         best.matched >= options.least
@@ -173,6 +184,7 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
         beyond_chance=beyond,
         visibility=best.visibility,
         expected=best.expected,
+        runner_up=runner_up,
     )
 
 

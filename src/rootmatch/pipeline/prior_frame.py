@@ -32,6 +32,8 @@ LEAST_DAMPING = 1e-3
 """Damping of the first step after one that went too far, relative to the normal matrix's diagonal."""
 EDGE = 4.0
 """How much wider the edge of a view angle is, in standard deviations of the camera's direction: two on each side."""
+VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
+"""Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
 USUAL_DETECTION = 0.9
 """Detection rate before an assignment tells it."""
 
@@ -313,6 +315,12 @@ class PriorFrame:
         free = len(self.target) - len(used)
         uniform = CROWDING * (free + HALF) / self.area
         return fit.log_odds + len(used) * math.log(uniform) - float(np.log(CROWDING * density[used]).sum())
+
+
+def unbiased_frame(task: MatchingTask, R: Floats, t: Floats, distance: float) -> PriorFrame:
+    """A frame whose prior says nothing; ``distance``: of the body, by which that is measured."""
+    vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * distance], 3) ** 2)
+    return PriorFrame(task, Pose.unchecked(R, t, vague))
 
 
 def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> Floats:
