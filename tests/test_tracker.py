@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
 from rootmatch.pipeline.near_symmetries import near_symmetries
+from rootmatch.pipeline.pose_flip import flipped_pose
+from rootmatch.pipeline.prior import Found
+from rootmatch.pipeline.prior_frame import PriorFrame, unbiased_frame
+from rootmatch.pipeline.task import MatchingTask
 from rootmatch.rival_poses import TEMPER, RivalPose, Shape, decided
 from rootmatch.rival_search import challengers
 from rootmatch.tracker import TrackingOptions
@@ -197,6 +202,135 @@ def test_a_scant_body_is_searched_for_now_and_then() -> None:
     assert searched[0]
     assert not any(searched[1:3])
     assert 1 <= sum(searched[3:]) <= 3
+
+
+def test_two_visible_points_keep_a_body_that_is_followed() -> None:
+    """Two points give no pose, but narrow a prediction: with them it holds for longer than without."""
+    searched, spreads = [], []
+    for seen in (2, 0):
+        one = tracker(tracking=TrackingOptions(present=10.0))
+        for k in range(24):
+            target, truth = frame(k)
+            if 6 <= k < 22:
+                target = np.concatenate([target[truth[:seen]], [[20.0, 30.0], [600.0, 470.0]]])
+            match = one.match(target)
+            searched.append(match.hyperedges > 0)
+            if 6 <= k < 22:
+                assert match.status is rm.Status.UNTRUSTED
+            if k == 21:
+                covariance = one.predicted()[None].covariance
+                assert covariance is not None
+                spreads.append(float(np.sqrt(np.trace(covariance[:3, :3]))))
+        assert np.array_equal(match.assignment, truth)
+        assert match.prior_holds
+    assert spreads[0] < 0.5 * spreads[1]
+    assert sum(searched) == 2  # the first frames
+
+
+def test_a_doubtful_match_is_followed_both_ways_until_they_agree() -> None:
+    one = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2)
+    R, t = pose(0.0)
+    rivals = [RivalPose(MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0))]
+    (target, truth), other = frame(1), np.full(len(BODY), -1)
+
+    def doubtful(known: rm.Pose) -> tuple[rm.Match, Found | None]:
+        match, found = one.tried(target, known)
+        assert found is not None
+        other[:] = found.assignment
+        other[0] = -1
+        fit = PriorFrame(match.task, known).fitted(other, found.pose.R, found.pose.t)
+        second = replace(fit, log_odds=found.log_odds - np.log(1.5))
+        return match, replace(found, probability=0.6, runner_up=second)
+
+    after = decided(rivals, doubtful, INTERVAL)
+    assert np.array_equal(after.match.assignment, truth)
+    assert len(after.left) == 2
+    assert not after.sure
+    assert after.match.status is rm.Status.AMBIGUOUS
+    assert np.array_equal(after.match.alternatives[0][0], other)
+    later, truth = frame(2)
+    after = decided(after.left, lambda known: one.tried(later, known), 2 * INTERVAL)
+    assert len(after.left) == 1
+    assert after.sure
+    assert np.array_equal(after.match.assignment, truth)
+    assert after.match.status is rm.Status.MATCHED
+
+
+def flat_view(tilt: float) -> tuple[MatchingTask, rm.Pose]:
+    """Five points in a plane 3 m away, tilted about the horizontal, and their pose."""
+    points = np.column_stack([np.random.default_rng(5).uniform(-0.06, 0.06, (5, 2)), 1e-3 * np.arange(5)])
+    R, t = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix(), np.array([0.0, 0.0, 3.0])
+    target = CAMERA.project(points @ R.T + t) + np.random.default_rng(6).normal(0.0, 0.2, (5, 2))
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.2)
+    fit = unbiased_frame(task, R, t, 3.0).fitted(np.arange(5), R, t)
+    return task, rm.Pose(fit.R, fit.t, fit.covariance)
+
+
+def test_a_flipped_pose_is_the_other_minimum() -> None:
+    """An oracle without a formula: least squares from a hundred rotations finds two minima, of which it is one."""
+    task, known = flat_view(0.35)
+    found = flipped_pose(task, np.arange(5), known)
+    assert found is not None
+    flipped, probability = found
+
+    def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        seen = task.points.source @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:]
+        return ((CAMERA.project(seen) - task.points.target) / 0.2).ravel()
+
+    minima: list[tuple[float, NDArray[np.float64]]] = []
+    for start in Rotation.random(100, random_state=np.random.RandomState(0)).as_rotvec():
+        fit = least_squares(residuals, np.concatenate([start, [0.0, 0.0, 3.0]]))
+        R = Rotation.from_rotvec(fit.x[:3]).as_matrix()
+        if fit.x[5] > 1.0 and 2.0 * fit.cost < 100.0 and all(np.trace(one.T @ R) < 2.99 for _, one in minima):
+            minima.append((2.0 * fit.cost, R))
+    assert len(minima) == 2
+    minima.sort(key=lambda one: -float(np.trace(one[1].T @ known.R)))
+    (here, own), (there, other) = minima
+    np.testing.assert_allclose(own, known.R, atol=1e-3)
+    np.testing.assert_allclose(other, flipped.R, atol=1e-3)
+    assert probability == pytest.approx(min(1.0 / (1.0 + np.exp(0.5 * (there - here))), 0.5), abs=1e-3)
+
+
+def test_a_flipped_pose_counts_where_it_is_near_and_explains_the_image() -> None:
+    far, known = flat_view(0.8)
+    assert flipped_pose(far, np.arange(5), known) is None  # 92 degrees away
+    task, known = flat_view(0.35)
+    assert flipped_pose(task, np.where(np.arange(5) < 2, np.arange(5), -1), known) is None
+    R, t = pose(0.0)
+    solid = MatchingTask.of(rm.P3P(CAMERA), BODY, CAMERA.project(BODY @ R.T + t), noise=0.2)
+    assert flipped_pose(solid, np.arange(len(BODY)), rm.Pose(R, t, 1e-4 * np.eye(6))) is None
+
+
+def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
+    """Mean and covariance of a hundred thousand samples, each of the prediction or of the update."""
+    R, t = pose(0.0)
+    before = MotionFilter(BODY, rm.Pose(R, t, 1e-6 * np.eye(6)), 0.0)
+    ahead = before.predicted(0.1)
+    new = rm.Pose(
+        Rotation.from_rotvec([0.02, -0.01, 0.015]).as_matrix() @ ahead.R,
+        ahead.t + np.array([0.01, 0.02, -0.01]),
+        1e-5 * np.eye(6),
+    )
+    whole, some = before.copy(), before.copy()
+    whole.update(new, 0.1)
+    some.update(new, 0.1, 0.7)
+    R0, t0, P0 = before._at(0.1)
+
+    def from_prediction(one: MotionFilter) -> NDArray[np.float64]:
+        return np.concatenate([Rotation.from_matrix(one.R @ R0.T).as_rotvec(), one.t - t0, one.velocity])
+
+    rng = np.random.default_rng(3)
+    taken = rng.random(100_000) < 0.7
+    first = rng.multivariate_normal(np.zeros(12), P0, len(taken))
+    second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken))
+    samples = np.where(taken[:, None], second, first)
+    spread = np.sqrt(np.diag(some.P))
+    assert np.abs((samples.mean(axis=0) - from_prediction(some)) / spread).max() < 0.02
+    assert np.abs((np.cov(samples.T) - some.P) / np.outer(spread, spread)).max() < 0.03
+    wide = whole.copy()
+    wide.widen(ahead, 0.25)
+    away = from_prediction(whole)[:6]
+    np.testing.assert_allclose(wide.P[:6, :6] - whole.P[:6, :6], 0.1875 * np.outer(away, away), atol=1e-12)
 
 
 def test_times_go_forward() -> None:

@@ -81,13 +81,13 @@ class FollowedBody:
     def forget(self) -> None:
         """Call it lost."""
         self.rivals: list[RivalPose] = []
-        self.sure = self.settled = False
+        self.settled = False
         self.missed = self.scant = 0
 
     @property
     def state(self) -> TrackingState:
-        """Whether it is being followed: it is not where several poses are, and none is sure."""
-        if not self.rivals or not self.sure:
+        """Whether it is being followed: it is not while several poses are, none of which was sure before."""
+        if not self.rivals or not self.settled:
             return TrackingState.LOST
         return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
 
@@ -110,7 +110,7 @@ class FollowedBody:
 
     def hold(self, after: Decided, detections: int) -> None:
         """Take a frame that agrees with one of the poses."""
-        self.rivals, self.sure = after.left, after.sure
+        self.rivals = after.left
         self.settled |= after.sure
         self.missed, self.detections = 0, detections
 
@@ -143,7 +143,7 @@ class FollowedBody:
         if match is None or not (sure or (held and (match.fitted_probability or 0.0) >= LIKELY)):
             self.miss(time)
             return
-        self.missed, self.detections, self.sure = 0, match.task.shape[1], True
+        self.missed, self.detections, self.settled = 0, match.task.shape[1], True
         if held and match.fused_pose is not None and self.rivals and predicted:
             del self.rivals[1:]
             self.rivals[0].filter.update(match.fused_pose, time)

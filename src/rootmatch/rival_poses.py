@@ -28,7 +28,7 @@ from rootmatch.result import Match
 MOST = 4
 """Poses that are followed at once, a millisecond each in every frame. A round value."""
 SURE = 0.99
-"""Probability from which one of them is reported as the pose. A round value."""
+"""Probability from which one of several that are turned against each other is reported as the pose. A round value."""
 NEGLIGIBLE = math.log(1e4)
 """Log-odds against the best at which one is given up: what is decided here stands for the rest of a flight."""
 TEMPER = 0.5
@@ -98,19 +98,14 @@ class Decided:
         Those that are still followed, the most likely first.
     found : Found or None
         What the most likely one found, where that is believed.
-    probability : float
-        Of the most likely one.
+    sure : bool
+        Whether there is hardly a doubt which of them it is.
     """
 
     match: Match
     left: list[RivalPose]
     found: Found | None
-    probability: float
-
-    @property
-    def sure(self) -> bool:
-        """Whether there is hardly a doubt which of them it is."""
-        return self.probability >= SURE
+    sure: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +176,11 @@ def decided(
     firm = max((one[0].total for one in ranked if not one[0].tentative), default=-math.inf)
     ranked = [one for one in ranked if one[0].tentative or one[0].total > firm - NEGLIGIBLE]
     shares = shares_of([rival for rival, _, _ in ranked])
-    _, match, found = ranked[0]
+    rival, match, found = ranked[0]
+    apart = any(float(np.trace(rival.filter.R.T @ one.filter.R)) < NEAR for one, _, _ in ranked[1:])
+    decides = bool(shares[0] >= (SURE if apart else TRUST.probability))
     if found is not None and match.status is not Status.UNTRUSTED:
-        sure = shares[0] >= SURE and found.probability >= TRUST.probability
+        sure = decides and float(shares[0]) * found.probability >= TRUST.probability
         match = replace(
             match,
             status=Status.MATCHED if sure else Status.AMBIGUOUS,
@@ -194,7 +191,7 @@ def decided(
             ],
         )
     believed = found if found is not None and found.believed else None
-    return Decided(match, [rival for rival, _, _ in ranked], believed, float(shares[0]))
+    return Decided(match, [rival for rival, _, _ in ranked], believed, decides)
 
 
 def _taken(

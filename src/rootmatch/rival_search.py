@@ -79,7 +79,7 @@ def searched(
         one.take(free.log_odds - free.visibility, free.visibility)
         known.append((one, free, False))
     if not known:
-        return Decided(match, list(before), None, 0.0)
+        return Decided(match, list(before), None, False)
     known.sort(key=lambda one: -one[0].total)
     first: dict[bytes, tuple[RivalPose, PriorFit, bool]] = {}
     for entry in known:
@@ -103,7 +103,7 @@ def searched(
         prior_holds=held if before else None,
         fused_pose=pose_of(fit) if held else None,
     )
-    return Decided(match, [rival for rival, _, _ in ranked], None, float(shares[0]))
+    return Decided(match, [rival for rival, _, _ in ranked], None, bool(shares[0] >= SURE))
 
 
 def _widened(pose: Pose, factor: float) -> Pose:
