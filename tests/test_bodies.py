@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.bodies import OPTIONS, _Body, _confirm
+from rootmatch.bodies import OPTIONS, _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
 from rootmatch.match import _solve
 from rootmatch.pipeline.body_labels import twin_points
 from rootmatch.pipeline.task import MatchingTask
@@ -161,6 +161,50 @@ def test_what_is_searched_again() -> None:
     assert searched(ambiguous, cut=False, probability=0.5) == [False, False, False, False, True, True]
     assert _Body(0, 0, np.arange(7)).worth_a_search(free, 100)
     assert not _Body(0, 0, np.arange(7), settled=True).worth_a_search(own, 300)
+
+
+def test_a_match_that_was_beyond_chance_stays_so_among_fewer_detections() -> None:
+    shape = body(1)
+    target, _, _ = image([shape], 3.0, clutter=4, seed=6)
+    found = _solve(MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7).body(0))
+    untrusted, ambiguous, matched = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS, rm.Status.MATCHED
+
+    def kept(before: rm.Match | None, now: rm.Status) -> rm.Status:
+        one = _Body(0, 0, np.arange(7), match=replace(found, status=now))
+        _keep_trusted(one, before)
+        assert one.match is not None
+        return one.match.status
+
+    other = replace(found, status=ambiguous, assignment=np.roll(found.assignment, 1))
+    assert kept(replace(found, status=ambiguous), untrusted) is ambiguous
+    assert kept(replace(found, status=ambiguous), matched) is matched
+    assert kept(replace(found, status=untrusted), untrusted) is untrusted
+    assert kept(other, untrusted) is untrusted
+    assert kept(None, untrusted) is untrusted
+
+
+def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> None:
+    """The second has stolen six of the detections of the first, whose matches are ambiguous between two poses."""
+    first, second = body(1), body(2)
+    target, (expected, other), _ = image([first, second], 3.0, clutter=2, seed=5)
+    task = MatchingTask.of(rm.P3P(CAMERA), np.concatenate([first, second]), target, noise=0.3, bodies=[0] * 7 + [1] * 7)
+    right, own = (_solve(task.body(k)) for k in range(2))
+    assert np.array_equal(right.assignment, expected)
+    stolen = replace(own, assignment=np.append(expected[:6], -1), fitted_probability=0.93)
+    ambiguous = replace(right, status=rm.Status.AMBIGUOUS, fitted_probability=0.55)
+    bodies = [
+        _Body(0, 0, np.arange(7), match=ambiguous),
+        _Body(1, 1, np.arange(7, 14), match=replace(stolen, status=rm.Status.MATCHED)),
+    ]
+    assert _evidence(task, bodies[0]) > _evidence(task, bodies[1])
+    assert _evidence(task, _Body(0, 0, np.arange(7), match=replace(right, assignment=np.full(7, -1)))) == -np.inf
+    _make_exclusive(task, bodies, np.ones(len(target), np.bool_), _solve, 1000)
+    for one, there in zip(bodies, (expected, other), strict=True):
+        assert one.match is not None
+        assert np.array_equal(one.match.assignment, there)
+    _contest(alone := [_Body(1, 1, np.arange(7, 14), match=replace(own, status=rm.Status.MATCHED))])
+    assert alone[0].match is not None
+    assert alone[0].match.status is rm.Status.MATCHED
 
 
 @pytest.mark.parametrize(

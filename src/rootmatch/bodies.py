@@ -70,6 +70,10 @@ AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
 """No neighbours of assignments are looked at."""
 
 
+ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
+"""Statuses in the order in which bodies that are not sure get their detections."""
+
+
 @dataclass(eq=False)
 class _Body:
     """One body in the course of the search."""
@@ -143,7 +147,9 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
             if not body.worth_a_search(free, budget):
                 continue
             searched = True
+            before = body.match
             body.match, body.cut = _searched(task, body, np.flatnonzero(free), budget, solve)
+            _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
             evaluated += body.match.hyperedges + _confirm(task, body, solve, options)
             if body.match.status is Status.MATCHED:
@@ -208,6 +214,18 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
     return _widened(found, part, columns), bounded and ended
 
 
+def _keep_trusted(body: _Body, before: Match | None) -> None:
+    """Leave a match ambiguous that was so among more detections.
+
+    Those of other bodies are gone; what was beyond chance among them is no accident without them, though it looks like
+    a larger share of what is left.
+    """
+    if before is None or body.match is None or before.status is not Status.AMBIGUOUS:
+        return
+    if body.match.status is Status.UNTRUSTED and np.array_equal(before.assignment, body.match.assignment):
+        body.match = changed(body.match, status=Status.AMBIGUOUS)
+
+
 def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
     """Match a sure body whose search was cut short before it looked for other poses with the same detections.
 
@@ -251,15 +269,37 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
 def _make_exclusive(
     task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
 ) -> None:
-    """Give the free detections to the bodies that are not sure, the most probable first."""
-    order = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
+    """Give the free detections to the bodies that are not sure, those first whose matches are least likely chance."""
     waiting = [body for body in bodies if not body.settled]
+    _contest(waiting)
+    evidence = {body.number: _evidence(task, body) for body in waiting}
     while waiting:
-        waiting.sort(key=lambda body: (order.index(body.match.status), -body.probability))  # type: ignore[union-attr]
+        waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
         body = waiting.pop(0)
         if not free[body.detections].all():
             body.match, _ = _searched(task, body, np.flatnonzero(free), budget, solve)
         free[body.detections] = False
+
+
+def _contest(waiting: list[_Body]) -> None:
+    """Call matches ambiguous whose detections another body may have as well, as none of them is sure."""
+    trusted = [body for body in waiting if body.match is not None and body.match.status is not Status.UNTRUSTED]
+    used = [body.detections for body in trusted]
+    for k, body in enumerate(trusted):
+        assert body.match is not None
+        rivals = np.concatenate([*used[:k], *used[k + 1 :], np.empty(0, np.int64)])
+        if body.match.status is Status.MATCHED and np.isin(body.detections, rivals).any():
+            body.match = changed(body.match, status=Status.AMBIGUOUS)
+
+
+def _evidence(task: MatchingTask, body: _Body) -> float:
+    """Log-odds of a body's matches against all detections being clutter; −∞ where they have none."""
+    assert body.match is not None
+    own = task.body(body.number)
+    if not fits(own, body.match.assignment):
+        return -math.inf
+    found = ranked(own, [body.match.assignment], AS_GIVEN).beyond_chance
+    return found if math.isfinite(found) else -math.inf
 
 
 def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Match:

@@ -9,18 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.backends import cpu
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.on_demand import OnDemand, changed
+from rootmatch.pipeline.confidence import of_one_pose
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
 from rootmatch.pipeline.posterior import Misfit, Ranked, misfit, ranked
 from rootmatch.pipeline.status import TRUST, Status, judged
 from rootmatch.pipeline.task import MatchingTask
+from rootmatch.pipeline.twin_poses import twins_of
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
 
@@ -61,8 +64,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         # hyper-edges may agree pair by pair without a pose that suits all of them
         fault = misfit(task, assignment) if fits(task, assignment) else None
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
-        others = [other for other, _ in alternatives]
-        found = ranked(task, [assignment, *others, *proposed], consensus=sampled.consensus)
+        searched = [assignment, *(other for other, _ in alternatives), *proposed]
+        found = ranked_with_twins(task, searched, consensus=sampled.consensus)
         fault = found.misfit
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])
@@ -70,12 +73,14 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
             assignment, score = kept[0], float(values[0])
             alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
             lead, probability = margin(score, alternatives, assignment), found.probability
-            trusted = sure_beyond_chance(task, found)
+            trusted = sure_beyond_chance(task, found) or rivals_beyond_chance(task, found)
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
-            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well
-            trusted = trusted and support > 0.0
+            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well, those of a twin
+            # though no search had reason to evaluate them
+            new = not of_one_pose(kept[0], np.array(searched)).any()
+            trusted = trusted and (support > 0.0 or (new and hyperedges_agree(task, kept[0])))
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
@@ -91,12 +96,38 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     return point_by_point(task, assessed, found, sampled)
 
 
+def ranked_with_twins(
+    task: MatchingTask, assignments: list[NDArray[np.int64]], consensus: NDArray[np.int64] | None = None
+) -> Ranked:
+    """Assignments ranked together with their twins by the body's near symmetries, and with those of the best one."""
+    twins = twins_of(task, assignments)
+    found = ranked(task, [*assignments, *twins], consensus=consensus)
+    if not found.assignments:
+        return found
+    weighed = {other.tobytes() for other in found.assignments}
+    more = [twin for twin in twins_of(task, found.assignments[:1]) if twin.tobytes() not in weighed]
+    return ranked(task, [*assignments, *twins, *more], consensus=consensus) if more else found
+
+
 def sure_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
     """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is sure."""
     views = task.problem.source_is_image
     beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
     sure = max(found.probability_of(1 + TRUST.listed), 0.0 if found.marginals is None else found.marginals.pose)
     return found.beyond_chance > beyond and sure > TRUST.listed_probability
+
+
+def rivals_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
+    """Whether the poses of some weighed assignments are beyond clutter together, none of them sure, but a short list.
+
+    They share the odds that the object is there. That one of them is right says less than which, and is believed from
+    even odds on, with those that the object is in view.
+    """
+    if task.problem.source_is_image or found.marginals is None or found.marginals.pose >= TRUST.probability:
+        return False
+    together = found.beyond_chance - math.log(max(found.probability, 1e-300))
+    listed = found.probability_of(1 + TRUST.listed)
+    return together > TRUST.beyond_clutter_of_rivals and listed > TRUST.listed_probability
 
 
 def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
@@ -172,7 +203,7 @@ def weighed(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alt
     """
     if not fits(task, assignment):
         return None
-    found = ranked(task, [assignment, *(other for other, _ in alternatives)])
+    found = ranked_with_twins(task, [assignment, *(other for other, _ in alternatives)])
     return found if found.assignments else None
 
 
@@ -256,6 +287,18 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
     """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
     alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
     return [float(value) for value in scores_of(alone, np.array(assignments))]
+
+
+def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
+    """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
+    sampling = task.sampling_task
+    ordered = assignment[task.order]
+    matched = np.flatnonzero(ordered >= 0)
+    if len(matched) < sampling.order:
+        return False
+    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
+    residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
+    return bool((residuals <= sampling.affinity.gate).any())
 
 
 def supported(

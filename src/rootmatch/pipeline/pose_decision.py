@@ -10,13 +10,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends import cpu
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.on_demand import Once
-from rootmatch.pipeline.assessment import Assessment, does_not_fit, fits, point_by_point, sure_beyond_chance
+from rootmatch.pipeline.assessment import (
+    Assessment,
+    does_not_fit,
+    fits,
+    hyperedges_agree,
+    point_by_point,
+    sure_beyond_chance,
+)
 from rootmatch.pipeline.confidence import of_one_pose
 from rootmatch.pipeline.posterior import ranked
 from rootmatch.pipeline.status import TRUST, judged
@@ -59,18 +65,6 @@ def decided_by_pose(task: MatchingTask, sampled: SampledTensor) -> Assessment | 
         noise_factor=found.misfit.sigma,
     )
     return point_by_point(task, assessed, found, sampled)
-
-
-def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
-    """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
-    sampling = task.sampling_task
-    ordered = assignment[task.order]
-    matched = np.flatnonzero(ordered >= 0)
-    if len(matched) < sampling.order:
-        return False
-    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
-    residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
-    return bool((residuals <= sampling.affinity.gate).any())
 
 
 def soft_of(tensor: AffinityTensor, assignment: NDArray[np.int64]) -> NDArray[np.float64]:

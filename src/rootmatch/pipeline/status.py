@@ -26,6 +26,9 @@ class TrustOptions:
         object in an image and for two views, …  For an object they are odds against clutter that crowds as the
         detections do: on the development seeds of `benchmarks/constellations.py` they never exceeded −3 where nothing
         was to be found (300 scenes of unrelated points, 40 of the headset against a stretched copy of itself).
+    beyond_clutter_of_rivals : float
+        … from which several poses of an object are called ambiguous rather than chance, where none of them is sure: of
+        the odds of all of them together. With `present` seven in eight are right by that.
     present : float
         Log-odds, before anything is seen, that the object is in view, or that two views show the same: they enter the
         confidence of what is not trusted, not the status. On development seeds (`benchmarks/constellations.py`,
@@ -65,6 +68,7 @@ class TrustOptions:
     false_alarms: float = -2.0
     beyond_clutter: float = 1.0
     beyond_clutter_of_views: float = math.log(100.0)
+    beyond_clutter_of_rivals: float = -1.0
     present: float = 3.0
     listed: int = 5
     listed_probability: float = 0.95

@@ -1,0 +1,138 @@
+"""Near symmetries of bodies, against all triples laid onto all others."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
+
+from rootmatch.pipeline.near_symmetries import (
+    ANGLE,
+    FACING,
+    MOST,
+    MOST_POINTS,
+    TOLERANCE,
+    near_symmetries,
+    symmetries_of,
+)
+
+Floats = NDArray[np.float64]
+
+
+def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict[int, int]:
+    """The nearest point to each after a motion, where that is near and faces alike."""
+    off = cdist(source @ R.T + t, source)
+    found = {}
+    for i, row in enumerate(off):
+        near = [j for j in np.argsort(row) if row[j] < TOLERANCE * np.sqrt(source.var(axis=0).sum())]
+        if normals is not None:
+            near = [j for j in near if (R @ normals[i]) @ normals[j] >= FACING]
+        if near:
+            found[i] = int(near[0])
+    return found
+
+
+def all_symmetries(source: Floats, normals: Floats | None = None) -> list[tuple[int, Floats]]:
+    """Mapped points and rotation of every near symmetry, those that map most first."""
+    n, distance = len(source), cdist(source, source)
+    near = TOLERANCE * np.sqrt(source.var(axis=0).sum())
+    onto = np.array(list(itertools.permutations(range(n), 3)))
+    found: list[tuple[int, Floats]] = []
+    for base in itertools.combinations(range(n), 3):
+        pairs = ((0, 1), (0, 2), (1, 2))
+        off = [abs(distance[onto[:, k], onto[:, m]] - distance[base[k], base[m]]) for k, m in pairs]
+        for target in onto[np.max(off, axis=0) < near]:
+            pairs_of = dict(zip(base, target.tolist(), strict=True))
+            for _ in range(3):
+                own, image = list(pairs_of), list(pairs_of.values())
+                first, second = source[own].mean(axis=0), source[image].mean(axis=0)
+                R = Rotation.align_vectors(source[image] - second, source[own] - first)[0].as_matrix()
+                pairs_of = images(source, normals, R, second - R @ first)
+                if len(pairs_of) < 6:
+                    break
+            same = any(Rotation.from_matrix(R @ other.T).magnitude() < ANGLE for _, other in found)
+            if len(pairs_of) >= max(6, n / 4) and Rotation.from_matrix(R).magnitude() > ANGLE and not same:
+                found.append((len(pairs_of), R))
+    return sorted(found, key=lambda one: -one[0])
+
+
+def half_turn(seed: int, off: float) -> Floats:
+    points = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, 3))
+    rest = np.random.default_rng(seed + 1).uniform(-1.0, 1.0, (2, 3))
+    return np.concatenate([points, points * [-1.0, -1.0, 1.0], rest]) + off * rest[:1]
+
+
+def bent(seed: int, off: float) -> Floats:
+    body = half_turn(seed, 0.0)
+    body[:4] += off * np.random.default_rng(seed).normal(size=(4, 3))
+    return body
+
+
+CUBE = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+HEXAGON = np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in np.arange(6) * np.pi / 3.0])
+NEARLY_IN_LINE = np.column_stack([np.arange(7.0) ** 1.5, 0.01 * np.arange(7.0) ** 2, 0.02 * np.sin(np.arange(7.0))])
+BODIES = {
+    "random": np.random.default_rng(3).uniform(-1.0, 1.0, (10, 3)),
+    "half turn": half_turn(5, 0.0),
+    "moved": half_turn(6, 3.0),
+    "nearly": bent(7, 0.002),
+    "hardly": bent(8, 0.05),
+    "brick": CUBE * [1.0, 1.0, 1.3],
+    "hexagon": HEXAGON,
+    "nearly in line": NEARLY_IN_LINE,
+}
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_those_of_all_triples_are_found(name: str) -> None:
+    source = BODIES[name]
+    expected = all_symmetries(source)
+    found = symmetries_of(source, None)
+    assert [one.mapped for one in found] == [count for count, _ in expected][:MOST]
+    for one in found:
+        alike = [Rotation.from_matrix(one.rotation @ R.T).magnitude() < 0.02 for _, R in expected]
+        assert sum(alike) == 1
+        own = np.flatnonzero(one.image >= 0)
+        assert images(source, None, one.rotation, one.shift) == dict(zip(own, one.image[own], strict=True))
+    counts = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 4, "brick": [8] * 4}
+    assert [one.mapped for one in found] == counts.get(name, [])
+
+
+def test_normals_forbid_a_symmetry() -> None:
+    source = half_turn(5, 0.0)
+    normals = source / np.linalg.norm(source, axis=1, keepdims=True)
+    (one,) = symmetries_of(source, normals)
+    assert one.mapped == 8
+    normals[4] *= -1.0
+    (one,) = symmetries_of(source, normals)
+    assert one.image.tolist() == [-1, 5, 6, 7, -1, 1, 2, 3, -1, -1]
+    assert len(all_symmetries(source, normals)) == 1
+    normals[5:7] *= -1.0
+    assert symmetries_of(source, normals) == ()
+    normals[4:7] = 0.0  # unknown: facing anywhere
+    assert symmetries_of(source, normals)[0].mapped == 8
+
+
+def test_a_quarter_of_many_points_suffices() -> None:
+    rng = np.random.default_rng(2)
+    few = rng.uniform(-1.0, 1.0, (8, 3))
+    quarter = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi]).as_matrix()
+    source = np.concatenate([few, few @ quarter.T, rng.uniform(-1.0, 1.0, (16, 3))])
+    found = symmetries_of(source, None)
+    assert [one.mapped for one in found] == [8, 8]  # there and back
+    angles = [Rotation.from_matrix(one.rotation).as_rotvec()[2] for one in found]
+    assert sorted(angles) == pytest.approx([-0.5 * np.pi, 0.5 * np.pi])
+    assert len(near_symmetries(source, None, 1)) == 1
+
+
+def test_what_is_never_symmetric_and_that_each_body_is_asked_once() -> None:
+    assert symmetries_of(CUBE[:5], None) == ()
+    assert symmetries_of(np.tile(np.arange(MOST_POINTS + 1.0)[:, None], 3), None) == ()
+    assert symmetries_of(np.arange(8.0)[:, None] * [1.0, 2.0, 3.0], None) == ()  # in line: no triple has a plane
+    assert symmetries_of(CUBE, None) is symmetries_of(CUBE.copy(), None)
+    with pytest.raises(ValueError, match="read-only"):
+        symmetries_of(CUBE, None)[0].image[0] = 0
