@@ -244,7 +244,7 @@ def _image(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], n
 def _unknown(unit: Floats) -> NDArray[np.bool_]:
     """Pairs (n, n) of points of which one has no normal."""
     known = unit.any(axis=1)
-    return np.asarray(~(known[:, None] & known))
+    return np.asarray(~np.logical_and.outer(known, known))
 
 
 def _alike(first: Floats, second: Floats) -> NDArray[np.bool_]:
