@@ -326,13 +326,14 @@ def test_some_of_the_detections_alone_are_searched_as_if_the_others_were_forbidd
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)
     grid = build_grid(tables.rays, 0.008)
     images = np.sort(scene.truth[:7])
+    assignment = np.where(np.arange(9) < 7, scene.truth, -1)
     mask = np.zeros((9, n_target), np.bool_)
     mask[:, images] = True
     points = np.array([[0, 1, 2], [3, 4, 5], [1, 4, 6], [0, 3, 6]], np.int64)[:, :m]
     sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(4, np.int64))
     rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-6.0, least=m + 1, normals=False)
     arrangements = enumeration.target_arrangements(7, m - 1)
-    few = FewDetections.of(tables, grid, mask, images)
+    few = FewDetections.of(tables, grid, mask, assignment)
     place = {int(k): number for number, k in enumerate(images)}
     assert few.grid.cells.tolist() == [[place.get(k, -1) for k in row] for row in grid.cells.tolist()]
     tasks = {"first": 0, "last": 4 * len(arrangements), "keep": 500, "chunks": 1}

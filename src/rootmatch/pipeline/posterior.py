@@ -109,6 +109,8 @@ class Ranked:
 
     def probability_of(self, count: int) -> float:
         """Posterior probability that the right assignment is among the first ``count``."""
+        if count >= len(self.assignments):
+            return 1.0
         shares = np.exp(self.logarithms)
         return float(shares[:count].sum() / shares.sum())
 
@@ -325,6 +327,8 @@ def _neighbours(
     changes: Changes, change: NDArray[np.float64], assignment: Integers, options: PosteriorOptions
 ) -> list[tuple[Integers, float]]:
     """The most probable changes of an assignment, and their log-odds against it to first order."""
-    chosen = np.flatnonzero(change > -options.neighbour_odds)
+    (chosen,) = (change > -options.neighbour_odds).nonzero()
+    if not len(chosen):
+        return []
     chosen = chosen[np.argsort(-change[chosen], kind="stable")[: options.neighbours]]
     return list(zip(changes.take(chosen).applied_to(assignment), change[chosen].tolist(), strict=True))

@@ -243,19 +243,12 @@ def _pinhole_fit(
         np.ascontiguousarray(points), rays, np.ascontiguousarray(target), 1.0 / sigma, np.array(camera.numbers),
         axes=axes, prior=prior, vertical=vertical, assignments=np.ascontiguousarray(assignments),
     )  # fmt: skip
-    used = assignments >= 0
-    variance = sigma**2
-    logarithms = np.where(used, np.log(2.0 * np.pi * variance)[np.maximum(assignments, 0)], 0.0).sum(axis=1)
-    depth = found.translation[:, 2]
-    with np.errstate(all="ignore"):
-        # a pixel subtends cos³ / (fx fy), and depth is the distance times the cosine
-        position_density = np.where(depth > 0.0, camera.fx * camera.fy / depth**3, np.nan)
     return AbsoluteFit(
         chi2=found.chi2,
-        freedom=2 * used.sum(axis=1) - (6 if upright is None else 4),
-        evidence=-0.5 * (found.chi2 + found.logarithm) - logarithms,
+        freedom=found.freedom,
+        evidence=found.evidence,
         target=target,
-        variance=variance,
+        variance=sigma**2,
         assignments=assignments,
         predicted=found.predicted,
         jacobian=found.jacobian,
@@ -263,8 +256,8 @@ def _pinhole_fit(
         positions=found.positions,
         rotation=found.rotation,
         translation=found.translation,
-        seen=found.positions[..., 2] > 0.0,
-        position_density=position_density,
+        seen=found.seen,
+        position_density=found.position_density,
         upright=upright,
     )
 

@@ -6,6 +6,7 @@ descent, in a small fraction of the time: a small match spent a quarter of it on
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,8 +41,6 @@ class FittedPoses(NamedTuple):
     """(K, 3)."""
     chi2: Floats
     """(K,), of the prior too."""
-    logarithm: Floats
-    """(K,) of the determinant of the normal equations."""
     covariance: Floats
     """(K, p, p)."""
     positions: Floats
@@ -50,6 +49,14 @@ class FittedPoses(NamedTuple):
     """(K, n, 2)."""
     jacobian: Floats
     """(K, n, 2, p)."""
+    evidence: Floats
+    """(K,)."""
+    freedom: NDArray[np.int64]
+    """(K,)."""
+    seen: NDArray[np.bool_]
+    """(K, n)."""
+    position_density: Floats
+    """(K,)."""
 
 
 class Vertical(NamedTuple):
@@ -103,11 +110,14 @@ def fitted_poses(
         rotation=np.empty((count, 3, 3)),
         translation=np.empty((count, 3)),
         chi2=np.empty(count),
-        logarithm=np.empty(count),
         covariance=np.empty((count, size, size)),
         positions=np.empty((count, n, 3)),
         predicted=np.empty((count, n, 2)),
         jacobian=np.empty((count, n, 2, size)),
+        evidence=np.empty(count),
+        freedom=np.empty(count, np.int64),
+        seen=np.empty((count, n), np.bool_),
+        position_density=np.empty(count),
     )
     _fit(points, rays, target, weight, camera, axes, prior, vertical, assignments, out)
     return out
@@ -171,7 +181,16 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
             derivative(out.positions[row, i], translation, camera, axes, out.jacobian[row, i])
         for p in range(size):
             normal[p, p] = normal[p, p] * (1.0 + 1e-12) + 1e-300
-        out.logarithm[row] = factored(normal, size)
+        out.evidence[row] = -0.5 * (chi2 + factored(normal, size))
+        out.freedom[row] = -4 if vertical.known else -6
+        for i in range(n):
+            out.seen[row, i] = out.positions[row, i, 2] > 0.0
+            if image[i] >= 0:
+                out.evidence[row] -= math.log(2.0 * math.pi) - 2.0 * math.log(weight[image[i]])
+                out.freedom[row] += 2
+        # a pixel subtends cos³ / (fx fy), and depth is the distance times the cosine
+        depth = translation[2]
+        out.position_density[row] = camera[0] * camera[1] / depth**3 if depth > 0.0 else np.nan
         for p in range(size):
             for q in range(size):
                 slope[q] = 1.0 if p == q else 0.0

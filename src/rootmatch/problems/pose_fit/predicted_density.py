@@ -28,6 +28,9 @@ def predicted_densities(target, variance, assignment, predicted, jacobian, covar
     size = covariance.shape[0]
     product = np.empty((2, size))
     constant = math.log(2.0 * math.pi * inflation)
+    alike = True
+    for j in range(target.shape[0]):
+        alike = alike and variance[j] == variance[0]
     for i in range(predicted.shape[0]):
         if not seen[i]:
             out[i] = -np.inf
@@ -60,13 +63,21 @@ def predicted_densities(target, variance, assignment, predicted, jacobian, covar
                 (a * svu - c * suu) * inverse, (a * svv - c * suv) * inverse,
             )  # fmt: skip
         across = 0.5 * (suv + svu)
-        before, logarithm = -1.0, 0.0
+        if alike:
+            # detections that are all equally noisy share all but the distance, in a loop that vectorises
+            a, c = suu + variance[0], svv + variance[0]
+            determinant = max(a * c - across * across, 1e-300)
+            logarithm, inverse = 0.5 * math.log(determinant) + constant, -0.5 / (determinant * inflation)
+            a, b, c = a * inverse, -2.0 * across * inverse, c * inverse
+            for j in range(target.shape[0]):
+                x, y = target[j, 0] - u, target[j, 1] - v
+                value = c * x * x + b * x * y + a * y * y - logarithm
+                out[i, j] = value if abs(value) < np.inf else -np.inf
+            continue
         for j in range(target.shape[0]):
             a, c = suu + variance[j], svv + variance[j]
             determinant = max(a * c - across * across, 1e-300)
-            if determinant != before:  # detections that are all equally noisy share a logarithm
-                before, logarithm = determinant, 0.5 * math.log(determinant) + constant
             x, y = target[j, 0] - u, target[j, 1] - v
             chi2 = (c * x * x - 2.0 * across * x * y + a * y * y) / (determinant * inflation)
-            value = -0.5 * chi2 - logarithm
+            value = -0.5 * chi2 - 0.5 * math.log(determinant) - constant
             out[i, j] = value if math.isfinite(value) else -np.inf

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
-from rootmatch.jit.decorators import driver, scalar
+from rootmatch.jit.decorators import driver, part, scalar
 from rootmatch.options import Options, option
 
 NOBODY = -1
@@ -181,25 +181,25 @@ def local_density(
     every = bool(ahead.all())
     inside = np.ascontiguousarray(positions) if every else positions[:, ahead]
     count = inside.shape[1]
+    k = max(neighbours, math.ceil(math.sqrt(count)))
+    if every and k < count < TREE_FROM:
+        order, out = inside[0].argsort(), np.empty(count)
+        _densities(inside, order, float(blur), np.empty((2, count)), np.empty(k + 1), out)
+        return out
     centred = inside - inside.sum(axis=1, keepdims=True) / count
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
-    k = max(neighbours, math.ceil(math.sqrt(count)))
     density = np.full(positions.shape[1], overall)
     if k < count:
-        near = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
-        if every:
-            return np.asarray(near)
-        density[ahead] = near
+        density[ahead] = np.maximum(overall, k / (np.pi * (_reach2(inside, k) + blur * blur)))
     return density
 
 
 def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Squared distance (m,) of each position (2, m) to its k-th neighbour."""
     if positions.shape[1] < TREE_FROM:
-        order, out = np.argsort(positions[0]), np.empty(positions.shape[1])
-        _kth_distance2(positions[0, order], positions[1, order], order, np.empty(k + 1), out)
-        return out
+        between = ((positions[:, :, None] - positions[:, None]) ** 2).sum(axis=0)
+        return np.asarray(np.partition(between, k, axis=1)[:, k])
     from scipy.spatial import cKDTree  # slow to import, and few detections have no need of it
 
     distance, _ = cKDTree(positions.T).query(positions.T, k=[k + 1])
@@ -229,7 +229,7 @@ def _renumber(cells, images, places, about, out):  # type: ignore[no-untyped-def
                     out[row, column] = m
 
 
-@driver(nogil=True, error_model="numpy")
+@part
 def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyped-def]
     """Squared distance of each position to its k-th neighbour, from the next ones across outwards.
 
@@ -259,6 +259,24 @@ def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyp
                 else:
                     right = right + 1 if within else m
         out[order[i]] = nearest[last]
+
+
+@driver(nogil=True, error_model="numpy")
+def _densities(positions, order, blur, sorted_positions, nearest, out):  # type: ignore[no-untyped-def]
+    """`local_density` (m,) of positions (2, m), given their order across; the arrays before ``out`` are scratch."""
+    m, blur2 = order.size, blur * blur
+    u, v, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(m):
+        sorted_positions[0, i], sorted_positions[1, i] = positions[0, order[i]], positions[1, order[i]]
+        u, v = u + positions[0, i], v + positions[1, i]
+    for i in range(m):
+        du, dv = positions[0, i] - u / m, positions[1, i] - v / m
+        suu, suv, svv = suu + du * du, suv + du * dv, svv + dv * dv
+    suu, suv, svv = suu / m + blur2, suv / m, svv / m + blur2
+    overall = m / (4.0 * np.pi * np.sqrt(suu * svv - suv * suv))
+    _kth_distance2(sorted_positions[0], sorted_positions[1], order, nearest, out)
+    for i in range(m):
+        out[i] = max(overall, (nearest.size - 1) / (np.pi * (out[i] + blur2)))
 
 
 @scalar

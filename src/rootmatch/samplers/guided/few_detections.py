@@ -12,8 +12,10 @@ from rootmatch.samplers.guided.detection_grid import DetectionGrid, cells_of_som
 
 
 class FewDetections(NamedTuple):
-    """Some of the detections: no others are solved for, and what others are nearest to meets nothing."""
+    """The detections of an assignment: no others are solved for, and what others are nearest to meets nothing."""
 
+    assignment: NDArray[np.int64]
+    """(n,)."""
     images: NDArray[np.int64]
     """(m,) their numbers."""
     tables: Any
@@ -24,9 +26,10 @@ class FewDetections(NamedTuple):
 
     @classmethod
     def of(
-        cls, tables: Any, grid: DetectionGrid, allowed: NDArray[np.bool_], images: NDArray[np.int64]
+        cls, tables: Any, grid: DetectionGrid, allowed: NDArray[np.bool_], assignment: NDArray[np.int64]
     ) -> FewDetections:
-        """Those with some numbers, of tables without padding, a grid and a mask of all detections."""
+        """Those of an assignment, of tables without padding, a grid and a mask of all detections."""
+        images = np.sort(assignment[assignment >= 0])
         count = grid.positions.shape[1]
         few = grid._replace(
             cells=cells_of_some(grid, images),
@@ -35,4 +38,6 @@ class FewDetections(NamedTuple):
             density=grid.density[images],
         )
         fewer = with_targets(tables, images[padded_places(len(images))], count)
-        return cls(images, fewer, few, np.ascontiguousarray(allowed[:, images]) if allowed.size else allowed)
+        return cls(
+            assignment, images, fewer, few, np.ascontiguousarray(allowed[:, images]) if allowed.size else allowed
+        )

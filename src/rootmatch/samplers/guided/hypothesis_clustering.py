@@ -60,19 +60,21 @@ def cluster(
         Candidates of each cluster: those of its leader, then of the others; −1 for none.
     """
     most = min(most, len(best))
-    leaders = np.empty(most, np.int64)
-    lists = np.full((most, best.shape[1], options.candidates), -1)
-    size = (best >= 0).sum(axis=1)
+    leaders, size = np.empty(most, np.int64), np.empty(len(best), np.int64)
+    lists = np.empty((most, best.shape[1], options.candidates), np.int64)
     made = _cluster(evidence, best, candidates, float(options.shared), float(options.weak), size, leaders, lists)
     return leaders[:made], lists[:made]
 
 
 @driver(nogil=True)
 def _cluster(evidence, best, candidates, least_shared, weak, size, leaders, lists):  # type: ignore[no-untyped-def]
-    """Fill in leaders and lists; how many there are. ``size`` (K,) is how many correspondences each has."""
+    """Fill in leaders and lists; how many there are. ``size`` (K,) is scratch."""
     n, places = best.shape[1], lists.shape[2]
     made = 0
     for q in range(best.shape[0]):
+        size[q] = 0
+        for d in range(n):
+            size[q] += best[q, d] >= 0
         home = -1
         for g in range(made):
             leader = leaders[g]
@@ -89,6 +91,9 @@ def _cluster(evidence, best, candidates, least_shared, weak, size, leaders, list
             home = made
             leaders[home] = q
             made += 1
+            for d in range(n):
+                for place in range(places):
+                    lists[home, d, place] = -1
         elif evidence[q] < weak * evidence[leaders[home]]:
             continue
         for d in range(n):

@@ -67,6 +67,9 @@ class BatchOptions(Options):
     """Survivors that are verified with several motions, whose few points hardly stand out before. Not tuned."""
     sets_per_verified_of_many: int = option(20, least=1)
     """Minimal sets solved for each further one, with several motions. A round value, not tuned."""
+    fair_part: float = option(0.5, least=0.0, most=1.0)
+    """Fraction of the ratio of a batch's best survivor, for one motion, below which others are not verified where that
+    one is beyond chance. A round value; that nothing else is found: benchmarks/record.py."""
     remembered: int = option(4_000, least=1)
     """Hypotheses that are kept from batch to batch. A round value, not tuned."""
     most_batches: int = option(16, least=1)
@@ -93,6 +96,9 @@ class RefinementOptions(Options):
     minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
     with less of it, four in six shuffles of a headset without normals were another side. A round value;
     `tests/test_guided.py` has such objects."""
+    rival_ratio: float = option(0.25, least=0.0, most=1.0)
+    """Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least
+    to be verified. A round value, half of `rival_evidence`, as a minimal set may predict worse than another."""
     lag: float = option(15.0, above=0.0)
     """Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
     benchmarks/constellations.py what turned out the most probable lagged by at most 7."""

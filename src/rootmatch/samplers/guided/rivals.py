@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 def try_rivals(search: Search) -> None:
     """Try minimal sets with the detections of the strongest hypothesis until no rival can well have been missed."""
     options, best = search.options, search._clustered()[2].best[0]
-    images = np.sort(best[best >= 0])
-    few = FewDetections.of(search.tables, search.grid, search.allowed, images)
+    few = FewDetections.of(search.tables, search.grid, search.allowed, best)
+    images = few.images
     arrangements = target_arrangements(len(images), search.minimal - 1)
     tried, pace = search._tried(), Pace(search.deadline, options.batches.chunks)
     least = max(search.minimal + 1, math.ceil(options.visibility.rival * len(images)))
@@ -58,13 +58,17 @@ def try_rivals(search: Search) -> None:
 def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSets]:
     """Waves of minimal sets; where so many are wanted, whichever, those that the search began with are among the first.
 
-    These are tried together with further ones: another wave takes as long as its kernel.
+    These are tried together with further ones, those that were to come if they are enough: another wave takes as long
+    as its kernel.
     """
     waves = search._waves()
     if wanted and search.first_sets is not None:
         first = search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
         lacking = min(wanted, search.options.sets.largest_wave) - len(first.points)
-        if lacking > 0 and len(points := _joined(waves, lacking)):
+        points = _joined(search.waves, lacking)
+        if len(points) < lacking:
+            points = _joined(waves, lacking)
+        if len(points):
             further = search._prepared(points, arrangements)
             first = PreparedSets(*(np.concatenate(pair) for pair in zip(first, further, strict=True)))
         yield first

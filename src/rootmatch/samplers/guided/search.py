@@ -32,6 +32,7 @@ from rootmatch.samplers.guided.sequential_test import (
     sequential_test,
 )
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
+from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.verification import verify
 from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
 
@@ -77,6 +78,8 @@ class Search:
         self.refined_at, self.refined_clusters = -1, 0
         self.first_sets: PreparedSets | None = None
         """Those of the first wave."""
+        self.waves: Iterator[Integers] = iter(())
+        """Those that are still to come."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
@@ -91,7 +94,8 @@ class Search:
         batch = options.start if self.single and not self.normals else options.first
         pace = Pace(self.deadline, options.chunks)
         tried, sets_done = self._tried(), 0
-        for wave, points in enumerate(self._waves()):
+        self.waves = self._waves()
+        for wave, points in enumerate(self.waves):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
             self.first_sets = self.first_sets or sets
@@ -222,7 +226,8 @@ class Search:
         )  # fmt: skip
         if among is not None:
             survivors[..., 2:] = among.images[survivors[..., 2:]]
-        self._keep(sets.points, survivors, ratios, counts, most)
+        known = None if among is None else among.assignment
+        self._keep(sets.points, survivors, ratios, counts, most, known=known)
 
     def _kept_of(self, solved: int) -> tuple[int, int, int]:
         """Of so many minimal sets: survivors that are verified, those that a chunk keeps, threads."""
@@ -243,17 +248,29 @@ class Search:
         ratios: NDArray[np.float64],
         counts: Integers,
         most: int,
+        known: Integers | None = None,
     ) -> None:
-        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m)."""
+        """Count what was done, and verify at most so many survivors of the sets ``points`` (S, m).
+
+        Of rivals of a ``known`` assignment (n,) only those that may be another pose. Where the best survivor turns out
+        to be beyond chance, the weak ones are not verified.
+        """
         solved, tested, looked_up = counts.sum(axis=0).tolist()
         self.solved += solved
         self.tested += tested
         self.evaluated += solved + looked_up
-        survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
-        (chosen,) = (survivors[:, 0] >= 0).nonzero()
-        if len(chosen):
-            chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:most]]
-            self._verify(points[survivors[chosen, 0]], survivors[chosen, 1:])
+        found = Survivors.of(points, survivors, ratios, most)
+        if known is not None and len(found.ratios):
+            found = found.rivals_of(known, self.options.refinement.rival_ratio)
+        if not len(found.ratios):
+            return
+        first, level, before = len(found.ratios), self._false_alarm_level(), len(self.hypotheses)
+        if self.single and found.ratios[0] > level:
+            first = int((found.ratios >= self.options.batches.fair_part * found.ratios[0]).sum())
+        self._verify(found.points[:first], found.images[:first])
+        met = len(self.hypotheses) > before and self.hypotheses[-1].evidence.max() > level
+        if first < len(found.ratios) and not met:
+            self._verify(found.points[first:], found.images[first:])
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates."""

@@ -68,9 +68,8 @@ def verify(
         Detections within the gate, nearest first, then −1.
     """
     count, n, n_target = len(points), tables.points.shape[1], tables.rays.shape[1]
-    evidence = np.full(count, -np.inf)
-    best = np.full((count, n), -1)
-    candidates = np.full((count, n, options.candidates), -1)
+    evidence, best = np.empty(count), np.empty((count, n), np.int64)
+    candidates = np.empty((count, n, options.candidates), np.int64)
     scratch = (
         np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(options.candidates), np.empty(n_target)
     )  # fmt: skip
@@ -96,6 +95,11 @@ def _verify(  # type: ignore[no-untyped-def]
     for q in range(count):
         i = points[q]
         j = images[q]
+        evidence[q] = -np.inf
+        for d in range(n):
+            best[q, d] = -1
+            for place in range(places):
+                candidates[q, d, place] = -1
         if not predict_set(tables, i, j, roots[q], out):
             continue
         for k in range(n_target):
@@ -118,9 +122,13 @@ def _verify(  # type: ignore[no-untyped-def]
             held = 0
             # far off along one of the axes is far off, as most detections are; in a loop that vectorises
             x, y, z, spread = out[3, d], out[4, d], out[5, d], out[9, d]
+            u, v, w, width = out[6, d], out[7, d], out[8, d], out[11, d]
             for k in range(n_target):
                 along = x * rays[0, k] + y * rays[1, k] + z * rays[2, k]
-                beyond[k] = along * along - gate2 * (spread + variance[k])
+                across = u * rays[0, k] + v * rays[1, k] + w * rays[2, k]
+                far = along * along - gate2 * (spread + variance[k])
+                wide = across * across - gate2 * (width + variance[k])
+                beyond[k] = far if far > wide else wide
             for k in range(n_target):
                 if beyond[k] > 0.0 or (masked and not allowed[d, k]):
                     continue

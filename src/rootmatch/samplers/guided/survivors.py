@@ -1,0 +1,49 @@
+"""The survivors of a batch's sequential tests, those of the highest ratio: what of a batch is verified."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+
+class Survivors(NamedTuple):
+    """Hypotheses that a sequential test did not drop, those of the highest ratio first."""
+
+    sets: Integers
+    """(K,) number of the minimal set of each."""
+    points: Integers
+    """(K, m) its source points."""
+    images: Integers
+    """(K, 1 + m) number of the root, and image of each of those points."""
+    ratios: NDArray[np.float64]
+    """(K,) log-likelihood ratios, descending."""
+
+    @classmethod
+    def of(cls, points: Integers, survivors: Integers, ratios: NDArray[np.float64], most: int) -> Survivors:
+        """At most so many of the survivors (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
+        survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
+        (chosen,) = (survivors[:, 0] >= 0).nonzero()
+        chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:most]]
+        survivors = survivors[chosen]
+        sets = survivors[:, 0]
+        return cls(sets, points[sets], survivors[:, 1:], ratios[chosen])
+
+    def take(self, which: NDArray[np.bool_] | slice) -> Survivors:
+        """Some of them."""
+        return Survivors(self.sets[which], self.points[which], self.images[which], self.ratios[which])
+
+    def rivals_of(self, assignment: Integers, part: float) -> Survivors:
+        """Those that may be another pose than that of an assignment (n,) which explains nearly as much.
+
+        Another one has at least this part of the assignment's own ratio, if that was met again.
+        """
+        same = (assignment[self.points] == self.images[:, 1:]).all(axis=1)
+        if not same.any():
+            return self
+        # the same images at two roots may be two poses: points on the axis of a symmetric object
+        alone = same & (np.bincount(self.sets[same], minlength=int(self.sets.max()) + 1)[self.sets] == 1)
+        return self.take((self.ratios >= part * self.ratios[same].max()) & ~alone)
