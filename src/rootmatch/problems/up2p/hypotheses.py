@@ -13,9 +13,10 @@ from rootmatch.problems.up2p.quadratic import faces
 
 def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
     """Differences of the other points to each pair's first, and the normals as they are."""
-    points, normals = t.points.T, t.normals.T  # with their cosines
-    position = points[others] - points[sets[:, 0], None]
-    return np.concatenate([position, normals[others]], axis=2), np.ascontiguousarray(normals[sets])
+    rows = np.concatenate([t.points.T, t.normals.T], axis=1)  # with their cosines
+    every = rows[others]
+    every[..., :3] -= rows[sets[:, 0], None, :3]
+    return every, np.ascontiguousarray(rows[sets, 3:])
 
 
 @scalar

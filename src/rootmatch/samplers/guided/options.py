@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rootmatch.jit.threads import threads_worth
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.detection_grid import GridOptions
 from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
@@ -74,6 +75,17 @@ class BatchOptions(Options):
     """Hypotheses that are kept from batch to batch. A round value, not tuned."""
     most_batches: int = option(16, least=1)
     """Batches whose hypotheses are kept apart until they are joined and the weakest forgotten. A round value."""
+
+    def kept_of(self, solved: int, single: bool) -> tuple[int, int, int]:
+        """Of so many minimal sets, for one motion or more: survivors verified, those that a chunk keeps, threads."""
+        if single:
+            # of a batch smaller than the first one of other searches, as many in proportion
+            least = min(self.least_verified, solved * self.least_verified // self.first + 1)
+            most = max(least, solved // self.sets_per_verified)
+        else:
+            most = max(self.least_verified_of_many, solved // self.sets_per_verified_of_many)
+        keep = max(self.least_kept_per_chunk, int(most * self.chunk_surplus / self.chunks))
+        return most, keep, threads_worth(solved // self.sets_per_thread)
 
 
 @dataclass(frozen=True)

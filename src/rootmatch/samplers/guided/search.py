@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Iterator
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -192,6 +191,8 @@ class Search:
         if self.normals and self.single:
             return True  # another pose is sought among its rivals
         leaders, _, hypotheses = self._clustered()
+        if self.single and (hypotheses.best[0] >= 0).sum() >= self.options.stopping.complete * min(self.shape):
+            return True
         return enough_found(
             hypotheses.take(leaders), self._false_alarm_level(), self.shape,
             motions=self.motions, solved=self.solved, options=self.options.stopping,
@@ -219,7 +220,8 @@ class Search:
         tables, grid, allowed = self.padded, self.grid, self.allowed
         if among is not None:
             tables, grid, allowed = among.tables, among.grid, among.allowed
-        most, keep, threads = self._kept_of((last - first) * (grid.positions.shape[1] - self.minimal + 1))
+        solved = (last - first) * (grid.positions.shape[1] - self.minimal + 1)
+        most, keep, threads = options.kept_of(solved, self.single)
         survivors, ratios, counts = run_sequential_tests(
             tables, grid, test, sets, arrangements,
             first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
@@ -228,18 +230,6 @@ class Search:
             survivors[..., 2:] = among.images[survivors[..., 2:]]
         known = None if among is None else among.assignment
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
-
-    def _kept_of(self, solved: int) -> tuple[int, int, int]:
-        """Of so many minimal sets: survivors that are verified, those that a chunk keeps, threads."""
-        options = self.options.batches
-        if self.single:
-            # of a batch smaller than the first one of other searches, as many in proportion
-            least = min(options.least_verified, solved * options.least_verified // options.first + 1)
-            most = max(least, solved // options.sets_per_verified)
-        else:
-            most = max(options.least_verified_of_many, solved // options.sets_per_verified_of_many)
-        keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
-        return most, keep, max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
 
     def _keep(
         self,
