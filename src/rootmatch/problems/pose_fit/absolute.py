@@ -229,12 +229,11 @@ def _pinhole_fit(
     """The same for a camera without a lens, compiled."""
     from rootmatch.problems.pose_fit.pinhole_fit import Vertical, fitted_poses  # takes Numba
 
-    rays = camera.bearings(target)
-    if upright is None:
-        axes, prior, vertical = np.eye(3), np.zeros(6), Vertical(points, rays, np.eye(3), np.eye(3), False)
-    else:
-        axes, prior = upright.camera[[1, 0, 2]], np.zeros(6)
-        vertical = Vertical(points @ upright.world.T, rays @ upright.camera.T, upright.world, upright.camera, True)
+    rays, axes, prior = camera.bearings(target), np.eye(3), np.zeros(6)
+    vertical: Vertical | None = None
+    if upright is not None:
+        axes = upright.camera[[1, 0, 2]]
+        vertical = Vertical(points @ upright.world.T, rays @ upright.camera.T, upright.world, upright.camera)
         if upright.noise > 0.0:
             prior[1:3] = upright.noise**-2.0
         else:

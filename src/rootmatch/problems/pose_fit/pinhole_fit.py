@@ -70,8 +70,6 @@ class Vertical(NamedTuple):
     """(3, 3)."""
     camera: Floats
     """(3, 3)."""
-    known: bool
-    """Whether there is one."""
 
 
 def fitted_poses(
@@ -82,7 +80,7 @@ def fitted_poses(
     camera: Floats,
     axes: Floats,
     prior: Floats,
-    vertical: Vertical,
+    vertical: Vertical | None,
     assignments: NDArray[np.int64],
 ) -> FittedPoses:
     """The best pose of each assignment.
@@ -101,7 +99,8 @@ def fitted_poses(
         Of the camera frame, about which a pose turns.
     prior : (a + 3,) array
         Inverse variances of turns and translation.
-    vertical : Vertical
+    vertical : Vertical, optional
+        Neither case is compiled for the other.
     assignments : (K, n) int64 array
         −1 where unmatched; at least three matches in each.
     """
@@ -138,7 +137,7 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
     for row in range(assignments.shape[0]):
         image = assignments[row]
         first, second, descents = 0, 1, 2
-        if vertical.known:
+        if vertical is not None:
             descents = 1
             start_upright(
                 image, weight, vertical.points, vertical.rays, vertical.world, vertical.camera,
@@ -182,7 +181,9 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
         for p in range(size):
             normal[p, p] = normal[p, p] * (1.0 + 1e-12) + 1e-300
         out.evidence[row] = -0.5 * (chi2 + factored(normal, size))
-        out.freedom[row] = -4 if vertical.known else -6
+        out.freedom[row] = -6
+        if vertical is not None:
+            out.freedom[row] = -4
         for i in range(n):
             out.seen[row, i] = out.positions[row, i, 2] > 0.0
             if image[i] >= 0:

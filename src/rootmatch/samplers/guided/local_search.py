@@ -59,6 +59,7 @@ class LocalSearch(Search):
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
         local = self.local = options.local
+        self.sure_sets = options.refinement.sets  # hypotheses grow by them
         self.neighbours = _nearest(self.positions, int(max(*local.points, local.looked_up)))
         self.near = _nearest(self.grid.positions.T, int(max(local.images)))
         n, n_target = self.neighbours.shape[1], self.near.shape[1]

@@ -98,6 +98,9 @@ class RefinementOptions(Options):
     """Fraction of the clusters that is solved anew then, if that is more. A round value, not tuned."""
     sets: int = option(8, least=1)
     """Minimal sets solved anew of each cluster. A round value, not tuned."""
+    sure_sets: int = option(4, least=1)
+    """The same of a cluster beyond chance, for one motion of few points without normals: it mostly grows no more. Half
+    as many; the same matches in benchmarks/record.py and benchmarks/matches.py."""
     rival: float = option(0.9, above=0.0, most=1.0)
     """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least. A round
     value."""

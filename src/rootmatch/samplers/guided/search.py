@@ -75,6 +75,9 @@ class Search:
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
         self.refined_at, self.refined_clusters = -1, 0
+        few = self.single and not self.normals
+        self.sure_sets = options.refinement.sure_sets if few else options.refinement.sets
+        """Minimal sets solved anew of a cluster that is beyond chance."""
         self.first_sets: PreparedSets | None = None
         """Those of the first wave."""
         self.waves: Iterator[Integers] = iter(())
@@ -289,9 +292,10 @@ class Search:
             return  # no rivals since
         self.refined_clusters = beyond_chance
         points, images = [], []
+        sets = self.sure_sets if beyond_chance else options.sets
         for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
             (matched,) = (hypotheses.best[leader] >= 0).nonzero()
-            chosen = widest(self.positions, matched, self.minimal, options.sets, self.rng, options=self.options.sets)
+            chosen = widest(self.positions, matched, self.minimal, sets, self.rng, options=self.options.sets)
             points.append(np.repeat(chosen, solutions, axis=0))
             images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
         if points:
