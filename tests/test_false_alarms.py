@@ -39,8 +39,8 @@ def test_mean_weight_of_a_true_hyperedge_is_that_of_its_law() -> None:
 
 
 @pytest.mark.parametrize(("problem", "n"), [(rm.P3P(CAMERA), 7), (rm.UP2P(CAMERA), 8)], ids=["p3p", "up2p"])
-def test_unrelated_points_are_trusted_once_in_a_hundred_at_most(problem: rm.Problem, n: int) -> None:
-    """What `TrustOptions.false_alarms` promises: chance finds an assignment as good in one scene of a hundred."""
+def test_unrelated_points_are_trusted_once_in_a_thousand_at_most(problem: rm.Problem, n: int) -> None:
+    """What `TrustOptions.false_alarms` promises: chance finds an assignment as good in one scene of a thousand."""
     scenes, trusted = 300, []
     for seed in range(scenes):
         rng = np.random.default_rng([seed, n])

@@ -84,7 +84,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    status = judged(math.inf if trusted else support, alarms, lead, probability)
+    most = TRUST.false_alarms_of_views if task.problem.source_is_image else TRUST.false_alarms
+    status = judged(math.inf if trusted else support, alarms, lead, probability, most)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS
     assessed = Assessment(

@@ -19,8 +19,10 @@ class TrustOptions:
         Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
     margin : float
         Least lead in score of a matched assignment where no probability is known.
-    false_alarms : float
-        Decimal logarithm of the expected number of false alarms.
+    false_alarms, false_alarms_of_views : float
+        Decimal logarithm of the expected number of false alarms up to which an object in an image, or the match of two
+        views, is trusted. For objects it is that of one in a thousand, by the goal; two views have one constraint a
+        point and would need half as many points again.
     beyond_clutter, beyond_clutter_of_views : float
         Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, for an
         object in an image and for two views, …  For an object they are odds against clutter that crowds as the
@@ -65,7 +67,8 @@ class TrustOptions:
 
     probability: float = 0.9
     margin: float = 0.2
-    false_alarms: float = -2.0
+    false_alarms: float = -3.0
+    false_alarms_of_views: float = -2.0
     beyond_clutter: float = 1.0
     beyond_clutter_of_views: float = math.log(100.0)
     beyond_clutter_of_rivals: float = -1.0
@@ -122,7 +125,9 @@ class Status(Enum):
         return self.value.format(to_tell=problem.to_tell, to_check=problem.to_check)
 
 
-def judged(score: float, alarms: float, lead: float, probability: float | None = None) -> Status:
+def judged(
+    score: float, alarms: float, lead: float, probability: float | None = None, most_alarms: float = TRUST.false_alarms
+) -> Status:
     """The status of an assignment: could it be a false alarm, and is it the only good one.
 
     Parameters
@@ -134,8 +139,10 @@ def judged(score: float, alarms: float, lead: float, probability: float | None =
         Lead in score over the best different assignment.
     probability : float, optional
         Of the assignment; it decides instead of the lead where it is known.
+    most_alarms : float
+        False alarms up to which it is trusted.
     """
-    if score <= 0.0 or alarms > TRUST.false_alarms:
+    if score <= 0.0 or alarms > most_alarms:
         return Status.UNTRUSTED
     sure = lead >= TRUST.margin if probability is None else probability >= TRUST.probability
     return Status.MATCHED if sure else Status.AMBIGUOUS
