@@ -140,6 +140,8 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
         for body in bodies:
             _predict(task, body, free, sure)
+    for body in bodies:
+        body.among = int(free.sum())  # what was predicted with more of them is no worse for that
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]
         searched = False
@@ -179,7 +181,6 @@ def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: flo
     if found is None:
         return
     body.match = _widened(found, part, columns)
-    body.among = len(columns)
     if found.status is Status.MATCHED and (found.probability or 0.0) >= sure:
         body.settled = True
         free[body.detections] = False
