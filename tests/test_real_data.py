@@ -28,8 +28,10 @@ def shuffled_view(
     return data["points3d"][chosen], image[seen[order]], problem, truth
 
 
-def test_headset_view_0(load_shared: Load) -> None:
-    source, target, problem, truth = shuffled_view(load_shared("vive_hmd_lighthouse"), 0, None, seed=0)
+@pytest.mark.parametrize("seed", range(4))
+def test_headset_view_0(load_shared: Load, seed: int) -> None:
+    """Another side of the headset explains nearly as much, and in half of the orders it is met first."""
+    source, target, problem, truth = shuffled_view(load_shared("vive_hmd_lighthouse"), 0, None, seed=seed)
     assert (len(source), len(target)) == (32, 12)
     match = rm.match(source, target, problem, noise=0.1)
     np.testing.assert_array_equal(match.assignment, truth)

@@ -80,7 +80,7 @@ class AbsoluteFit(Fit):
         if not self.position_density[k] > 0.0:
             return -np.inf
         used = self.assignments[k][self.assignments[k] >= 0]
-        position = float(density[used].mean()) / len(self.target) * float(self.position_density[k])
+        position = float(density[used].sum()) / (len(used) * len(self.target)) * float(self.position_density[k])
         rotations, tilt = (8.0 * np.pi**2, 0.0) if self.upright is None else (2.0 * np.pi, self.upright.noise)
         laplace = 0.5 * self.jacobian.shape[-1] * math.log(2.0 * np.pi)
         of_tilt = math.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
@@ -119,8 +119,8 @@ def absolute_fit(
     upright : Upright, optional
         The pose then has four parameters; two more, with the vertical as a prior, where that is not exact.
     """
-    points = source - source.mean(axis=0)
-    points = points / np.sqrt((points**2).mean())
+    points = source - source.sum(axis=0) / len(source)
+    points = points / np.sqrt((points**2).sum() / points.size)
     if isinstance(camera, Camera) and camera.lens is None:
         return _pinhole_fit(points, target, sigma, camera=camera, assignments=assignments, upright=upright)
     return lens_fit(points, target, sigma, camera=camera, assignments=assignments, upright=upright)

@@ -94,13 +94,15 @@ class UP2P(Problem):
 
         world, camera = self.rotations()
         rays = self.camera.bearings(points.target) @ camera.T
-        centred = (points.source - points.source.mean(axis=0)) @ world.T
-        if np.ptp(centred[:, [0, 2]], axis=0).max() <= 1e-9 * np.abs(centred).max():
+        # sums and extremes: `mean` and `ptp` take three times as long for few points
+        centred = (points.source - points.source.sum(axis=0) / len(points.source)) @ world.T
+        extent = centred.max(axis=0) - centred.min(axis=0)
+        if max(extent[0], extent[2]) <= 1e-9 * np.abs(centred).max():
             raise InputError(
                 "source: all points lie on one vertical line, which leaves the rotation open; add points off it"
             )
         return UP2PTables(
-            points=np.ascontiguousarray((centred / np.sqrt((centred**2).mean())).T),
+            points=np.ascontiguousarray((centred / np.sqrt((centred**2).sum() / centred.size)).T),
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),

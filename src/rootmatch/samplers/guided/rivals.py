@@ -58,16 +58,14 @@ def try_rivals(search: Search) -> None:
 def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSets]:
     """Waves of minimal sets; where so many are wanted, whichever, those that the search began with are among the first.
 
-    These are tried together with further ones, those that were to come if they are enough: another wave takes as long
-    as its kernel.
+    These are tried together with further ones: another wave takes as long as its kernel. All are wide ones again: those
+    that the search has left by then are narrow, and with them the rivals of a headset were missed.
     """
     waves = search._waves()
     if wanted and search.first_sets is not None:
         first = search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
         lacking = min(wanted, search.options.sets.largest_wave) - len(first.points)
-        points = _joined(search.waves, lacking)
-        if len(points) < lacking:
-            points = _joined(waves, lacking)
+        points = _joined(waves, lacking)
         if len(points):
             further = search._prepared(points, arrangements)
             first = PreparedSets(*(np.concatenate(pair) for pair in zip(first, further, strict=True)))

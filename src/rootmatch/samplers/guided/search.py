@@ -80,8 +80,6 @@ class Search:
         """Minimal sets solved anew of a cluster that is beyond chance."""
         self.first_sets: PreparedSets | None = None
         """Those of the first wave."""
-        self.waves: Iterator[Integers] = iter(())
-        """Those that are still to come."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False
@@ -96,8 +94,7 @@ class Search:
         batch = options.start if self.single and not self.normals else options.first
         pace = Pace(self.deadline, options.chunks)
         tried, sets_done = self._tried(), 0
-        self.waves = self._waves()
-        for wave, points in enumerate(self.waves):
+        for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
             test = self._test(wave)
             self.first_sets = self.first_sets or sets
@@ -197,7 +194,7 @@ class Search:
         if self.single and (hypotheses.best[0] >= 0).sum() >= self.options.stopping.complete * min(self.shape):
             return True
         return enough_found(
-            hypotheses.take(leaders), self._false_alarm_level(), self.shape,
+            hypotheses, leaders, self._false_alarm_level(), shape=self.shape,
             motions=self.motions, solved=self.solved, options=self.options.stopping,
         )  # fmt: skip
 

@@ -36,7 +36,8 @@ def false_alarm_level(tested: int, options: StoppingOptions) -> float:
 
 
 def enough_found(
-    leaders: Hypotheses,
+    hypotheses: Hypotheses,
+    leaders: NDArray[np.int64],
     level: float,
     shape: tuple[int, int],
     motions: float,
@@ -47,7 +48,8 @@ def enough_found(
 
     Parameters
     ----------
-    leaders : Hypotheses
+    hypotheses : Hypotheses
+    leaders : (G,) int64 array
         The strongest of each cluster, strongest first.
     level : float
         See `false_alarm_level`.
@@ -59,10 +61,10 @@ def enough_found(
     options : StoppingOptions
     """
     n, n_target = shape
-    minimal = leaders.points.shape[1]
+    minimal = hypotheses.points.shape[1]
     covered: NDArray[np.bool_] = np.zeros(n, np.bool_)
     sizes: list[int] = []
-    for best in leaders.best[leaders.evidence > level]:
+    for best in hypotheses.best[leaders[hypotheses.evidence[leaders] > level]]:
         matched = best >= 0
         if (matched & covered).sum() <= options.overlap * matched.sum():
             covered |= matched
