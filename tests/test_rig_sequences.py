@@ -285,6 +285,22 @@ def test_two_bodies_share_no_detection() -> None:
     assert not found.bodies["right"].prior_holds
 
 
+def test_a_predicted_body_in_doubt_keeps_what_is_believed() -> None:
+    """A detection beside one of its sightings leaves that in doubt, and neither the body nor the other one."""
+    scene = frame(3, 1, RIG, hands=2)
+    k, i = np.argwhere(scene.truth[:, :LEDS] >= 0)[4]
+    beside = scene.rows[scene.truth[k, i]] + np.array([0.8 * NOISE, 0.0, 0.0])
+    prior = {label: predicted(scene, 3, SPREAD / 5.0, body) for body, label in enumerate(LABELS)}
+    known = KNOWN | {"normals": NORMALS}
+    found = rm.match(POINTS, np.vstack([scene.rows, beside]), rm.P3P(RIG), bodies=NAMES, prior=prior, **known)
+    assert found.hyperedges == 0
+    assert found.bodies["left"].status is rm.Status.AMBIGUOUS
+    assert found.bodies["left"].prior_holds
+    assert found.bodies["right"].status is rm.Status.MATCHED
+    wrong = np.argwhere(found.sightings.assignment != scene.truth).tolist()
+    assert wrong in ([], [[k, i]])
+
+
 def test_a_mirror_image_in_front_of_all_cameras_is_told_apart() -> None:
     """Left and right are congruent but for a reflection: where one is in view, the other is not found in its place."""
     scene = frame(4, 0, RIG)
