@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.bodies import OPTIONS, _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
+from rootmatch.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
 from rootmatch.match import _solve
 from rootmatch.pipeline.body_labels import twin_points
+from rootmatch.pipeline.body_options import OPTIONS
 from rootmatch.pipeline.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
