@@ -80,6 +80,8 @@ def test_a_right_prediction_decides_with_all_cameras(seed: int) -> None:
     again = pickle.loads(pickle.dumps(found))
     np.testing.assert_array_equal(again.sightings.assignment, scene.truth)
     json.dumps(match_record(found), allow_nan=False)
+    with pytest.raises(InputError, match="several images"):
+        found.report("page.html")
 
 
 def test_the_fit_is_that_of_least_squares() -> None:
@@ -395,6 +397,22 @@ def test_a_flight_of_bodies_on_the_command_line(tmp_path: Path) -> None:
     record = json.loads(result.stdout)
     assert record["sightings"] == scene.truth.tolist()
     assert record["hyperedges"] == 0
+
+    output = tmp_path / "matches.csv"
+    result = CliRunner().invoke(app, [*image[:-1], "--prior", str(tmp_path / "prior.json"), "--output", str(output)])
+    assert result.exit_code == 0, result.stderr
+    listed = list(csv.DictReader(output.read_text().splitlines()))
+    assert [int(row["source"]) for row in listed] == np.flatnonzero((scene.truth >= 0).any(axis=0)).tolist()
+    for row in listed:  # of the first camera that sees the point
+        first = scene.truth[:, int(row["source"])]
+        assert int(row["target"]) == first[first >= 0][0]
+        assert float(row["residual"]) < 5.0 * NOISE
+    for option in ("--plot", "--report"):
+        result = CliRunner().invoke(
+            app, [*image, option, str(tmp_path / ("x.png" if option == "--plot" else "x.html"))]
+        )
+        assert result.exit_code == 2
+        assert "several images" in result.stderr
 
     write_table(frames, ("frame", "x", "y"), [(0, 1.0, 2.0)])
     result = CliRunner().invoke(app, ["track", str(model), str(frames), *common])

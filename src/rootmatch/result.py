@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.on_demand import OnDemand, all_read
 from rootmatch.pipeline.assessment import (
@@ -307,6 +308,10 @@ class Match:
         RootmatchError
             If the extra is not installed.
         """
+        if self.sightings is not None:
+            raise InputError(
+                "report: a rig has several images, which a page does not show; see `sightings` and `poses`"
+            )
         from rootmatch.report.html import write_report  # plotly and jinja2 are needed here alone
 
         write_report(self, path, **options)

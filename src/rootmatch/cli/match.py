@@ -104,6 +104,12 @@ def match(
     from rootmatch import io
     from rootmatch.cameras.rig import rig_of
 
+    if rig_of(posed) is not None:
+        for name, path in (("plot", plot), ("report", report)):
+            if path is not None:
+                raise InputError(
+                    f"{flag(name)}: a rig has several images, which it does not show; use --json or --output"
+                )
     # 0 where the points say it
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)

@@ -31,11 +31,18 @@ def match_weights(match: Match) -> NDArray[np.float64]:
 
 
 def match_residuals(match: Match) -> NDArray[np.float64]:
-    """Distance (n,) of each source point's target from where the pose of its motion predicts it, NaN for none."""
+    """Distance (n,) of each source point's target from where the pose of its motion predicts it, NaN for none.
+
+    Of a rig that of its first sighting.
+    """
     residuals = np.full(len(match.assignment), np.nan)
     for pose in match.poses if match.problem.least_for_pose else []:
-        if pose is not None:
-            residuals[pose.points] = pose.residuals
+        if pose is None or pose.points is None or pose.residuals is None:
+            continue
+        points, first = pose.points % len(residuals), np.ones(len(pose.points), np.bool_)
+        if match.sightings is not None:
+            first = match.sightings.assignment.ravel()[pose.points] == match.assignment[points]
+        residuals[points[first]] = pose.residuals[first]
     return residuals
 
 
