@@ -84,7 +84,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    most = TRUST.false_alarms_of_views if task.problem.source_is_image else TRUST.false_alarms
+    most = TRUST.most_false_alarms(task.problem.source_is_image, bool((assignment >= 0).all()))
     status = judged(math.inf if trusted else support, alarms, lead, probability, most)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS
