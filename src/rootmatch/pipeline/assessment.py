@@ -84,7 +84,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    most = TRUST.most_false_alarms(task.problem.source_is_image, bool((assignment >= 0).all()))
+    whole = task.points.normals is not None or bool((assignment >= 0).all())
+    most = TRUST.most_false_alarms(task.problem.source_is_image, whole)
     status = judged(math.inf if trusted else support, alarms, lead, probability, most)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS

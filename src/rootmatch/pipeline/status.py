@@ -22,9 +22,10 @@ class TrustOptions:
     false_alarms, false_alarms_of_whole, false_alarms_of_views : float
         Decimal logarithm of the expected number of false alarms up to which an assignment is trusted: of part of an
         object, one in a thousand, which is the goal for 8 to 20 unrelated points; of all of its points, which hardly
-        happens by chance but where they are few; and of two views, which have one constraint a point. With one in a
-        thousand for all, 18 instead of 6 of 100 right matches of six LEDs without clutter would not be trusted
-        (`benchmarks/constellations.py`, seeds below 250).
+        happens by chance but where they are few, or where normals say that the others are hidden; and of two views,
+        which have one constraint a point. With one in a thousand for all, 18 instead of 6 of 100 right matches of six
+        LEDs without clutter would not be trusted (`benchmarks/constellations.py`, seeds below 250), and of the headset
+        with a fifth of its sensors undetected 22 instead of 11.
     beyond_clutter, beyond_clutter_of_views : float
         Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, for an
         object in an image and for two views, …  For an object they are odds against clutter that crowds as the
