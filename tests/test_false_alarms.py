@@ -40,14 +40,14 @@ def test_mean_weight_of_a_true_hyperedge_is_that_of_its_law() -> None:
 
 @pytest.mark.parametrize(("problem", "n"), [(rm.P3P(CAMERA), 7), (rm.UP2P(CAMERA), 8)], ids=["p3p", "up2p"])
 def test_unrelated_points_are_trusted_once_in_a_hundred_at_most(problem: rm.Problem, n: int) -> None:
-    """What `TrustOptions.false_alarms_of_whole` promises of few points: chance is as good in one scene of a hundred."""
+    """What `TrustOptions.false_alarms` promises of few points: chance is as good in one scene of a hundred."""
     scenes, trusted = 300, []
     for seed in range(scenes):
         rng = np.random.default_rng([seed, n])
         source, target = rng.uniform(-2, 2, (n, 3)), rng.uniform(0, 480, (n, 2))
         if rm.match(source, target, problem, noise=0.5).status is not rm.Status.UNTRUSTED:
             trusted.append(seed)
-    assert len(trusted) <= 10**TRUST.false_alarms_of_whole * scenes, trusted
+    assert len(trusted) <= 10**TRUST.false_alarms * scenes, trusted
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])

@@ -57,12 +57,15 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     probability, trusted, support = None, False, scores[0]
     found: Ranked | None = None
     fault: Misfit | None = None
+    part = False  # whether it leaves out points, with no other assignment weighed
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if task.problem.point_clouds(task.points) is not None:
         fault = misfit_of_motion(task, assignment)
     elif not proposed and clear(assignment, lead, sampled.tensor):
         # hyper-edges may agree pair by pair without a pose that suits all of them
-        fault = misfit(task, assignment) if fits(task, assignment) else None
+        if fits(task, assignment):
+            fault = misfit(task, assignment)
+            part = task.points.normals is None and not (assignment >= 0).all()
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
         searched = [assignment, *(other for other, _ in alternatives), *proposed]
         found = ranked_with_twins(task, searched, consensus=sampled.consensus)
@@ -84,8 +87,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    whole = task.points.normals is not None or bool((assignment >= 0).all())
-    most = TRUST.most_false_alarms(task.problem.source_is_image, whole)
+    most = TRUST.most_false_alarms(task.problem.source_is_image, part)
     status = judged(math.inf if trusted else support, alarms, lead, probability, most)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS

@@ -19,13 +19,12 @@ class TrustOptions:
         Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
     margin : float
         Least lead in score of a matched assignment where no probability is known.
-    false_alarms, false_alarms_of_whole, false_alarms_of_views : float
-        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted: of part of an
-        object, one in a thousand, which is the goal for 8 to 20 unrelated points; of all of its points, which hardly
-        happens by chance but where they are few, or where normals say that the others are hidden; and of two views,
-        which have one constraint a point. With one in a thousand for all, 18 instead of 6 of 100 right matches of six
-        LEDs without clutter would not be trusted (`benchmarks/constellations.py`, seeds below 250), and of the headset
-        with a fifth of its sensors undetected 22 instead of 11.
+    false_alarms, false_alarms_of_part : float
+        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted, and of one that
+        leaves out points of an object and whose rivals no pose has weighed: one in a thousand, which is the goal for 8
+        to 20 unrelated points. With that for all, 18 instead of 6 of 100 right matches of six LEDs without clutter
+        would not be trusted (`benchmarks/constellations.py`, seeds below 250), and of the headset with a fifth of its
+        sensors undetected 22 instead of 11.
     beyond_clutter, beyond_clutter_of_views : float
         Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, for an
         object in an image and for two views, …  For an object they are odds against clutter that crowds as the
@@ -70,9 +69,8 @@ class TrustOptions:
 
     probability: float = 0.9
     margin: float = 0.2
-    false_alarms: float = -3.0
-    false_alarms_of_whole: float = -2.0
-    false_alarms_of_views: float = -2.0
+    false_alarms: float = -2.0
+    false_alarms_of_part: float = -3.0
     beyond_clutter: float = 1.0
     beyond_clutter_of_views: float = math.log(100.0)
     beyond_clutter_of_rivals: float = -1.0
@@ -93,11 +91,9 @@ class TrustOptions:
     clear_support: float = 0.4
     clear_rival: float = 0.05
 
-    def most_false_alarms(self, views: bool, whole: bool) -> float:
-        """Those up to which an assignment between two views is trusted, or of an object, or of all of its points."""
-        if views:
-            return self.false_alarms_of_views
-        return self.false_alarms_of_whole if whole else self.false_alarms
+    def most_false_alarms(self, views: bool, part: bool) -> float:
+        """Those up to which an assignment is trusted: of two views, which have one constraint a point, or of part."""
+        return self.false_alarms_of_part if part and not views else self.false_alarms
 
 
 TRUST = TrustOptions()
