@@ -8,7 +8,7 @@ fits both by least squares and takes the more likely. It knows the noise, and wh
 flights it adds up the logarithms of the likelihoods of all frames (their noise is independent), and is right in the
 frames in which the true pose is ahead. Nothing that is not told the truth can be right more often, but by chance or by
 what does not show in the positions: which sensors are hidden is told apart as well with ``--visibility`` (70 degrees
-from their normals, to half a degree), which changes next to nothing, as the halves face alike.
+from their normals, to half a degree), which changes little, as the halves face alike.
 
 Scenes and flights are those of benchmarks/bodies.py and benchmarks/tracking.py.
 """
@@ -46,7 +46,7 @@ class Judge:
 
     def __init__(self, scenes: ModuleType, visibility: bool) -> None:
         self.source, self.normals = scenes.HEADSET, scenes.NORMALS
-        ((self.R, self.t),) = [pair[:2] for pair in near_symmetries(self.source, self.normals, 1)]
+        ((self.R, self.t),) = near_symmetries(self.source, self.normals, 1)
         off = np.linalg.norm((self.source @ self.R.T + self.t)[:, None] - self.source, axis=2)
         self.image = np.where(off.min(axis=1) < ALIKE, off.argmin(axis=1), -1)
         self.visibility = visibility
