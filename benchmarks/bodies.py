@@ -16,8 +16,10 @@ compiled. Defaults are chosen on seeds below 4000.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +28,10 @@ import numpy as np
 from constellations import judge, load_scenes
 from numpy.typing import NDArray
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
 import rootmatch as rm
+from rig_scenes import controller
 
 LEAST_VISIBLE = 7
 VIEW = 70.0
@@ -48,17 +53,6 @@ class Scene:
     truth: NDArray[np.int64]
     camera: rm.Camera
     poses: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-
-
-def controller(leds: int = 22, seed: int = 7) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points and unit normals of a controller: LEDs irregularly on a ring 9 cm wide, every fourth facing inwards."""
-    rng = np.random.default_rng(seed)
-    angle = (np.arange(leds) + rng.uniform(-0.3, 0.3, leds)) * (2.0 * np.pi / leds)
-    radius, height = 0.045 + rng.uniform(-0.004, 0.004, leds), rng.uniform(-0.014, 0.014, leds)
-    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
-    outward = np.where(np.arange(leds) % 4 == 3, -1.0, 1.0)
-    normals = np.column_stack([outward * np.cos(angle), outward * np.sin(angle), rng.uniform(-0.8, 0.8, leds)])
-    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def bodies(scenes: ModuleType) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:

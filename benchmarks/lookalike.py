@@ -26,15 +26,13 @@ from constellations import load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.pipeline.near_symmetries import near_symmetries
+from rootmatch.pipeline.near_symmetries import symmetries_of
 from rootmatch.pipeline.task import MatchingTask
 
 Floats = NDArray[np.float64]
 
 LEAST = 4
 """Detections with which poses can be told apart at all."""
-ALIKE = 0.002
-"""Distance, in metres, up to which a sensor is the copy of another one."""
 FACING = 0.01
 """Margin, in cosines, beyond which a sensor is surely seen, or hidden."""
 DECIDED = 30.0
@@ -46,9 +44,7 @@ class Judge:
 
     def __init__(self, scenes: ModuleType, visibility: bool) -> None:
         self.source, self.normals = scenes.HEADSET, scenes.NORMALS
-        ((self.R, self.t),) = near_symmetries(self.source, self.normals, 1)
-        off = np.linalg.norm((self.source @ self.R.T + self.t)[:, None] - self.source, axis=2)
-        self.image = np.where(off.min(axis=1) < ALIKE, off.argmin(axis=1), -1)
+        self.R, self.t, self.image = symmetries_of(self.source, self.normals)[0]
         self.visibility = visibility
         self.area = float(scenes.W * scenes.H)
 

@@ -161,9 +161,9 @@ def decided(
             turned = before[best].filter.turned(R, t)
             pose = turned.predicted(time)
             poses = [what.pose for _, _, what in every if what is not None and what.believed]
-            if all(float(np.trace(pose.R.T @ one.R)) < NEAR for one in poses):
+            if not any(_alike(pose.R, one.R) for one in poses):
                 # what was known of it stays known
-                near = next((one for one in before if float(np.trace(turned.R.T @ one.filter.R)) >= NEAR), before[best])
+                near = next((one for one in before if _alike(turned.R, one.filter.R)), before[best])
                 rival = RivalPose(turned, near.evidence, near.visibility)
                 every += _taken(rival, *follow(pose), there=True, kept=False, time=time)
     every.sort(key=lambda one: -one[0].total)
@@ -177,7 +177,7 @@ def decided(
     ranked = [one for one in ranked if one[0].tentative or one[0].total > firm - NEGLIGIBLE]
     shares = shares_of([rival for rival, _, _ in ranked])
     rival, match, found = ranked[0]
-    apart = any(float(np.trace(rival.filter.R.T @ one.filter.R)) < NEAR for one, _, _ in ranked[1:])
+    apart = any(not _alike(rival.filter.R, one.filter.R) for one, _, _ in ranked[1:])
     decides = bool(shares[0] >= (SURE if apart else TRUST.probability))
     if found is not None and match.status is not Status.UNTRUSTED:
         sure = decides and float(shares[0]) * found.probability >= TRUST.probability
@@ -254,6 +254,11 @@ def _apart(found: Found, second: PriorFit) -> tuple[Found, Found]:
         runner_up=None,
     )
     return replace(found, probability=1.0 / (1.0 + rest), runner_up=None), other
+
+
+def _alike(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Whether two rotations are of one pose, not of copies turned against each other."""
+    return float((first * second).sum()) >= NEAR
 
 
 def _worth_following(found: Found) -> bool:

@@ -57,7 +57,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     probability, trusted, support = None, False, scores[0]
     found: Ranked | None = None
     fault: Misfit | None = None
-    part = False  # whether it leaves out points, with no other assignment weighed
+    part = False  # whether it leaves out points of an object, with no other assignment weighed
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if task.problem.point_clouds(task.points) is not None:
         fault = misfit_of_motion(task, assignment)
@@ -65,7 +65,8 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
         # hyper-edges may agree pair by pair without a pose that suits all of them
         if fits(task, assignment):
             fault = misfit(task, assignment)
-            part = task.points.normals is None and not (assignment >= 0).all()
+            of_object = not task.problem.source_is_image
+            part = of_object and task.points.normals is None and not (assignment >= 0).all()
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
         searched = [assignment, *(other for other, _ in alternatives), *proposed]
         found = ranked_with_twins(task, searched, consensus=sampled.consensus)
@@ -87,7 +88,7 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    most = TRUST.most_false_alarms(task.problem.source_is_image, part)
+    most = TRUST.false_alarms_of_part if part else TRUST.false_alarms
     status = judged(math.inf if trusted else support, alarms, lead, probability, most)
     if status is Status.MATCHED and sampled.missed > TRUST.missed:
         status = Status.AMBIGUOUS

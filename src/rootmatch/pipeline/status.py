@@ -91,10 +91,6 @@ class TrustOptions:
     clear_support: float = 0.4
     clear_rival: float = 0.05
 
-    def most_false_alarms(self, views: bool, part: bool) -> float:
-        """Those up to which an assignment is trusted: of two views, which have one constraint a point, or of part."""
-        return self.false_alarms_of_part if part and not views else self.false_alarms
-
 
 TRUST = TrustOptions()
 
