@@ -25,10 +25,10 @@ from rootmatch.pipeline.decide import TRUST, Facts, Status
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.finding import Finding, nothing_found
 from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.predicted import direct_match
+from rootmatch.pipeline.predicted import direct_match, judged_by_prediction
 from rootmatch.pipeline.rig_task import RigCopies, twin_of
 from rootmatch.pipeline.task import MatchingTask
-from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.samplers.guided.sampler import pays
 
 Integers = NDArray[np.int64]
 Solve = Callable[[MatchingTask], Finding]
@@ -169,11 +169,13 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
     sub = part.subset(np.arange(len(body.points)), columns)
     try:
         of_rig = isinstance(sub.problem, RigCopies)
-        bounded = sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
+        bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = replace(sub, options=replace(sub.options, sampler=Guided(budget=budget)))
+            sub = replace(sub, budget=budget)
         found = solve(sub)
+        if part.predicted is not None:
+            found = judged_by_prediction(replace(sub, predicted=part.predicted), found)
     except UnseenPixelError as error:
         if not task.predicted_bodies:
             raise

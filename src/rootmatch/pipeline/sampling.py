@@ -141,6 +141,8 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.scheduler is not None:
         return _for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
+    if automatic and task.budget is not None:
+        return (_guided(task.budget) if pays(sampling) else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)

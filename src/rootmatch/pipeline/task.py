@@ -161,6 +161,8 @@ class MatchingTask:
         A predicted pose with its covariance.
     predicted_bodies : dict
         Those of several bodies, by label.
+    budget : int, optional
+        Evaluations of a guided search that a tracker or the search for several bodies bounds.
     deadline : Deadline
         When every stage hands on what it has found.
     """
@@ -176,6 +178,7 @@ class MatchingTask:
     bodies: BodyLabels | None = None
     predicted: Pose | None = None
     predicted_bodies: dict[Label, Pose] = field(default_factory=dict)
+    budget: int | None = None
     deadline: Deadline = NEVER
 
     @classmethod
@@ -314,23 +317,22 @@ class MatchingTask:
         return replace(self, points=points, noise=sigma, estimates_noise=False)
 
     def body(self, k: int) -> Self:
-        """The task of one of the bodies and all detections, with its priors."""
+        """The task of one of the bodies and all detections, with its predicted pose."""
         assert self.bodies is not None
-        points = self.bodies.points_of(k)
-        prior = None if self.prior is None else np.ascontiguousarray(self.prior[points])
-        one = self.subset(points, np.arange(self.shape[1]))
-        return replace(one, prior=prior, predicted=self.predicted_bodies.get(self.bodies.names[k]))
+        one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
+        return replace(one, predicted=self.predicted_bodies.get(self.bodies.names[k]))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
-        """The task of some of the points, evaluated in this process, without the prior."""
-        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[np.ix_(source, target)])
+        """The task of some of the points, evaluated in this process, without a predicted pose."""
+        some = np.ix_(source, target)
+        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
         return replace(
             self,
             problem=self.problem.of_some(source, target),
             points=self.points.subset(source, target),
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,
-            prior=None,
+            prior=None if self.prior is None else np.ascontiguousarray(self.prior[some]),
             bodies=None,
             predicted=None,
             predicted_bodies={},
