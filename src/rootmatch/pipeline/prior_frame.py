@@ -330,9 +330,15 @@ def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Flo
 
 
 def _squared(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """χ² and determinant of spread + variance · 1, in terms that are none of them negative.
+
+    A spread of rank one, far wider than the variance, has a determinant of rounding alone, of either sign.
+    """
     x = target[:, 0] - pixels[..., 0, None]
     y = target[:, 1] - pixels[..., 1, None]
-    a, c = spread[..., 0, 0, None] + variance, spread[..., 1, 1, None] + variance
+    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
     b = spread[..., 0, 1, None]
-    determinant = a * c - b * b
-    return (c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant
+    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
+    x2, y2 = x * x, y * y
+    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
+    return (across + variance * (x2 + y2)) / determinant, determinant

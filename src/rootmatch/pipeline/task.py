@@ -211,14 +211,15 @@ class MatchingTask:
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
-            noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
+            noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
         least = None if prior is None else 1
         points = problem.validated(
             source, target, noise, normals, view_angle, least_target=least, distinct=bodies is None
         )
-        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
-        weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
+        pixel = problem.noise_pixels(points.source, points.target)[1]
+        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
+        weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
         allowed, weights = split_candidates(candidates, *points.shape)
         labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
         if prior is not None:
@@ -312,7 +313,8 @@ class MatchingTask:
 
     def with_noise(self, sigma: float) -> Self:
         """The same task with another noise, the same for all points; nothing is estimated any more."""
-        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name)
+        pixels = self.problem.noise_pixels(self.points.source, self.points.target)
+        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
         points = self.points.with_noise(*parsed)
         return replace(self, points=points, noise=sigma, estimates_noise=False)
 
