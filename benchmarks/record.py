@@ -48,7 +48,7 @@ CLOSE = 1e-6
 """Difference of a probability or a confidence, and of a covariance over its standard deviations."""
 DEVIATIONS = 1e-9
 """Difference of a pose over its standard deviation."""
-ROUNDING = 1e-12
+ROUNDING = 1e-13
 """Rounding of a pose, over the size of its translation or over 1: exact data have next to no standard deviation."""
 SHOWN = 3
 """Values of one difference that are printed."""
