@@ -109,9 +109,9 @@ def described(match: rm.Match) -> dict[str, Any]:
         "assignment": match.assignment.tolist(),
         "status": match.status.name,
         "score": match.score,
-        "motions": match.motions.tolist(),
+        "motions": match.motion_labels.tolist(),
         "alternatives": [[other.tolist(), float(score)] for other, score in match.alternatives],
-        "hyperedges": int(match.hyperedges),
+        "hyperedges": int(match.evaluated),
         "entries": len(match.tensor.weights),
         "noise": float(np.mean(match.noise)),
     }
@@ -156,9 +156,7 @@ def cases() -> Iterator[tuple[str, Any]]:
         yield run(f"up2pf-{s}", absolute(1500 + s, 7, 1, 0.3, **upright), rm.UP2PF((320.0, 240.0)), noise=0.3)
         yield run(f"similarity-{s}", flat(1600 + s, 12, 4, 0.01, 2, 2.5), rm.Similarity(2), noise=0.01)
         yield run(f"rigid-{s}", flat(1700 + s, 12, 4, 0.01, 3, 1.0), rm.Rigid(3), noise=0.01)
-        yield run(
-            f"p3p-random-{s}", absolute(1800 + s, 9, 0, 0.5), p3p, noise=0.5, hyperedges="random", samples=200_000
-        )
+        yield run(f"p3p-random-{s}", absolute(1800 + s, 9, 0, 0.5), p3p, noise=0.5, sampler="random", samples=200_000)
     for s in range(5):
         yield run(f"p3p-motions-{s}", absolute(1900 + s, 14, 0, 0.3, motions=2), p3p, noise=0.3, motions=2)
         yield run(f"p3p-rrwhm-{s}", absolute(2000 + s, 8, 2, 0.5), p3p, noise=0.5, solver="rrwhm")

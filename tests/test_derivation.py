@@ -495,7 +495,7 @@ def test_a_sampler_is_used_and_a_wrong_one_refused() -> None:
 
 def test_constraints_can_be_limited() -> None:
     problem = derive(
-        "limited",
+        "stopped_early",
         lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0])),
         minimal=2,
         shared=x,

@@ -115,10 +115,10 @@ def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch
     clear = []
     for seed in range(20):
         scene = up2p_scene(10, 5, 1.0, seed, hidden=1)
-        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
+        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
         with monkeypatch.context() as patch:
             patch.setattr(assessment, "clear", lambda *_: clear.append(False))
-            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
+            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
         np.testing.assert_array_equal(given.assignment, closer.assignment)
         assert given.status is closer.status
     assert len(clear) == 20

@@ -45,7 +45,7 @@ def test_a_right_prior_decides(seed: int) -> None:
     assert match.status is rm.Status.MATCHED
     assert match.prior_holds
     assert np.array_equal(match.assignment, made["truth"])
-    assert match.hyperedges == 0
+    assert match.evaluated == 0
     assert match.probability is not None
     assert match.probability > 0.9
     pose = match.fused_pose

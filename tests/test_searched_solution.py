@@ -19,9 +19,7 @@ SCENE = up2p_scene(20, 20, noise=1.0, seed=7)
 
 @pytest.fixture(scope="module")
 def searched() -> tuple[MatchingTask, SampledTensor]:
-    task = MatchingTask.of(
-        SCENE.problem, SCENE.source, SCENE.target, noise=1.0, options=MatchOptions(hyperedges="guided")
-    )
+    task = MatchingTask.of(SCENE.problem, SCENE.source, SCENE.target, noise=1.0, options=MatchOptions(sampler="guided"))
     return task, sample(task)
 
 

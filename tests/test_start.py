@@ -83,7 +83,7 @@ def test_a_match_imports_scipy_where_it_is_needed_only() -> None:
 
 
 def test_match_is_the_function_after_its_module_was_imported() -> None:
-    code = "import rootmatch.match, rootmatch; assert type(rootmatch.match).__name__ == 'function'"
+    code = "import rootmatch.api, rootmatch; assert type(rootmatch.match).__name__ == 'function'"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

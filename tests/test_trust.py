@@ -34,7 +34,7 @@ def test_unrelated_points_and_sampled_hyperedges() -> None:
     rng = np.random.default_rng(5)
     for _ in range(5):
         source, target = rng.uniform(-2.0, 2.0, (20, 3)), rng.uniform((0.0, 0.0), (640.0, 480.0), (20, 2))
-        match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, hyperedges="random", samples=100_000)
+        match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, sampler="random", samples=100_000)
         assert match.status is rm.Status.UNTRUSTED
 
 

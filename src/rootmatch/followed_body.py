@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.options import Options, option
+from rootmatch.pipeline.decide import Status
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.motion_filter import DEFAULT_MOTION, MotionFilter, MotionOptions
+from rootmatch.pipeline.predicted import free_pose
 from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.status import Status
-from rootmatch.predicted import free_pose
-from rootmatch.result import Match
 from rootmatch.rival_poses import LIKELY, Decided, RivalPose, Shape
 from rootmatch.rival_search import searched
 
@@ -126,21 +126,21 @@ class FollowedBody:
         for rival in self.rivals:
             rival.presume(time)
 
-    def start(self, match: Match, time: float) -> None:
+    def start(self, match: Finding, time: float) -> None:
         """Take the match of a frame that was searched while the body was lost."""
         if match.status is Status.UNTRUSTED:
             return
         after = searched(match, [], self.shape, time)
         self.hold(after, match.task.shape[1])
 
-    def take(self, match: Match | None, predicted: bool, time: float) -> None:
+    def take(self, match: Finding | None, predicted: bool, time: float) -> None:
         """Take the match of a frame, which was made with a prior or without, where only one pose is followed.
 
         With a prior that holds, a doubt about one detection does not stop the filter.
         """
         held = match is not None and match.prior_holds is True and match.status is not Status.UNTRUSTED
         sure = match is not None and match.status is Status.MATCHED
-        if match is None or not (sure or (held and (match.fitted_probability or 0.0) >= LIKELY)):
+        if match is None or not (sure or (held and (match.probability or 0.0) >= LIKELY)):
             self.miss(time)
             return
         self.missed, self.detections, self.settled = 0, match.task.shape[1], True

@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.pipeline.decide import TRUST, Status
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
 from rootmatch.pipeline.pose_flip import flipped_pose
+from rootmatch.pipeline.predicted import match_of, pose_of
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found
 from rootmatch.pipeline.prior_frame import PriorFit
-from rootmatch.pipeline.status import TRUST, Status
-from rootmatch.predicted import match_of, pose_of
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match
 
 MOST = 4
 """Poses that are followed at once, a millisecond each in every frame. A round value."""
@@ -92,7 +92,7 @@ class Decided:
 
     Attributes
     ----------
-    match : Match
+    match : Finding
         Of the most likely of the poses; ambiguous unless it is sure.
     left : list of RivalPose
         Those that are still followed, the most likely first.
@@ -102,7 +102,7 @@ class Decided:
         Whether there is hardly a doubt which of them it is.
     """
 
-    match: Match
+    match: Finding
     left: list[RivalPose]
     found: Found | None
     sure: bool
@@ -129,7 +129,7 @@ class Shape:
 
 def decided(
     rivals: Sequence[RivalPose],
-    follow: Callable[[Pose], tuple[Match, Found | None]],
+    follow: Callable[[Pose], tuple[Finding, Found | None]],
     time: float,
     shape: Shape | None = None,
 ) -> Decided:
@@ -151,7 +151,7 @@ def decided(
     before = [replace(rival, filter=rival.filter.copy()) for rival in rivals] if shape is not None else []
     tried = [follow(rival.filter.predicted(time)) for rival in rivals]
     there = any(what is not None and what.believed for _, what in tried)
-    every: list[tuple[RivalPose, Match, Found | None]] = []
+    every: list[tuple[RivalPose, Finding, Found | None]] = []
     for rival, (match, what) in zip(rivals, tried, strict=True):
         every += _taken(rival, match, what, there=there, kept=only or not rival.tentative, time=time)
     every.sort(key=lambda one: -one[0].total)
@@ -167,7 +167,7 @@ def decided(
                 rival = RivalPose(turned, near.evidence, near.visibility)
                 every += _taken(rival, *follow(pose), there=True, kept=False, time=time)
     every.sort(key=lambda one: -one[0].total)
-    distinct: dict[bytes, tuple[RivalPose, Match, Found | None]] = {}
+    distinct: dict[bytes, tuple[RivalPose, Finding, Found | None]] = {}
     for one in every:
         same = one[2] is not None and one[2].believed
         distinct.setdefault(one[1].assignment.tobytes() if same else id(one[0]).to_bytes(8, "little"), one)
@@ -180,23 +180,20 @@ def decided(
     apart = any(not _alike(rival.filter.R, one.filter.R) for one, _, _ in ranked[1:])
     decides = bool(shares[0] >= (SURE if apart else TRUST.probability))
     if found is not None and match.status is not Status.UNTRUSTED:
-        sure = decides and float(shares[0]) * found.probability >= TRUST.probability
+        probability = float(shares[0]) * found.probability
+        of_others = [other for _, other, what in ranked[1:] if what is not None]
         match = replace(
-            match,
-            status=Status.MATCHED if sure else Status.AMBIGUOUS,
-            fitted_probability=float(shares[0]) * found.probability,
-            alternatives=[
-                *((other.assignment, other.score) for _, other, what in ranked[1:] if what is not None),
-                *match.alternatives,
-            ],
+            match.with_facts(probability=probability, contested=not decides),
+            others=[*(other.assignment for other in of_others), *match.others],
+            scores=[match.every_score[0], *(other.every_score[0] for other in of_others), *match.every_score[1:]],
         )
     believed = found if found is not None and found.believed else None
     return Decided(match, [rival for rival, _, _ in ranked], believed, decides)
 
 
 def _taken(
-    rival: RivalPose, match: Match, found: Found | None, *, there: bool, kept: bool, time: float
-) -> list[tuple[RivalPose, Match, Found | None]]:
+    rival: RivalPose, match: Finding, found: Found | None, *, there: bool, kept: bool, time: float
+) -> list[tuple[RivalPose, Finding, Found | None]]:
     """A rival after a frame, and where what it found is not believed that as another one, which is tentative.
 
     ``there``: whether one of the rivals is believed: then the body is in view, and only its pose is in question.
@@ -204,7 +201,8 @@ def _taken(
     """
     if found is not None and there and not found.believed and _worth_following(found):
         found = replace(found, believed=True)
-        match = replace(match, status=Status.AMBIGUOUS, prior_holds=True, fused_pose=found.pose, fault=None)
+        match = match.with_facts(confirmed=True, contested=True)
+        match = replace(match, prior_holds=True, fused_pose=found.pose, reason=None)
     if found is not None and found.believed:
         rival.tentative = False
         taken = []

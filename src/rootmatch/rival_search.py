@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.pipeline.decide import TRUST, Facts, Status
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.motion_filter import MotionFilter, body_radius
+from rootmatch.pipeline.predicted import free_fits, pose_of
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, match_with_prior
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame
-from rootmatch.pipeline.status import TRUST, Status
-from rootmatch.predicted import free_fits, pose_of
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match
 from rootmatch.rival_poses import MOST, NEGLIGIBLE, SURE, TEMPER, Decided, RivalPose, Shape, shares_of
 
 TURNED, LOOSE = 2, 0.03
@@ -27,7 +27,7 @@ that three or four points showed may have drifted. Round values."""
 
 
 def searched(
-    match: Match,
+    match: Finding,
     before: Sequence[RivalPose],
     shape: Shape,
     time: float,
@@ -40,7 +40,7 @@ def searched(
 
     Parameters
     ----------
-    match : Match
+    match : Finding
         Of the frame, searched without a prediction, and not untrusted.
     before : sequence of RivalPose
         Those that were followed, none of which the frame confirmed. They are left as they are.
@@ -50,9 +50,9 @@ def searched(
     found : (n,) array, optional
         What a prediction found, but did not believe.
     """
-    least = match.problem.minimal + 1
-    every = [match.assignment, *(other for other, _ in match.alternatives), *([] if found is None else [found])]
-    scores = {one.tobytes(): score for one, score in [(match.assignment, match.score), *match.alternatives]}
+    least = match.task.problem.minimal + 1
+    every = [*match.every, *([] if found is None else [found])]
+    scores = {one.tobytes(): score for one, score in zip(match.every, match.every_score, strict=True)}
     distinct = {one.tobytes(): one for one in every if (one >= 0).sum() >= least}
     fits = free_fits(match.task, list(distinct.values())[:MOST])
     fits += _turned(match, fits[:TURNED], shape, set(distinct))
@@ -90,16 +90,20 @@ def searched(
     listed = fit.assignment.tobytes() in scores
     same = match.status is Status.MATCHED and np.array_equal(fit.assignment, match.assignment)
     sure = listed and shares[0] >= (TRUST.probability if same else SURE)
-    score = scores.pop(fit.assignment.tobytes(), fit.log_odds)
-    others = {one[1].assignment.tobytes(): one[1].log_odds for one in ranked[1:]} | scores
+    facts = match.facts
+    if not (same and sure):
+        facts = Facts(lead=match.facts.lead, probability=float(shares[0]), contested=not sure)
+    # the hyper-edges of an assignment that only the poses name were not evaluated
+    score = scores.pop(fit.assignment.tobytes(), math.nan)
+    others = dict.fromkeys((one[1].assignment.tobytes() for one in ranked[1:]), math.nan) | scores
     match = replace(
         match,
         assignment=fit.assignment,
-        score=score,
-        alternatives=[(np.frombuffer(one, np.int64), value) for one, value in others.items()],
-        motions=np.where(fit.assignment >= 0, 0, -1),
-        fitted_probability=match.fitted_probability if same and sure else float(shares[0]),
-        status=Status.MATCHED if sure else Status.AMBIGUOUS,
+        others=[np.frombuffer(one, np.int64) for one in others],
+        facts=facts,
+        scores=[score, *others.values()],
+        labels=None,
+        log_odds=fit.log_odds,
         prior_holds=held if before else None,
         fused_pose=pose_of(fit) if held else None,
     )
@@ -111,7 +115,7 @@ def _widened(pose: Pose, factor: float) -> Pose:
     return Pose.unchecked(pose.R, pose.t, factor**2 * pose.covariance)
 
 
-def _turned(match: Match, fits: Sequence[PriorFit], shape: Shape, known: set[bytes]) -> list[PriorFit]:
+def _turned(match: Finding, fits: Sequence[PriorFit], shape: Shape, known: set[bytes]) -> list[PriorFit]:
     """Fits of what each pose explains after a motion that leaves the body nearly as it is; others than those known."""
     loose = np.diag(np.repeat([LOOSE, LOOSE * body_radius(shape.source)], 3) ** 2)
     new: dict[bytes, NDArray[np.int64]] = {}
@@ -119,23 +123,23 @@ def _turned(match: Match, fits: Sequence[PriorFit], shape: Shape, known: set[byt
         for R, t in shape.symmetries:
             pose = Pose(fit.R @ R, fit.R @ t + fit.t, fit.covariance + loose)
             found = match_with_prior(match.task, pose)
-            if found is not None and found.matched > match.problem.minimal:
+            if found is not None and found.matched > match.task.problem.minimal:
                 key = found.assignment.tobytes()
                 if key not in known:
                     new[key] = found.assignment
     return free_fits(match.task, list(new.values()))
 
 
-def challengers(match: Match, current: Match, rival: RivalPose, shape: Shape, time: float) -> list[RivalPose]:
+def challengers(match: Finding, current: Finding, rival: RivalPose, shape: Shape, time: float) -> list[RivalPose]:
     """Other poses that a search found in a frame where the one that is followed misses much of what should be visible.
 
     Both are judged by this frame alone, and share the evidence of those before.
 
     Parameters
     ----------
-    match : Match
+    match : Finding
         Of the frame, searched without a prediction, and not untrusted.
-    current : Match
+    current : Finding
         Of the frame and the pose that is followed.
     rival : RivalPose
         That pose.
@@ -143,8 +147,8 @@ def challengers(match: Match, current: Match, rival: RivalPose, shape: Shape, ti
     time : float
         Of the frame, seconds.
     """
-    least = match.problem.minimal + 1
-    every = [match.assignment, *(other for other, _ in match.alternatives)]
+    least = match.task.problem.minimal + 1
+    every = match.every
     kept = current.assignment >= 0
     every = [
         one for one in every if (one >= 0).sum() >= least and 2 * (one == current.assignment)[kept].sum() < kept.sum()

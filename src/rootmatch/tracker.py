@@ -5,24 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.matcher import Matcher
-from rootmatch.pipeline.body_labels import BodyLabels, Label, check_bodies
+from rootmatch.pipeline.body_labels import Label
+from rootmatch.pipeline.decide import Status
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.near_symmetries import near_symmetries
 from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.rig_task import RigCopies
-from rootmatch.pipeline.status import Status
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match
-from rootmatch.rigs import of_copies, shown
+from rootmatch.result import Match, report
 from rootmatch.rival_poses import decided
 from rootmatch.rival_search import challengers, searched
 
@@ -47,7 +48,7 @@ class Tracker:
     problem : Problem
         `P3P`, also of a `Rig`, or `UP2P`.
     noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
+        Standard deviation of a pixel coordinate, in pixels, unless `update` is given another.
     tracking : TrackingOptions
         Frame rate, patience, and how fast bodies may move.
     **options
@@ -80,10 +81,7 @@ class Tracker:
         Capability.PRIOR.require(problem.takes_prior, problem.name)
         self.tracking = tracking
         self.time: float | None = None
-        labels = self.matcher.bodies
-        self.labels: BodyLabels | None = (
-            None if labels is None else check_bodies(labels, self.matcher.source, problem.order)
-        )
+        self.labels = self.matcher.labels
         self._frame = 0
         self._bodies: dict[Label | None, FollowedBody] = {}
         if self.labels is None:
@@ -127,7 +125,7 @@ class Tracker:
         for body in self._bodies.values():
             body.forget()
 
-    def match(
+    def update(
         self,
         target: ArrayLike,
         *,
@@ -162,35 +160,34 @@ class Tracker:
         InputError
             If the frame is not later than the one before, or as `rootmatch.Matcher.match`.
         """
+        started = perf_counter()
         when = self._time(time)
         self._frame += 1
+        deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
         if self.labels is not None:
-            found = self._match_bodies(target, when, prior, noise, max_seconds)
+            found = self._match_bodies(target, when, prior, noise, deadline)
         elif prior is not None:
-            found = self.matcher.follow(target, prior, noise, max_seconds, budget=self._budget)
-            self._bodies[None].take(of_copies(found), True, when)
+            found = self.matcher.follow(target, prior, noise, deadline, budget=self._budget)
+            self._bodies[None].take(found, True, when)
         else:
-            found = self._match_one(target, when, noise, max_seconds)
-            if isinstance(found.task.problem, RigCopies):
-                found = shown(found)
+            found = self._match_one(target, when, noise, deadline)
         self.time = when
-        return found
+        return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
     @property
     def _budget(self) -> int | None:
         """Evaluations of a search; None for the first frame, which may take as many as `rootmatch.match`."""
         return None if self.time is None else self.tracking.search_budget
 
-    def _match_one(self, target: ArrayLike, when: float, noise: ArrayLike | None, max_seconds: float | None) -> Match:
-        """The match of a frame with one body: with its prediction, or several, and searched where none holds."""
+    def _match_one(self, target: ArrayLike, when: float, noise: ArrayLike | None, deadline: Deadline) -> Finding:
+        """What is found of a frame with one body: with its prediction, or several, and searched where none holds."""
         body = self._bodies[None]
 
-        def search() -> Match:
-            return of_copies(self.matcher.follow(target, None, noise, max_seconds, budget=self._budget))
+        def search() -> Finding:
+            return self.matcher.follow(target, None, noise, deadline, budget=self._budget)
 
-        def follow(pose: Pose) -> tuple[Match, Found | None]:
-            match, what = self.matcher.tried(target, pose, noise)
-            return of_copies(match), what
+        def follow(pose: Pose) -> tuple[Finding, Found | None]:
+            return self.matcher.tried(target, pose, noise)
 
         if not body.rivals:
             found = search()
@@ -206,7 +203,7 @@ class Tracker:
                 if other.status is not Status.UNTRUSTED:
                     body.settled = False
                     body.rivals += challengers(other, after.match, after.left[0], body.shape, when)
-                return replace(after.match, hyperedges=other.hyperedges)
+                return replace(after.match, evaluated=other.evaluated)
             return after.match
         worth = body.worth_a_search(detections)
         body.rivals = after.left
@@ -218,7 +215,7 @@ class Tracker:
         if found.status is Status.UNTRUSTED:
             body.presume(when)
             # what was found about the prediction is more likely than what was found anywhere
-            return replace(after.match, hyperedges=found.hyperedges) if (after.match.assignment >= 0).any() else found
+            return replace(after.match, evaluated=found.evaluated) if (after.match.assignment >= 0).any() else found
         if not body.rivals:
             body.start(found, when)
             return found
@@ -232,9 +229,9 @@ class Tracker:
         when: float,
         prior: Pose | Mapping[Label, Pose] | None,
         noise: ArrayLike | None,
-        max_seconds: float | None,
-    ) -> Match:
-        """The match of a frame with several bodies."""
+        deadline: Deadline,
+    ) -> Finding:
+        """What is found of a frame with several bodies."""
         given = {label: pose for label, pose in self.predicted(when).items() if label is not None}
         if isinstance(prior, Mapping):
             given |= prior
@@ -242,10 +239,10 @@ class Tracker:
             raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
         lost = self.time is None or any(body.state is not TrackingState.TRACKING for body in self._bodies.values())
         searching = lost and (self._frame - 1) % self.tracking.search_every == 0
-        found = self.matcher.follow(target, given, noise, max_seconds, searching=searching, budget=self._budget)
+        found = self.matcher.follow(target, given, noise, deadline, searching=searching, budget=self._budget)
+        assert found.parts is not None
         for label, body in self._bodies.items():
-            one = None if found.bodies is None else of_copies(found.bodies[label])  # type: ignore[index]
-            body.take(one, label in given, when)
+            body.take(found.parts[label], label in given, when)  # type: ignore[index]
         return found
 
     def _time(self, time: float | None) -> float:

@@ -1,10 +1,10 @@
-"""Assessment: unsupported points are unmatched, probability and margin found, and the status follows by one rule."""
+"""Assessment of a solution: unsupported points are unmatched, probability and margin found, the facts stated."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,14 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.on_demand import OnDemand, changed
 from rootmatch.pipeline.confidence import of_one_pose
+from rootmatch.pipeline.decide import TRUST, Facts, Status
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.false_alarms import TRUE_WEIGHT, log10_false_alarms
+from rootmatch.pipeline.finding import Finding
+from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import log10_false_alarms_of_groups
 from rootmatch.pipeline.posterior import Misfit, Ranked, misfit, ranked
-from rootmatch.pipeline.status import TRUST, Status, judged
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.pipeline.twin_poses import twins_of
 from rootmatch.samplers.base import SampledTensor
@@ -31,24 +32,10 @@ SUPPORTED = 0.5
 """Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Assessment:
-    """What is reported of a solution; see `rootmatch.result.Match`."""
-
-    assignment: NDArray[np.int64]
-    score: OnDemand[float] = OnDemand()  # noqa: RUF009
-    margin: OnDemand[float] = OnDemand()  # noqa: RUF009
-    probability: float | None
-    alternatives: OnDemand[Alternatives] = OnDemand()  # noqa: RUF009
-    status: Status
-    confidence: NDArray[np.float64] | None = None
-    noise_factor: float | None = None
-
-
-def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment:
+def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
     """The solution without unsupported points, the most probable assignment near it, and whether to believe it."""
     if task.options.packs_motions:
-        return _of_motions(solution, task.shape)
+        return _of_motions(task, solution, sampled)
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
     if not task.options.is_paper:
         assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor, task.deadline)
@@ -89,13 +76,26 @@ def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> As
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
     most = TRUST.false_alarms_of_part if part else TRUST.false_alarms
-    status = judged(math.inf if trusted else support, alarms, lead, probability, most)
-    if status is Status.MATCHED and sampled.missed > TRUST.missed:
-        status = Status.AMBIGUOUS
-    assessed = Assessment(
-        assignment=assignment, score=score, margin=lead, probability=probability, alternatives=alternatives,
-        status=status, noise_factor=None if fault is None else fault.sigma,
-    )  # fmt: skip
+    assessed = Finding(
+        task=task,
+        assignment=assignment,
+        others=[other for other, _ in alternatives],
+        facts=Facts(
+            support=math.inf if trusted else support,
+            false_alarms=alarms,
+            tolerated_false_alarms=most,
+            lead=lead,
+            probability=probability,
+            missed=sampled.missed,
+        ),
+        tensor=sampled.tensor,
+        scores=[score, *(value for _, value in alternatives)],
+        soft=solution.soft,
+        labels=motion_labels(solution, assignment, sampled.tensor, task.options.motions),
+        converged=solution.converged,
+        evaluated=sampled.evaluated,
+        noise_factor=None if fault is None else fault.sigma,
+    )
     if found is None:
         return assessed
     return point_by_point(task, assessed, found, sampled)
@@ -144,9 +144,9 @@ def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfi
     if task.affinity.residual.kind not in NOISE_KINDS or (assignment >= 0).sum() <= problem.least_for_pose:
         return None
     (pose,) = problem.poses(task.points, assignment[None])
-    if pose is None or pose.chi2 is None or not pose.freedom:
+    if pose is None or pose.chi2 is None or not pose.dof:
         return None
-    return Misfit.of(pose.chi2, pose.freedom)
+    return Misfit.of(pose.chi2, pose.dof)
 
 
 def does_not_fit(fault: Misfit) -> bool:
@@ -156,8 +156,8 @@ def does_not_fit(fault: Misfit) -> bool:
     return fault.sigma >= TRUST.noise_factor and fault.chance < TRUST.noise_chance
 
 
-def point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, sampled: SampledTensor) -> Assessment:
-    """The assessment with the confidence of each match.
+def point_by_point(task: MatchingTask, assessed: Finding, found: Ranked, sampled: SampledTensor) -> Finding:
+    """The finding with the confidence of each match.
 
     Where the pose is sure and some of the matches are not, those are left out, and the rest is matched.
     """
@@ -165,22 +165,24 @@ def point_by_point(task: MatchingTask, assessed: Assessment, found: Ranked, samp
     if each is None:
         return assessed
     if assessed.status is Status.UNTRUSTED:
-        return changed(assessed, confidence=confidence_against_chance(found, assessed.assignment))
+        return replace(assessed, confidence=confidence_against_chance(found, assessed.assignment))
     if assessed.status is not Status.AMBIGUOUS or sampled.missed > TRUST.missed:
-        return changed(assessed, confidence=each.each)
+        return replace(assessed, confidence=each.each)
     matched = int((assessed.assignment >= 0).sum())
     doubt = max(1.0 - TRUST.probability, TRUST.wrong * matched)
     sure = each.without_unsure(assessed.assignment, max(task.problem.order + 1, TRUST.kept * matched), doubt)
     if sure is None:
-        return changed(assessed, confidence=each.each)
+        return replace(assessed, confidence=each.each)
     left_out = (sure < 0) & (assessed.assignment >= 0)
-    return changed(
+    probability = each.pose * float(np.prod(each.each[sure >= 0] / each.pose))
+    labels = assessed.labels
+    return replace(
         assessed,
         assignment=sure,
-        score=lambda: float(scores_of(sampled.tensor, sure[None])[0]),
-        probability=each.pose * float(np.prod(each.each[sure >= 0] / each.pose)),
-        alternatives=lambda: [(assessed.assignment, assessed.score), *assessed.alternatives][: TRUST.alternatives],
-        status=Status.MATCHED,
+        others=assessed.every[: TRUST.alternatives],
+        facts=replace(assessed.facts, probability=probability, sure_of_the_rest=True),
+        scores=None,
+        labels=None if labels is None else np.where(sure >= 0, labels, -1),
         confidence=np.where(left_out, each.unmatched, each.each),
     )
 
@@ -201,14 +203,14 @@ def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
     return able and alone and int((assignment >= 0).sum()) > task.problem.minimal
 
 
-def weighed(task: MatchingTask, assignment: NDArray[np.int64], alternatives: Alternatives) -> Ranked | None:
-    """An assignment whose fit the status had no need of, its alternatives and their neighbours, by probability.
+def weighed(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> Ranked | None:
+    """Assignments and their neighbours by probability, where the status had no need of the fit of the first one.
 
     None where there is no probability.
     """
-    if not fits(task, assignment):
+    if not fits(task, assignments[0]):
         return None
-    found = ranked_with_twins(task, [assignment, *(other for other, _ in alternatives)])
+    found = ranked_with_twins(task, assignments)
     return found if found.assignments else None
 
 
@@ -236,7 +238,7 @@ def confidence_of_motions(
         pixels = np.setdiff1d(np.arange(task.shape[1]), others)
         place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
         own = np.where(assignment[points] >= 0, place, -1)
-        each = confidence_in(weighed(alone.subset(points, pixels), own, []), own)
+        each = confidence_in(weighed(alone.subset(points, pixels), [own]), own)
         confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
     return confidence
 
@@ -253,18 +255,21 @@ def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) ->
     return bool(own.min() >= TRUST.clear_support * median and support.max() <= TRUST.clear_rival * median)
 
 
-def _of_motions(solution: Solution, shape: tuple[int, int]) -> Assessment:
+def _of_motions(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
     """Of groups of one motion each, every one supported by itself; its score is the evidence of the packing."""
     lead = solution.statistics.get("lead", 0.0)
-    alarms = log10_false_alarms_of_groups(solution, shape)
-    status = judged(solution.score, alarms, lead)
-    return Assessment(
+    alarms = log10_false_alarms_of_groups(solution, task.shape)
+    return Finding(
+        task=task,
         assignment=solution.assignment,
-        score=solution.score,
-        margin=lead,
-        probability=None,
-        alternatives=solution.alternatives,
-        status=status,
+        others=[other for other, _ in solution.alternatives],
+        facts=Facts(support=solution.score, false_alarms=alarms, lead=lead),
+        tensor=sampled.tensor,
+        scores=[solution.score, *(value for _, value in solution.alternatives)],
+        soft=solution.soft,
+        labels=motion_labels(solution, solution.assignment, sampled.tensor, task.options.motions),
+        converged=solution.converged,
+        evaluated=sampled.evaluated,
     )
 
 

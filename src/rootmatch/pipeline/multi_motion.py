@@ -51,7 +51,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         sampler = Completion()
         if not sampler.pays(rest.sampling_task):
             return solution, sampled
-    more = sample(replace(rest, options=replace(rest.options, hyperedges=sampler)))
+    more = sample(replace(rest, options=replace(rest.options, sampler=sampler)))
     source, target = np.divmod(more.tensor.indices, np.int32(len(pixels)))
     indices = (points[source] * task.shape[1] + pixels[target]).astype(np.int32)
     tensor = AffinityTensor.unchecked(

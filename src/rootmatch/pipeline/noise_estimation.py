@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from rootmatch.backends import cpu
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.task import MatchingTask
 
 FIRST_GUESS = 0.004
@@ -34,41 +34,14 @@ LEAST = 1e-3
 """Least σ over the first guess: exact data have none."""
 
 
-class Solved(Protocol):
-    """What the estimation needs of a match: the task that was solved, with its σ, and the assignment."""
-
-    @property
-    def task(self) -> MatchingTask:
-        """The task."""
-        ...
-
-    @property
-    def assignment(self) -> NDArray[np.int64]:
-        """Target of each source point, −1 where unmatched."""
-        ...
-
-    @property
-    def motions(self) -> NDArray[np.int64]:
-        """Motion of each source point, −1 where unmatched."""
-        ...
-
-    @property
-    def alternatives(self) -> list[tuple[NDArray[np.int64], float]]:
-        """Other assignments and their scores."""
-        ...
-
-
-S = TypeVar("S", bound=Solved)
-
-
-def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], S]) -> S:
-    """The match at a σ consistent with its own residuals.
+def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
+    """What is found at a σ consistent with its own residuals.
 
     Parameters
     ----------
     task : MatchingTask
     solve : callable
-        The match of a task whose noise is known.
+        What is found of a task whose noise is known.
     """
     guess = first = first_guess(task.image[0])
     match = solve(_round(task, guess))
@@ -93,7 +66,7 @@ def first_guess(target: NDArray[np.float64]) -> float:
     return FIRST_GUESS * float(np.linalg.norm(np.ptp(target, axis=0)))
 
 
-def estimated_noise(match: Solved, sigma: float) -> float:
+def estimated_noise(match: Finding, sigma: float) -> float:
     """σ from the residuals inside an assignment that was found with ``sigma``, NaN where there are too few.
 
     By χ² of the points of each motion about their best pose, where the problem fits poses. Else it is the scale at
@@ -101,8 +74,8 @@ def estimated_noise(match: Solved, sigma: float) -> float:
     """
     problem = match.task.problem
     squares, freedom = [], []
-    labels = range(int(match.motions.max(initial=-1)) + 1)
-    groups = [np.flatnonzero((match.motions == label) & (match.assignment >= 0)) for label in labels]
+    labels = range(int(match.motion_labels.max(initial=-1)) + 1)
+    groups = [np.flatnonzero((match.motion_labels == label) & (match.assignment >= 0)) for label in labels]
     for members in groups:
         if len(members) <= problem.order:
             continue
@@ -115,7 +88,7 @@ def estimated_noise(match: Solved, sigma: float) -> float:
     return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(match: Solved, members: NDArray[np.int64]) -> float:
+def _scale(match: Finding, members: NDArray[np.int64]) -> float:
     """Square of the true σ over the assumed one, by one group."""
     problem, points = match.task.problem, match.task.points
     if problem.fits_answers:
@@ -124,9 +97,9 @@ def _scale(match: Solved, members: NDArray[np.int64]) -> float:
         assignments = [alone]
         if len(members) == (match.assignment >= 0).sum():
             # with σ far too large a wrong assignment can seem as good as the right one, which fits far better
-            assignments += [other for other, _ in match.alternatives if (other >= 0).sum() >= len(members)]
+            assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
         fit = problem.fitted(points, np.array(assignments))
-        scale = np.maximum(fit.chi2 / fit.freedom, LEAST**2)
+        scale = np.maximum(fit.chi2 / fit.dof, LEAST**2)
         evidence = [float(fit.inflated(scale[k])[k]) for k in range(len(assignments))]
         return float(scale[int(np.argmax(evidence))]) / CENTRE
     order = members[wide_first(points.source[members])]

@@ -46,7 +46,7 @@ class Misfit(NamedTuple):
     `PosteriorOptions.noise_freedom` residuals."""
     sigma: float
     """Factor on σ by the residuals alone; NaN where a pose leaves none."""
-    freedom: int
+    dof: int
     """Degrees of freedom of that."""
 
     @classmethod
@@ -61,9 +61,9 @@ class Misfit(NamedTuple):
         """How often residuals are as large as that where σ is right."""
         from scipy.special import gammaincc  # slow to import, rarely needed
 
-        if not self.freedom:
+        if not self.dof:
             return 1.0
-        return float(gammaincc(0.5 * self.freedom, 0.5 * self.freedom * self.sigma**2))
+        return float(gammaincc(0.5 * self.dof, 0.5 * self.dof * self.sigma**2))
 
 
 NO_POSE = Misfit(math.inf, math.nan, 0)
@@ -216,7 +216,7 @@ def ranked(
     if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them
         beyond += log_odds_against_uniform(task, first)
     else:
-        rate = task.options.detection
+        rate = task.options.detection_rate
         beyond += log_odds_against_clutter(first, pool.visible(number), density, options, rate)
     known = _known(task, pool, number, (odds, detected, inflation), known)
     every = [every[place] for place in order]
@@ -259,13 +259,13 @@ def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions =
 
 
 def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
-    return Misfit.of(float(fit.chi2[k]), max(int(fit.freedom[k]), 0), options)
+    return Misfit.of(float(fit.chi2[k]), max(int(fit.dof[k]), 0), options)
 
 
 def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.float64]) -> float:
     """Probability that a visible point is detected: as given, or as an assignment has it."""
-    if task.options.detection is not None:
-        return min(task.options.detection, MOST_DETECTED)
+    if task.options.detection_rate is not None:
+        return min(task.options.detection_rate, MOST_DETECTED)
     matched = int(np.count_nonzero(assignment >= 0))
     return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
 
@@ -276,8 +276,8 @@ def _inflation(fits: list[tuple[Fit, int]], options: PosteriorOptions) -> float:
     Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so
     that an assignment which no pose fits does not become probable by taking everything for noise.
     """
-    least = int(fits[0][0].freedom[fits[0][1]]) - options.freedom_slack if fits else 0
-    fair = [_misfit(fit, k, options).variances for fit, k in fits if int(fit.freedom[k]) >= least]
+    least = int(fits[0][0].dof[fits[0][1]]) - options.freedom_slack if fits else 0
+    fair = [_misfit(fit, k, options).variances for fit, k in fits if int(fit.dof[k]) >= least]
     return min(max(1.0, min(fair, default=1.0)), options.most_inflation)
 
 

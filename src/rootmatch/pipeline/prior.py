@@ -192,7 +192,7 @@ def _convincing(fit: PriorFit | None, options: PriorOptions) -> bool:
     """Whether an assignment explains nearly all that should be visible, and fits."""
     if fit is None or fit.matched < options.least + 1:
         return False
-    return fit.matched >= options.complete * fit.expected and fit.chi2 <= options.fitting * max(fit.freedom, 1)
+    return fit.matched >= options.complete * fit.expected and fit.chi2 <= options.fitting * max(fit.dof, 1)
 
 
 def _settled(

@@ -73,7 +73,7 @@ class PriorFit:
     """Of the detections about the pose."""
     chi2_prior: float
     """Of the pose about the prior."""
-    freedom: int
+    dof: int
     """Degrees of freedom of their sum: two for each match, as the prior pays for the pose."""
     expected: float
     """Visible points."""
@@ -91,7 +91,7 @@ class PriorFit:
     def misfit(self) -> float:
         """Factor on the variances that the fit asks for; see `PosteriorOptions.noise_freedom`."""
         given = DEFAULT_OPTIONS.noise_freedom
-        return (given + self.chi2 + self.chi2_prior) / (given + self.freedom)
+        return (given + self.chi2 + self.chi2_prior) / (given + self.dof)
 
 
 class PriorFrame:
@@ -123,8 +123,8 @@ class PriorFrame:
         self.precision = (vectors / values / deviation[:, None]) @ (vectors / deviation[:, None]).T
         self.log_precision = -float(np.log(values).sum() + 2.0 * np.log(deviation).sum())
         self.tilt = math.sqrt(max(float(np.linalg.eigvalsh(prior.covariance[:3, :3])[-1]), 0.0))
-        self.detection = task.options.detection or USUAL_DETECTION
-        self.given_detection = task.options.detection
+        self.detection = task.options.detection_rate or USUAL_DETECTION
+        self.given_detection = task.options.detection_rate
         n_target = len(self.target)
         self.images = self.camera.images()
         self.area = clutter_area(self.target, sigma, self.images, self.camera.focal)
@@ -245,7 +245,7 @@ class PriorFrame:
             at=at,
             chi2=chi2,
             chi2_prior=chi2_prior,
-            freedom=2 * len(used),
+            dof=2 * len(used),
             expected=float(at.visible.sum()),
             log_odds=evidence + odds - clutter,
             visibility=odds,

@@ -90,7 +90,7 @@ def motions_of_pairs(task: MatchingTask, options: ProposedPairsOptions = OPTIONS
     soft[matched, assignment[matched]] = 1.0
     statistics = {"evidence": float(sum(evidence)), "lead": 1.0 if evidence else 0.0, "against_chance": 1.0}
     solution = Solution(
-        soft, assignment, float(tensor.weights.sum()), [], converged=not task.deadline.limited,
+        soft, assignment, float(tensor.weights.sum()), [], converged=not task.deadline.stopped_early,
         iterations=search.tried, statistics=statistics, groups=labels,
     )  # fmt: skip
     return solution, SampledTensor(tensor, search.tried)

@@ -143,7 +143,7 @@ def _check(task: MatchingTask) -> None:
     options = task.options
     if task.problem.name != "p3p":
         raise InputError(f"rig: {task.problem.name} takes one camera; use P3P(rig)")
-    searches = options.hyperedges in (None, "auto", "guided") or isinstance(options.hyperedges, Guided)
+    searches = options.sampler in (None, "auto", "guided") or isinstance(options.sampler, Guided)
     given = {
         "motions": options.motions != 1,
         "preset": options.preset is not None,

@@ -65,7 +65,7 @@ def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
     """The task with all hyper-edges, where a match that is not trusted comes of a quick search; else None."""
     if not sampled.partial or not _searched_first(task) or task.deadline.passed():
         return None
-    return replace(task, options=replace(task.options, hyperedges="exhaustive"))
+    return replace(task, options=replace(task.options, sampler="exhaustive"))
 
 
 def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
@@ -89,7 +89,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         sampled = sampler(sampling)
         if not isinstance(sampled, SampledTensor):
             raise InputError(
-                f"hyperedges: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
+                f"sampler: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
                 "rootmatch.samplers.base.SampledTensor"
             )
         if sampled.conclusive or not fallback or sampling.deadline.passed():
@@ -97,10 +97,10 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         searched = sampled.evaluated
     if sampler == "random":
         samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
-        most = LIMITS.random if options.limit is None else options.limit
+        most = LIMITS.random if options.max_evaluations is None else options.max_evaluations
         if samples > most:
             raise InputError(
-                f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise limit="
+                f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise max_evaluations="
             )
         backend = _backend(task, samples, single)
         tensor, evaluated = random_tensor(
@@ -116,7 +116,8 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         return SampledTensor(tensor, evaluated), backend
     backend = _backend(task, sampling.hyperedge_count, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
-    check_size(task.shape, sampling.hyperedge_count, most if options.limit is None else options.limit)
+    most = most if options.max_evaluations is None else options.max_evaluations
+    check_size(task.shape, sampling.hyperedge_count, most)
     tensor, evaluated = exhaustive_tensor(
         *_sizes(sampling),
         max_hyperedges=options.max_hyperedges,
@@ -136,11 +137,13 @@ def _sizes(sampling: SamplingTask) -> tuple[Any, residual_kinds.Kind, Affinity, 
 def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     """The sampler of a task, "exhaustive" and "random" by name, and whether all are evaluated if it finds nothing."""
     options, sampling = task.options, task.sampling_task
-    sampler: Any = options.sampler
+    sampler: Any = options.chosen_sampler
     if options.scheduler is not None:
         return _for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
-    affordable = LIMITS.affordable if options.limit is None else min(LIMITS.affordable, options.limit)
+    affordable = LIMITS.affordable
+    if options.max_evaluations is not None:
+        affordable = min(affordable, options.max_evaluations)
     fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
@@ -165,7 +168,7 @@ def _guided(budget: int | None) -> Guided:
 def _searched_first(task: MatchingTask) -> bool:
     """Whether a quick search comes before a sweep that is cheap itself: where poses judge what it finds."""
     options = task.options
-    default = options.sampler == "auto" and options.solver is None and options.scheduler is None
+    default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     return default and in_noise and options.backend not in selection.ON_CARD and is_quick(task.sampling_task)
 
@@ -180,7 +183,7 @@ def _for_workers(sampler: Any, backend: selection.Name) -> str:
         return "random"
     if sampler in ("auto", "exhaustive"):
         return "exhaustive"
-    raise InputError('scheduler: a guided search runs in one process; use hyperedges="exhaustive" or "random"')
+    raise InputError('scheduler: a guided search runs in one process; use sampler="exhaustive" or "random"')
 
 
 def _backend(task: MatchingTask, count: float, single: bool) -> Any:

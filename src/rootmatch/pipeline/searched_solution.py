@@ -9,7 +9,7 @@ from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.pipeline.assessment import fits
-from rootmatch.pipeline.status import TRUST
+from rootmatch.pipeline.decide import TRUST
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import DOMINANT, Solution

@@ -37,7 +37,7 @@ from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import Sampler, SamplingTask
 from rootmatch.solvers import MultiStartAscent, Solver, get_solver
 
-Hyperedges = Literal["auto", "exhaustive", "random", "guided"]
+SamplerName = Literal["auto", "exhaustive", "random", "guided"]
 AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
 """Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
 accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
@@ -47,7 +47,7 @@ EXACT_RADIANS = 1e-5
 """The same where detections are unit rays: that of a pixel where the focal length is 1000."""
 SAMPLED, RESERVE = 0.7, 0.5
 """Share of the time left at a deadline that sampling may take, and seconds that always suffice for the rest."""
-HYPEREDGES: tuple[Hyperedges, ...] = ("auto", "exhaustive", "random", "guided")
+SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guided")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,7 +64,7 @@ class MatchOptions:
 
     seed: int = 0
     preset: Literal["paper"] | None = None
-    hyperedges: Hyperedges | Sampler | None = None
+    sampler: SamplerName | Sampler | None = None
     samples: int | None = None
     residual: str | Residual | None = None
     rho: float | None = None
@@ -72,10 +72,10 @@ class MatchOptions:
     motions: int | Literal["auto"] = 1
     backend: selection.Name = "auto"
     max_hyperedges: int = 5_000_000
-    limit: int | None = None
+    max_evaluations: int | None = None
     scheduler: str | None = None
     progress: Progress | None = None
-    detection: float | None = None
+    detection_rate: float | None = None
     max_seconds: float | None = None
 
     def __post_init__(self) -> None:
@@ -84,19 +84,19 @@ class MatchOptions:
         check_motions(self.motions)
         check_count("seed", self.seed, least=0)
         check_count("samples", self.samples)
-        check_count("limit", self.limit)
+        check_count("max_evaluations", self.max_evaluations)
         check_count("max_hyperedges", self.max_hyperedges)
         check_positive("rho", self.rho)
-        check_probability("detection", self.detection)
+        check_probability("detection_rate", self.detection_rate)
         check_positive("max_seconds", self.max_seconds)
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):
             raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
-        if isinstance(self.hyperedges, str):
-            check_choice("hyperedges", self.hyperedges, HYPEREDGES)
+        if isinstance(self.sampler, str):
+            check_choice("sampler", self.sampler, SAMPLER_NAMES)
         else:
-            check_callable("hyperedges", self.hyperedges, f"a sampler, or one of {', '.join(HYPEREDGES)}")
+            check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
         if self.residual is not None and not isinstance(self.residual, str | Residual):
             raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
         get_solver("ascent" if self.solver is None else self.solver)
@@ -107,9 +107,9 @@ class MatchOptions:
         return self.preset == "paper"
 
     @property
-    def sampler(self) -> Hyperedges | Sampler:
+    def chosen_sampler(self) -> SamplerName | Sampler:
         """Which hyper-edges are evaluated."""
-        return self.hyperedges or ("random" if self.is_paper or self.samples is not None else "auto")
+        return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
 
     @property
     def chosen_solver(self) -> Solver:
@@ -265,7 +265,7 @@ class MatchingTask:
         The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
         none, so its preset takes the points as they are given, unless a search takes their place.
         """
-        if self.options.is_paper and self.options.sampler in ("random", "exhaustive"):
+        if self.options.is_paper and self.options.chosen_sampler in ("random", "exhaustive"):
             return np.arange(self.shape[0])
         return wide_first(self.points.source)
 

@@ -67,7 +67,7 @@ def _completed(task: MatchingTask, twin: Integers, leader: Integers) -> Integers
     ``leader``: the assignment whose twin it is; what that leaves is clutter.
     """
     odds = log_odds(task, leader)
-    rate = DETECTED if task.options.detection is None else min(task.options.detection, DETECTED)
+    rate = DETECTED if task.options.detection_rate is None else min(task.options.detection_rate, DETECTED)
     for _ in range(ROUNDS):
         fit = task.problem.fitted(task.points, twin[None])
         if not np.isfinite(fit.chi2[0]):

@@ -64,7 +64,7 @@ def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
     if count > limit:
         raise InputError(
             f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges, above the limit of "
-            f'{limit:.3g}; use hyperedges="random" with samples=…, name candidates, or raise limit='
+            f'{limit:.3g}; use sampler="random" with samples=…, name candidates, or raise max_evaluations='
         )
 
 

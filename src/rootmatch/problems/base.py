@@ -99,7 +99,7 @@ class Problem(ABC):
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
-            Degrees from its normal within which a point is visible. Default: 90.
+            Radians from its normal within which a point is visible. Default: π/2.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool

@@ -98,22 +98,24 @@ def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
 
 
 def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> NDArray[np.float64] | None:
-    """Cosines (count,) of view angles in degrees from the normals; None where no angle is given."""
+    """Cosines (count,) of view angles from the normals, in radians; None where no angle is given."""
     if angle is None:
         return None
     if normals is None:
         raise InputError("view_angle: no normals given, from which it is measured; give normals=, or leave it out")
     try:
-        degrees = np.asarray(angle, dtype=np.float64)
+        radians = np.asarray(angle, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"view_angle: {angle!r} given; give degrees, one number or one for each point") from None
-    if degrees.shape not in ((), (count,)):
+        raise InputError(f"view_angle: {angle!r} given; give radians, one number or one for each point") from None
+    if radians.shape not in ((), (count,)):
         raise InputError(
-            f"view_angle: shape {degrees.shape} given; give one number or one for each of {count} source points"
+            f"view_angle: shape {radians.shape} given; give one number or one for each of {count} source points"
         )
-    if not np.all((degrees > 0.0) & (degrees <= 180.0)):
-        raise InputError("view_angle: an angle is not in (0, 180]; give degrees from the normal, such as 70")
-    return np.ascontiguousarray(np.broadcast_to(np.cos(np.radians(degrees)), (count,)))
+    if not np.all((radians > 0.0) & (radians <= np.pi)):
+        raise InputError(
+            "view_angle: an angle is not in (0, π]; give radians from the normal, such as 1.22 (np.radians(70))"
+        )
+    return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 
 
 def check_not_collinear(points: NDArray[np.float64], name: str) -> None:

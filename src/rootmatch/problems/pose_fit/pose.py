@@ -75,7 +75,7 @@ class Pose:
     scale: float = field(default=1.0, kw_only=True)
     focal: float | None = field(default=None, kw_only=True)
     chi2: float | None = field(default=None, kw_only=True)
-    freedom: int | None = field(default=None, kw_only=True)
+    dof: int | None = field(default=None, kw_only=True)
     rms: float | None = field(default=None, kw_only=True)
     rms_sigma: float | None = field(default=None, kw_only=True)
     points: Integers | None = field(default=None, kw_only=True)
@@ -126,7 +126,7 @@ def fitted_pose(
     covariance: Floats,
     *,
     chi2: float,
-    freedom: int,
+    dof: int,
     points: Integers,
     predicted: Floats,
     residuals: Floats,
@@ -145,9 +145,9 @@ def fitted_pose(
         scale=scale,
         focal=focal,
         chi2=chi2,
-        freedom=freedom,
+        dof=dof,
         rms=float(np.sqrt((residuals**2).mean())),
-        rms_sigma=float(np.sqrt(chi2 / freedom)) if freedom > 0 else float("nan"),
+        rms_sigma=float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan"),
         points=points,
         predicted=predicted,
         residuals=residuals,

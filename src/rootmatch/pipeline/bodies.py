@@ -18,21 +18,20 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import UnseenPixelError
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.on_demand import changed
 from rootmatch.pipeline.assessment import fits
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.body_options import OPTIONS, BodyOptions
+from rootmatch.pipeline.decide import TRUST, Facts, Status
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
+from rootmatch.pipeline.finding import Finding, nothing_found
 from rootmatch.pipeline.posterior import ranked
+from rootmatch.pipeline.predicted import direct_match
 from rootmatch.pipeline.rig_task import RigCopies, twin_of
-from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
-from rootmatch.predicted import direct_match, empty_match
-from rootmatch.result import Match
 from rootmatch.samplers.guided.sampler import Guided, pays
 
 Integers = NDArray[np.int64]
-Solve = Callable[[MatchingTask], Match]
+Solve = Callable[[MatchingTask], Finding]
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 LISTED = 5
@@ -50,7 +49,7 @@ class _Body:
     number: int
     label: Label
     points: Integers
-    match: Match | None = None
+    match: Finding | None = None
     """Of its points, all detections and −1 where unmatched."""
     settled: bool = False
     budget: int = 0
@@ -70,7 +69,7 @@ class _Body:
     def probability(self) -> float:
         """Of its assignment, as far as the status needed it; 1 where a clear one needed none."""
         assert self.match is not None
-        known = self.match.fitted_probability
+        known = self.match.probability
         return 1.0 if known is None else known
 
     def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
@@ -85,11 +84,11 @@ class _Body:
             return fewer or (budget > self.budget and not doubt)
         if self.match.status is Status.UNTRUSTED:
             return fewer
-        listed = [self.match.assignment, *(other for other, _ in self.match.alternatives[:LISTED])]
+        listed = self.match.every[: 1 + LISTED]
         return fewer and not all(free[one[one >= 0]].all() for one in listed)
 
 
-def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Match:
+def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
     """The match of a task whose source points are of several bodies.
 
     Parameters
@@ -122,7 +121,7 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
             body.match, body.cut = _searched(task, body, np.flatnonzero(free), budget, solve)
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
-            evaluated += body.match.hyperedges + _confirm(task, body, solve, options)
+            evaluated += body.match.evaluated + _confirm(task, body, solve, options)
             if body.match.status is Status.MATCHED:
                 _check_rivals(
                     task, body, [other for other in bodies if not other.settled and other is not body], options
@@ -155,36 +154,36 @@ def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: flo
         free[body.detections] = False
 
 
-def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> tuple[Match, bool]:
+def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> tuple[Finding, bool]:
     """The match of one body among some detections, its indices those of all, and whether the budget ended the search.
 
     A sampler that the caller gave has a budget of its own, or none.
     """
     part = task.body(body.number)
     if task.deadline.passed():
-        return empty_match(part, "max_seconds were over before it was searched for"), False
+        return nothing_found(part, "max_seconds were over before it was searched for"), False
     part = replace(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
-        return empty_match(part, fault), False
+        return nothing_found(part, fault), False
     sub = part.subset(np.arange(len(body.points)), columns)
     try:
         of_rig = isinstance(sub.problem, RigCopies)
-        bounded = sub.options.sampler == "auto" and sub.options.scheduler is None
+        bounded = sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = replace(sub, options=replace(sub.options, hyperedges=Guided(budget=budget)))
+            sub = replace(sub, options=replace(sub.options, sampler=Guided(budget=budget)))
         found = solve(sub)
     except UnseenPixelError as error:
         if not task.predicted_bodies:
             raise
-        return empty_match(part, str(error)), False  # the bodies whose pose is predicted need no rays
+        return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera
-    ended = not found.converged if of_rig else found.hyperedges >= budget
+    ended = not found.converged if of_rig else found.evaluated >= budget
     return _widened(found, part, columns), bounded and ended
 
 
-def _keep_trusted(body: _Body, before: Match | None) -> None:
+def _keep_trusted(body: _Body, before: Finding | None) -> None:
     """Leave a match ambiguous that was so among more detections.
 
     Those of other bodies are gone; what was beyond chance among them is no accident without them, though it looks like
@@ -193,7 +192,7 @@ def _keep_trusted(body: _Body, before: Match | None) -> None:
     if before is None or body.match is None or before.status is not Status.AMBIGUOUS:
         return
     if body.match.status is Status.UNTRUSTED and np.array_equal(before.assignment, body.match.assignment):
-        body.match = changed(body.match, status=Status.AMBIGUOUS)
+        body.match = body.match.with_facts(was_ambiguous=True)
 
 
 def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
@@ -208,8 +207,8 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
         return 0
     again, _ = _searched(task, body, np.sort(body.detections), body.budget, solve)
     if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
-        body.match = changed(found, status=Status.MATCHED)
-    return again.hyperedges
+        body.match = found.with_facts(sure_of_its_detections=True)
+    return again.evaluated
 
 
 def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options: BodyOptions) -> None:
@@ -233,7 +232,7 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
         lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
         if lead < math.log(1.0 / options.doubt - 1.0):
             probability = body.probability / (1.0 + math.exp(-lead))
-            body.match = changed(body.match, status=Status.AMBIGUOUS, fitted_probability=probability)
+            body.match = body.match.with_facts(contested=True, probability=probability)
 
 
 def _make_exclusive(
@@ -259,7 +258,7 @@ def _contest(waiting: list[_Body]) -> None:
         assert body.match is not None
         rivals = np.concatenate([*used[:k], *used[k + 1 :], np.empty(0, np.int64)])
         if body.match.status is Status.MATCHED and np.isin(body.detections, rivals).any():
-            body.match = changed(body.match, status=Status.AMBIGUOUS)
+            body.match = body.match.with_facts(contested=True)
 
 
 def _evidence(task: MatchingTask, body: _Body) -> float:
@@ -272,50 +271,46 @@ def _evidence(task: MatchingTask, body: _Body) -> float:
     return found if math.isfinite(found) else -math.inf
 
 
-def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Match:
-    """One match of all bodies: the sum of their scores, the least of what each may be trusted."""
+def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Finding:
+    """The finding of all bodies: the sum of their scores, the lead of the least sure one."""
     n, n_target = task.shape
-    assignment, motions = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
     soft = np.zeros((n, n_target))
     indices, weights = [], []
-    matches: dict[Label, Match] = {}
+    parts: dict[Label, Finding] = {}
     for k, body in enumerate(bodies):
         found = body.match
         assert found is not None
-        matches[body.label] = found
+        parts[body.label] = found
         assignment[body.points] = found.assignment
-        motions[body.points] = np.where(found.assignment >= 0, k, -1)
-        soft[body.points] = found.soft
-        i, j = np.divmod(found.tensor.indices.astype(np.int64), n_target)
+        labels[body.points] = np.where(found.assignment >= 0, k, -1)
+        soft[body.points] = found.soft_assignment
+        i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
         indices.append((body.points[i] * n_target + j).astype(np.int32))
         weights.append(np.asarray(found.tensor.weights))
-    every = list(matches.values())
-    statuses = [found.status for found in every]
-    worst = next(one for one in (Status.UNTRUSTED, Status.AMBIGUOUS, Status.MATCHED) if one in statuses)
-    return Match(
+    every = list(parts.values())
+    return Finding(
         task=task,
         assignment=assignment,
-        score=float(sum(found.score for found in every)),
-        margin=min(found.margin for found in every),
-        alternatives=[],
-        soft=soft,
+        others=[],
+        facts=Facts(lead=min(found.margin for found in every)),
         tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.prior),
-        motions=motions,
-        status=worst,
+        scores=[sum(found.every_score[0] for found in every)],
+        soft=soft,
+        labels=labels,
         converged=all(found.converged for found in every),
-        hyperedges=evaluated,
-        seconds=0.0,
-        bodies=matches,
+        evaluated=evaluated,
+        parts=parts,
     )
 
 
-def _widened(found: Match, task: MatchingTask, columns: Integers) -> Match:
-    """A match among some detections as one among all of them."""
+def _widened(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+    """A finding among some detections as one among all of them."""
     n, n_target = task.shape
     i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
     indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
     soft = np.zeros((n, n_target))
-    soft[:, columns] = found.soft
+    soft[:, columns] = found.soft_assignment
 
     def of_all(assignment: Integers) -> Integers:
         return np.where(assignment >= 0, columns[assignment], -1)
@@ -324,7 +319,8 @@ def _widened(found: Match, task: MatchingTask, columns: Integers) -> Match:
         found,
         task=replace(task, noise=found.task.noise),
         assignment=of_all(found.assignment),
-        alternatives=[(of_all(other), score) for other, score in found.alternatives],
+        others=[of_all(other) for other in found.others],
+        scores=found.every_score,
         soft=soft,
         tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.prior),
     )

@@ -9,20 +9,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.on_demand import changed
+from rootmatch.pipeline.decide import TRUST, Facts, Status
+from rootmatch.pipeline.finding import Finding, empty_tensor, nothing_found
 from rootmatch.pipeline.prior import DEFAULT_PRIOR, Found, match_with_prior, prior_of
 from rootmatch.pipeline.prior_frame import PriorFit, PriorFrame, unbiased_frame
-from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match
 
 UNCONFIRMED = "the prior pose is not confirmed"
 
 
-def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) -> Match:
+def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The match of a task with a predicted pose.
 
     Where the prediction and the detections do not agree on an assignment that is beyond chance, all is searched without
@@ -33,7 +31,7 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) 
         return direct
     without = replace(task, predicted=None)
     if task.shape[1] < task.problem.order:
-        return empty_match(
+        return nothing_found(
             without,
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
@@ -41,80 +39,75 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Match]) 
     return _judged(task, solve(without))
 
 
-def direct_match(task: MatchingTask) -> Match | None:
+def direct_match(task: MatchingTask) -> Finding | None:
     """The match that a prediction decides; None where it does not."""
     match, found = tried(task)
     return match if found is not None and found.believed else None
 
 
-def tried(task: MatchingTask) -> tuple[Match, Found | None]:
+def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
     """What a prediction finds, and its match: untrusted where it is not believed, empty where nothing is found."""
     found = match_with_prior(task, prior_of(task))
     if found is None:
-        return empty_match(task, UNCONFIRMED), None
+        return nothing_found(task, UNCONFIRMED), None
     match = match_of(task, found)
     if found.believed:
         return match, found
-    return replace(match, status=Status.UNTRUSTED, prior_holds=None, fused_pose=None, fault=UNCONFIRMED), found
+    return replace(match.with_facts(confirmed=False), prior_holds=None, fused_pose=None, reason=UNCONFIRMED), found
 
 
-def match_of(task: MatchingTask, found: Found) -> Match:
-    """The match of what a prediction found, as if it is believed."""
-    n, n_target = task.shape
+def match_of(task: MatchingTask, found: Found) -> Finding:
+    """What a prediction found, as if it is believed."""
     matched = found.assignment >= 0
-    soft = np.zeros((n, n_target))
+    soft = np.zeros(task.shape)
     soft[matched, found.assignment[matched]] = found.probability
     best = found.alternatives[0][1] - found.log_odds if found.alternatives else -math.inf
-    return Match(
+    others = [other for other, _ in found.alternatives[: TRUST.alternatives]]
+    return Finding(
         task=task,
         assignment=found.assignment,
-        score=found.log_odds,
-        margin=1.0 - math.exp(min(best, 0.0)),
-        alternatives=found.alternatives[: TRUST.alternatives],
+        others=others,
+        facts=Facts(lead=1.0 - math.exp(min(best, 0.0)), probability=found.probability),
+        tensor=empty_tensor(task),
+        scores=[math.nan] * (1 + len(others)),
         soft=soft,
-        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
-        motions=np.where(matched, 0, -1),
-        status=Status.MATCHED if found.probability >= TRUST.probability else Status.AMBIGUOUS,
-        converged=True,
-        hyperedges=0,
-        seconds=0.0,
-        fitted_probability=found.probability,
+        log_odds=found.log_odds,
         prior_holds=True,
         fused_pose=found.pose,
     )
 
 
-def _judged(task: MatchingTask, found: Match) -> Match:
-    """A match found without the prediction, and whether that held; it decides between what else is equally good."""
+def _judged(task: MatchingTask, found: Finding) -> Finding:
+    """What was found without the prediction, and whether that held; it decides between what else is equally good."""
     if found.status is Status.UNTRUSTED:
-        return changed(found, prior_holds=None)
-    every = [found.assignment, *(other for other, _ in found.alternatives)]
-    every = [one for one in every if (one >= 0).sum() > task.problem.minimal]
+        return found
+    every = [one for one in found.every if (one >= 0).sum() > task.problem.minimal]
     frame = PriorFrame(task, prior_of(task))
     fits = [frame.fitted(one, R, t) for one, (R, t) in zip(every, _poses(task, every), strict=True)]
     near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
     if not near:
-        return changed(found, prior_holds=False)
+        return replace(found, prior_holds=False)
     if found.status is Status.MATCHED:
         own = fits[0]
         held = own in near
-        return changed(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
+        return replace(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
     near.sort(key=lambda fit: -fit.log_odds)
     best, others = near[0], near[1:]
     share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))
     probability = share / (1.0 + frame.neighbours(best)[0])
+    chosen = [np.array_equal(one, best.assignment) for one in found.every]
+    left = [k for k, same in enumerate(chosen) if not same]
     return replace(
         found,
         task=task,
         assignment=best.assignment,
-        alternatives=[(one, score) for one, score in [(found.assignment, found.score), *found.alternatives]
-                      if not np.array_equal(one, best.assignment)],
-        motions=np.where(best.assignment >= 0, 0, -1),
-        status=Status.MATCHED if probability >= TRUST.probability else Status.AMBIGUOUS,
-        fitted_probability=probability,
+        others=[found.every[k] for k in left],
+        facts=Facts(lead=found.facts.lead, probability=probability),
+        scores=[found.every_score[chosen.index(True)], *(found.every_score[k] for k in left)],
+        labels=None,
         prior_holds=True,
         fused_pose=pose_of(best),
-    )  # fmt: skip
+    )
 
 
 def pose_of(fit: PriorFit) -> Pose:
@@ -133,30 +126,10 @@ def _poses(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[tup
     return [(R, unit * t - R @ centre) for R, t in zip(fit.rotation, fit.translation, strict=True)]
 
 
-def empty_match(task: MatchingTask, fault: str) -> Match:
-    """The match of a task that leaves nothing to match."""
-    n, n_target = task.shape
-    return Match(
-        task=task,
-        assignment=np.full(n, -1, np.int64),
-        score=0.0,
-        margin=0.0,
-        alternatives=[],
-        soft=np.zeros((n, n_target)),
-        tensor=AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), (n, n_target)),
-        motions=np.full(n, -1, np.int64),
-        status=Status.UNTRUSTED,
-        converged=True,
-        hyperedges=0,
-        seconds=0.0,
-        fault=fault,
-    )
-
-
-def free_pose(match: Match) -> Pose:
+def free_pose(match: Finding) -> Pose:
     """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
     fused = match.fused_pose
-    if (match.assignment >= 0).sum() <= match.problem.minimal and fused is not None:
+    if (match.assignment >= 0).sum() <= match.task.problem.minimal and fused is not None:
         return fused
     fits = free_fits(match.task, [match.assignment])
     if not fits and fused is not None:

@@ -1,8 +1,12 @@
-"""The status of a match: its thresholds, what it advises, and the one rule by which it follows."""
+"""The decision: whether a match can be believed, by one rule from named facts.
+
+Stages of the pipeline state facts about what they found. `decide` is the only function that makes a `Status` of them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -96,55 +100,85 @@ TRUST = TrustOptions()
 
 
 class Status(Enum):
-    """Whether to believe a match; `advice` says what to do in the words of its problem.
+    """Whether to believe a match; `rootmatch.Match.advice` says what to do about it in the words of its problem.
 
-    One rule, see `judged`: UNTRUSTED where a false alarm could be as good, or no pose fits the assignment; else
-    AMBIGUOUS where it is not sure: its probability below 0.9 or, where there is none, its margin below 0.2; else
-    MATCHED. A `clear` assignment, with a margin of 0.5 and no other match supported, is judged by its margin and by the
-    fit of its pose alone: of those all had a probability above 0.9 when that was measured, and fitting their
-    neighbours would double the time of a small match.
+    `decide` derives it. UNTRUSTED: a false alarm could be as good, or no pose fits the assignment. AMBIGUOUS: it is
+    not sure; its probability is below 0.9 or, if none is known, its margin below 0.2. MATCHED otherwise.
     """
 
-    MATCHED = "matched: the assignment is well supported and no other explains the points nearly as well"
-    AMBIGUOUS = (
-        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
-        "or add points that break the symmetry"
-    )
-    UNTRUSTED = (
-        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
-        "or evaluate more hyper-edges"
-    )
+    MATCHED = "matched"
+    AMBIGUOUS = "ambiguous"
+    UNTRUSTED = "untrusted"
 
     def __bool__(self) -> bool:
         """Only a match that can be believed is true."""
         return self is Status.MATCHED
 
     def __str__(self) -> str:
-        return self.value.format(to_tell=Problem.to_tell, to_check=Problem.to_check)
-
-    def advice(self, problem: Problem) -> str:
-        """The text with what to check, and what to add, where this problem is solved."""
-        return self.value.format(to_tell=problem.to_tell, to_check=problem.to_check)
+        return self.value
 
 
-def judged(
-    score: float, alarms: float, lead: float, probability: float | None = None, most_alarms: float = TRUST.false_alarms
-) -> Status:
-    """The status of an assignment: could it be a false alarm, and is it the only good one.
+ADVICE = {
+    Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
+    Status.AMBIGUOUS: (
+        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
+        "or add points that break the symmetry"
+    ),
+    Status.UNTRUSTED: (
+        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
+        "or evaluate more hyper-edges"
+    ),
+}
+"""What to do, with what a problem says should be checked and added."""
 
-    Parameters
-    ----------
-    score : float
-    alarms : float
-        Decimal logarithm of the expected number of false alarms.
-    lead : float
-        Lead in score over the best different assignment.
-    probability : float, optional
-        Of the assignment; it decides instead of the lead where it is known.
-    most_alarms : float
-        False alarms up to which it is trusted.
-    """
-    if score <= 0.0 or alarms > most_alarms:
-        return Status.UNTRUSTED
-    sure = lead >= TRUST.margin if probability is None else probability >= TRUST.probability
-    return Status.MATCHED if sure else Status.AMBIGUOUS
+
+def advice(status: Status, problem: Problem) -> str:
+    """What to do about a match with this status, in the words of its problem."""
+    return ADVICE[status].format(to_tell=problem.to_tell, to_check=problem.to_check)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What is known of an assignment when its status is decided. A default speaks neither for it nor against it."""
+
+    support: float = math.inf
+    """Score of the hyper-edges that agree with it; infinite if its pose is beyond clutter by itself."""
+    false_alarms: float = -math.inf
+    """Decimal logarithm of the expected number of false alarms that are as good; infinite if no pose fits it."""
+    tolerated_false_alarms: float = TRUST.false_alarms
+    """The value of that up to which it is believed."""
+    lead: float | None = None
+    """Lead in score over the best different assignment, 0 to 1, where known; it decides if no probability is known."""
+    probability: float | None = None
+    """Posterior probability of the assignment, given that one of those considered is right."""
+    missed: float = 0.0
+    """Probability that a pose which explains as much was never met."""
+    confirmed: bool = True
+    """False for what a predicted pose gathered if it was not beyond chance."""
+    was_ambiguous: bool = False
+    """It was ambiguous, not chance, among more detections: those that are gone were other bodies'."""
+    contested: bool = False
+    """Another body, which explains its detections as well, or another followed pose may be the right one."""
+    sure_of_the_rest: bool = False
+    """Its pose is sure, and the matches that are not were left out."""
+    sure_of_its_detections: bool = False
+    """A search among its own detections alone found it again, without a rival."""
+
+
+def decide(facts: Facts) -> Status:
+    """The status of an assignment: could it be a false alarm, and is it the only good one."""
+    if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > facts.tolerated_false_alarms:
+        return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
+    if facts.contested:
+        return Status.AMBIGUOUS
+    if facts.sure_of_the_rest or facts.sure_of_its_detections:
+        return Status.MATCHED
+    likely = facts.lead is None or facts.lead >= TRUST.margin
+    if facts.probability is not None:
+        likely = facts.probability >= TRUST.probability
+    return Status.MATCHED if likely and facts.missed <= TRUST.missed else Status.AMBIGUOUS
+
+
+def least_trusted(statuses: Iterable[Status]) -> Status:
+    """The status of a whole by those of its parts: that of the least trusted one."""
+    return max(statuses, key=list(Status).index)

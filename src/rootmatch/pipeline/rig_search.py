@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.on_demand import changed
 from rootmatch.options import Options, option
-from rootmatch.pipeline.assessment import Assessment, does_not_fit, point_by_point, sure_beyond_chance
+from rootmatch.pipeline.assessment import does_not_fit, point_by_point, sure_beyond_chance
+from rootmatch.pipeline.decide import TRUST, Facts
+from rootmatch.pipeline.finding import Finding
 from rootmatch.pipeline.posterior import NO_POSE, Ranked, ranked
 from rootmatch.pipeline.rig_task import RigCopies
 from rootmatch.pipeline.sampling import sample
-from rootmatch.pipeline.status import TRUST, Status, judged
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.gate import GATE
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.rig_fit import LEAST, STEPS, Copies, rig_fit
-from rootmatch.result import Match, Sightings
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.guided.sampler import Guided
@@ -62,70 +61,20 @@ UNREACHABLE = 1e9
 """Cost of a detection beyond the gate: no assignment takes it."""
 
 
-def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Match:
+def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
     """The match of a task of copies, searched without a prediction.
 
-    `Match.converged` says whether each camera's search ended before its budget.
+    `Finding.converged` says whether each camera's search ended before its budget.
     """
     problem = task.problem
     assert isinstance(problem, RigCopies)
-    if isinstance(task.options.hyperedges, Guided):
+    if isinstance(task.options.sampler, Guided):
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     sampled, hypotheses, whole = _searched(task, problem, options)
     proposals = _verified(task, problem.copies, hypotheses, options)
     found = ranked(task, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
     return _judged(task, sampled, found, whole)
-
-
-def shown(match: Match, task: MatchingTask | None = None) -> Match:
-    """The match of the points of a match of their copies: one detection for each point, and all of them beside.
-
-    Parameters
-    ----------
-    match : Match
-        Of a task of copies.
-    task : MatchingTask, optional
-        That of the points and the rig, where it is another one than the copies were made of.
-    """
-    problem = match.task.problem
-    assert isinstance(problem, RigCopies)
-    task = task or problem.task
-    n, n_target = task.shape
-    sightings = match.assignment.reshape(-1, n)
-    first, camera = _first_of(sightings)
-    alternatives = [(_first_of(other.reshape(-1, n))[0], score) for other, score in match.alternatives]
-    points = np.flatnonzero(first >= 0)
-    soft = np.zeros((n, n_target))
-    copies = camera[points] * n + points
-    soft[points, first[points]] = match.soft[copies, first[points]]
-    motions = np.full(n, -1, np.int64)
-    motions[points] = match.motions[copies]
-    i, j = np.divmod(match.tensor.indices.astype(np.int64), max(n_target, 1))
-    indices = (i % n * n_target + j).astype(np.int32)
-    bodies = None
-    if match.bodies is not None:
-        bodies = {label: shown(one, task.body(k)) for k, (label, one) in enumerate(match.bodies.items())}
-    every = Sightings(sightings, [other.reshape(-1, n) for other, _ in match.alternatives], match)
-    return changed(
-        match,
-        task=task,
-        assignment=first,
-        alternatives=[(other, score) for other, score in alternatives if not np.array_equal(other, first)],
-        soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(match.tensor.weights), (n, n_target), task.prior),
-        motions=motions,
-        bodies=bodies,
-        fitted_confidence=None if match.fitted_confidence is None else every.confidence,
-        sightings=every,
-    )
-
-
-def of_copies(match: Match) -> Match:
-    """The match of the copies of which `shown` made a match; itself where there is no rig."""
-    if match.sightings is None:
-        return match
-    return changed(match.sightings.copies, seconds=match.seconds, limited=match.limited)
 
 
 def _searched(
@@ -137,7 +86,7 @@ def _searched(
     """
     copies, points = problem.copies, problem.task
     n, n_target = points.shape
-    given = task.options.hyperedges
+    given = task.options.sampler
     guided = given if isinstance(given, Guided) else Guided(budget=options.budget)
     guided = replace(guided, hypotheses=options.hypotheses)
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
@@ -150,7 +99,7 @@ def _searched(
             part,
             problem=replace(points.problem, camera=camera),  # type: ignore[type-var]
             points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
-            options=replace(part.options, hyperedges=guided),
+            options=replace(part.options, sampler=guided),
             deadline=task.deadline,
         )
         sampled = sample(part)
@@ -230,45 +179,31 @@ def _gathered(
     return out, gain
 
 
-def _judged(task: MatchingTask, sampled: SampledTensor, found: Ranked, whole: bool) -> Match:
-    """The match of the most probable assignment of copies, judged as that of one camera."""
-    every = found.assignments[: TRUST.alternatives + 1]
-    best = every[0] if every else np.full(task.shape[0], -1, np.int64)
-    scores = scores_of(sampled.tensor, np.array(every or [best])).tolist()
-    alternatives = list(zip(every[1:], scores[1:], strict=True))
-    probability = found.probability if every else None
-    lead = margin(scores[0], alternatives, best)
-    trusted = bool(every) and not does_not_fit(found.misfit) and sure_beyond_chance(task, found)
-    status = judged(1.0, -math.inf, lead, probability) if trusted else Status.UNTRUSTED
-    if status is Status.MATCHED and sampled.missed > TRUST.missed:
-        status = Status.AMBIGUOUS
-    assessed = Assessment(
-        assignment=best, score=scores[0], margin=lead, probability=probability, alternatives=alternatives,
-        status=status, noise_factor=found.misfit.sigma if every else None,
-    )  # fmt: skip
-    if every:
-        assessed = point_by_point(task, assessed, found, sampled)
-    return Match(
+def _judged(task: MatchingTask, sampled: SampledTensor, found: Ranked, whole: bool) -> Finding:
+    """The finding of the most probable assignment of copies, judged as that of one camera."""
+    every = found.assignments[: TRUST.alternatives + 1] or [np.full(task.shape[0], -1, np.int64)]
+    scores = scores_of(sampled.tensor, np.array(every)).tolist()
+    known = bool(found.assignments)
+    trusted = known and not does_not_fit(found.misfit) and sure_beyond_chance(task, found)
+    judged = Finding(
         task=task,
-        assignment=assessed.assignment,
-        score=assessed.score,
-        margin=assessed.margin,
-        alternatives=assessed.alternatives,
-        soft=one_hot(assessed.assignment, task.shape[1]),
+        assignment=every[0],
+        others=every[1:],
+        facts=Facts(
+            support=math.inf if trusted else -math.inf,
+            lead=margin(scores[0], list(zip(every[1:], scores[1:], strict=True)), every[0]),
+            probability=found.probability if known else None,
+            missed=sampled.missed,
+        ),
         tensor=sampled.tensor,
-        motions=np.where(assessed.assignment >= 0, 0, -1),
-        status=assessed.status,
+        scores=scores,
+        soft=one_hot(every[0], task.shape[1]),
         converged=whole,
-        hyperedges=sampled.evaluated,
-        seconds=0.0,
-        fitted_confidence=np.full(len(best), math.nan) if assessed.confidence is None else assessed.confidence,
-        fitted_probability=assessed.probability,
-        noise_factor=assessed.noise_factor,
+        evaluated=sampled.evaluated,
+        confidence=np.full(len(every[0]), math.nan),
+        noise_factor=found.misfit.sigma if known else None,
     )
-
-
-def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
-    """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
-    seen = sightings >= 0
-    camera = seen.argmax(axis=0)
-    return np.where(seen.any(axis=0), sightings[camera, np.arange(sightings.shape[1])], -1), camera
+    if not known:
+        return judged
+    weighed = point_by_point(task, judged, found, sampled)
+    return replace(weighed, soft=one_hot(weighed.assignment, task.shape[1]))
