@@ -29,7 +29,7 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     direct = direct_match(task)
     if direct is not None:
         return direct
-    without = replace(task, predicted=None)
+    without = replace(task, prior_pose=None)
     if task.shape[1] < task.problem.order:
         return nothing_found(
             without,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
-from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
 from rootmatch.pipeline.image_density import clutter_area, crowded_density
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
@@ -130,6 +130,7 @@ class PriorFrame:
         self.area = clutter_area(self.target, sigma, self.images, self.camera.focal)
         self.clutter = CROWDING * max(n_target, 1) / self.area
         self.allowed = np.ones((len(self.source), n_target), np.bool_) if task.allowed is None else task.allowed
+        self.weight = candidate_log_odds(task)
 
     def moved(self, step: Floats) -> tuple[Floats, Floats]:
         """The predicted pose after a step (ω, τ)."""
@@ -179,7 +180,7 @@ class PriorFrame:
         squared, determinant = self.squared(at.pixels, at.spread(covariance))
         chance = self.detection * at.visible
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / self.clutter)
-        gains = odds[:, None] - 0.5 * (squared + np.log(determinant)) - math.log(2.0 * math.pi)
+        gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(determinant)) - math.log(2.0 * math.pi)
         possible = (squared <= gate**2) & (at.visible > self.HIDDEN)[:, None] & self.allowed & (gains > 0.0)
         assignment = np.full(len(at.pixels), -1, np.int64)
         rows = np.flatnonzero(possible.any(axis=1))
@@ -232,7 +233,7 @@ class PriorFrame:
         covariance = np.linalg.inv(normal)
         covariance = 0.5 * (covariance + covariance.T)
         evidence = -0.5 * (chi2 + chi2_prior + float(np.linalg.slogdet(normal)[1]) - self.log_precision)
-        evidence += float(np.log(weight / (2.0 * math.pi)).sum())
+        evidence += float(np.log(weight / (2.0 * math.pi)).sum()) + float(self.weight[used, assignment[used]].sum())
         chance = self.rate(assignment, at) * at.visible
         free = len(self.target) - len(used)
         odds = float(np.where(assignment >= 0, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance)).sum())
@@ -284,7 +285,8 @@ class PriorFrame:
         chance = self.rate(assignment, at) * at.visible
         clutter = CROWDING * (len(self.target) - fit.matched + HALF) / self.area
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / clutter)
-        gains = odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300))) - math.log(2.0 * math.pi)
+        gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300)))
+        gains -= math.log(2.0 * math.pi)
         own = np.where(matched, gains[np.arange(len(assignment)), image], 0.0)
         gains = np.where(self.allowed & (at.visible > self.HIDDEN)[:, None], gains, -np.inf)
         unused = np.ones(len(self.target), np.bool_)

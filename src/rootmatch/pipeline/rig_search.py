@@ -115,7 +115,7 @@ def _searched(
                 hypotheses.append(one)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.prior)
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.weights)
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 

@@ -153,13 +153,13 @@ class MatchingTask:
         Whether the noise is to be estimated: that of ``points`` says nothing then.
     allowed : (n, n') bool, optional
         Correspondences that are possible.
-    prior : (n, n') float64, optional
+    weights : (n, n') float64, optional
         Prior weights of correspondences.
     bodies : BodyLabels, optional
         Which rigid body each source point belongs to, where there are several.
-    predicted : Pose, optional
+    prior_pose : Pose, optional
         A predicted pose with its covariance.
-    predicted_bodies : dict
+    prior_poses : dict
         Those of several bodies, by label.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
@@ -174,10 +174,10 @@ class MatchingTask:
     noise: Any = 1.0
     estimates_noise: bool = False
     allowed: NDArray[np.bool_] | None = None
-    prior: NDArray[np.float64] | None = None
+    weights: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
-    predicted: Pose | None = None
-    predicted_bodies: dict[Label, Pose] = field(default_factory=dict)
+    prior_pose: Pose | None = None
+    prior_poses: dict[Label, Pose] = field(default_factory=dict)
     budget: int | None = None
     deadline: Deadline = NEVER
 
@@ -238,10 +238,10 @@ class MatchingTask:
             noise=noise,
             estimates_noise=estimates,
             allowed=allowed,
-            prior=weights,
+            weights=weights,
             bodies=labels,
-            predicted=prior if isinstance(prior, Pose) else None,
-            predicted_bodies=dict(prior) if isinstance(prior, Mapping) else {},
+            prior_pose=prior if isinstance(prior, Pose) else None,
+            prior_poses=dict(prior) if isinstance(prior, Mapping) else {},
             deadline=deadline,
         )
 
@@ -263,7 +263,7 @@ class MatchingTask:
         return max(float(sides.prod()) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
     @cached_property
-    def order(self) -> NDArray[np.int64]:
+    def permutation(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
         The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
@@ -275,12 +275,12 @@ class MatchingTask:
 
     @cached_property
     def ordered_points(self) -> PointSets:
-        """The points with the source in `order`."""
-        return self.points.subset(source=self.order)
+        """The points with the source in `permutation`."""
+        return self.points.subset(source=self.permutation)
 
     @cached_property
     def tables(self) -> Any:
-        """Tables for the kernels, the source points in `order`."""
+        """Tables for the kernels, the source points in `permutation`."""
         return self.problem.tables(self.ordered_points)
 
     @cached_property
@@ -290,7 +290,7 @@ class MatchingTask:
 
     @cached_property
     def sampling_task(self) -> SamplingTask:
-        """What a sampler is given, the source points in `order`."""
+        """What a sampler is given, the source points in `permutation`."""
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
         Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
         return SamplingTask(
@@ -302,7 +302,7 @@ class MatchingTask:
             order=self.problem.order,
             seed=self.options.seed,
             motions=self.options.motions,
-            candidates=None if self.allowed is None else self.allowed[self.order],
+            candidates=None if self.allowed is None else self.allowed[self.permutation],
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,
             deadline=self.deadline.part(SAMPLED, RESERVE),
@@ -322,7 +322,7 @@ class MatchingTask:
         """The task of one of the bodies and all detections, with its predicted pose."""
         assert self.bodies is not None
         one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
-        return replace(one, predicted=self.predicted_bodies.get(self.bodies.names[k]))
+        return replace(one, prior_pose=self.prior_poses.get(self.bodies.names[k]))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
         """The task of some of the points, evaluated in this process, without a predicted pose."""
@@ -334,10 +334,10 @@ class MatchingTask:
             points=self.points.subset(source, target),
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,
-            prior=None if self.prior is None else np.ascontiguousarray(self.prior[some]),
+            weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
             bodies=None,
-            predicted=None,
-            predicted_bodies={},
+            prior_pose=None,
+            prior_poses={},
         )
 
 
