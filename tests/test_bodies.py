@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.pipeline.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
-from rootmatch.pipeline.body_labels import twin_points
-from rootmatch.pipeline.body_options import OPTIONS
-from rootmatch.pipeline.decide import Facts
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.finding import Finding
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
+from rootmatch.explain.body_labels import twin_points
+from rootmatch.explain.body_options import OPTIONS
+from rootmatch.explain.decide import Facts
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 MIRROR = np.array([-1.0, 1.0, 1.0])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain.decide import advice
 from rootmatch.hypergraph.enumeration import exhaustive_count
-from rootmatch.pipeline.decide import advice
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SEEDS = range(5000, 5030)
