@@ -26,7 +26,7 @@ def judged(found: Finding, status: rm.Status, probability: float | None = None) 
     """A finding with facts from which a status follows."""
     facts = {
         rm.Status.MATCHED: Facts(sure_of_its_detections=True),
-        rm.Status.AMBIGUOUS: Facts(contested=True),
+        rm.Status.AMBIGUOUS: Facts(missed=1.0),
         rm.Status.UNTRUSTED: Facts(confirmed=False),
     }[status]
     one = replace(found, facts=replace(facts, probability=probability))

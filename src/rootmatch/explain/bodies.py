@@ -297,13 +297,19 @@ def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Finding:
         others=[],
         facts=Facts(lead=min(found.margin for found in every)),
         tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
-        scores=[sum(found.every_score[0] for found in every)],
+        scores=[_total([found.every_score[0] for found in every])],
         soft=soft,
         labels=labels,
         converged=all(found.converged for found in every),
         evaluated=evaluated,
         parts=parts,
     )
+
+
+def _total(scores: list[float]) -> float:
+    """The sum of the scores that are known; NaN if none is."""
+    known = [score for score in scores if not math.isnan(score)]
+    return sum(known) if known else math.nan
 
 
 def _widened(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
