@@ -4,7 +4,7 @@
     python docs/make_architecture.py --check    # exit code 1 if the committed file is out of date
 
 Rows are the layers of `pyproject.toml`; arrows are read from the import statements of `src`. An import that others
-imply (A → C given A → B → C) is left out, and so are `deadline`, `errors`, `on_demand`, `options` and `_version`, open
+imply (A → C given A → B → C) is left out, and so are `deadline`, `errors`, `options` and `_version`, open
 to every package.
 """
 

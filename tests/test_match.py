@@ -188,7 +188,7 @@ def test_pose_is_recovered() -> None:
         ({"preset": "papre"}, "paper"),
         ({"residual": "svdd"}, "joint"),
         ({"solver": "hungry"}, "ascent"),
-        ({"hyperedges": "some"}, "exhaustive"),
+        ({"sampler": "some"}, "exhaustive"),
         ({"rho": 0.0}, "positive"),
         ({"motions": 0}, "auto"),
         ({"candidates": np.zeros((10, 10), dtype=bool)}, "none is allowed"),

@@ -63,7 +63,7 @@ OPTIONS = ProposedPairsOptions()
 
 def pays(task: MatchingTask, options: ProposedPairsOptions = OPTIONS) -> bool:
     """Whether several motions are to be found among few proposed pairs."""
-    if task.allowed is None or task.problem.name not in KNOWN or task.options.sampler != "auto":
+    if task.allowed is None or task.problem.name not in KNOWN or task.options.chosen_sampler != "auto":
         return False
     count = int(task.allowed.sum())
     return count >= options.least_pairs and count <= options.pairs_per_point * int(task.allowed.any(axis=1).sum())
