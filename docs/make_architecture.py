@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "tracking", "api", "matcher", "result", "explain"),
+    "matching": ("warmup", "tracking", "api", "matcher", "result", "sightings", "explain"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -44,6 +44,7 @@ CAPTIONS = {
     "api": "match(), residuals()",
     "tracking": "poses from frame to frame",
     "result": "Match",
+    "sightings": "what each camera sees",
     "explain": "a task to what was found",
     "samplers": "which hyper-edges to evaluate",
     "solvers": "tensor to assignment",

@@ -10,8 +10,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from rootmatch.problems.base import Problem
-
 
 @dataclass(frozen=True)
 class TrustOptions:
@@ -116,25 +114,6 @@ class Status(Enum):
 
     def __str__(self) -> str:
         return self.value
-
-
-ADVICE = {
-    Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
-    Status.AMBIGUOUS: (
-        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
-        "or add points that break the symmetry"
-    ),
-    Status.UNTRUSTED: (
-        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
-        "or evaluate more hyper-edges"
-    ),
-}
-"""What to do, with what a problem says should be checked and added."""
-
-
-def advice(status: Status, problem: Problem) -> str:
-    """What to do about a match with this status, in the words of its problem."""
-    return ADVICE[status].format(to_tell=problem.to_tell, to_check=problem.to_check)
 
 
 @dataclass(frozen=True, kw_only=True)

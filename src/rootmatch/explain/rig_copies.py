@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.cameras.rig import Rig, rig_of
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, twin_points
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
@@ -126,6 +128,53 @@ def copies_task(task: MatchingTask) -> MatchingTask:
     )
 
 
+def of_points(finding: Finding, task: MatchingTask | None = None) -> Finding:
+    """The finding of a rig's points by that of their copies: one detection for each point.
+
+    Parameters
+    ----------
+    finding : Finding
+        Of a task of copies.
+    task : MatchingTask, optional
+        That of the points and the rig, if it is another one than the copies were made of.
+    """
+    problem = finding.task.problem
+    assert isinstance(problem, RigCopies)
+    task = task or problem.task
+    n, n_target = task.shape
+    first, camera = _first_of(finding.assignment.reshape(-1, n))
+    others, scores = [], [finding.every_score[0]]
+    for other, score in finding.alternatives:
+        seen = _first_of(other.reshape(-1, n))[0]
+        if not np.array_equal(seen, first):
+            others.append(seen)
+            scores.append(score)
+    points = np.flatnonzero(first >= 0)
+    copies = camera[points] * n + points
+    soft, labels = np.zeros((n, n_target)), np.full(n, -1, np.int64)
+    soft[points, first[points]] = finding.soft_assignment[copies, first[points]]
+    labels[points] = finding.motion_labels[copies]
+    i, j = np.divmod(finding.tensor.indices.astype(np.int64), max(n_target, 1))
+    indices = (i % n * n_target + j).astype(np.int32)
+    return replace(
+        finding,
+        task=task,
+        assignment=first,
+        others=others,
+        scores=scores,
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.weights),
+        labels=labels,
+    )
+
+
+def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
+    """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
+    seen = sightings >= 0
+    camera = seen.argmax(axis=0)
+    return np.where(seen.any(axis=0), sightings[camera, np.arange(sightings.shape[1])], -1), camera
+
+
 def twin_of(first: MatchingTask, second: MatchingTask, tolerance: float) -> Integers | None:
     """`twin_points` of the points of two bodies, or of their copies: camera by camera."""
     one, two = first.problem, second.problem
@@ -150,7 +199,7 @@ def _check(task: MatchingTask) -> None:
         "solver": options.solver is not None,
         "scheduler": options.scheduler is not None,
         "samples": options.samples is not None,
-        "hyperedges": not searches,
+        "sampler": not searches,
     }
     for name, is_given in given.items():
         if is_given:

@@ -111,13 +111,6 @@ class Pose:
     def from_matrix(cls, matrix: ArrayLike, covariance: ArrayLike | None = None) -> Pose:
         """The pose of a homogeneous matrix (k + 1, k + 1), as `matrix` gives it.
 
-        Parameters
-        ----------
-        matrix : (k + 1, k + 1) array
-            [[scale · R, t], [0, 1]].
-        covariance : (p, p) array, optional
-            See `Pose`.
-
         Raises
         ------
         InputError
