@@ -114,7 +114,7 @@ class Pose:
         Raises
         ------
         InputError
-            If it is no such matrix, or as `Pose`.
+            If it is none, or as `Pose`.
         """
         values = np.asarray(matrix, np.float64)
         if values.shape not in ((3, 3), (4, 4)) or not np.all(np.isfinite(values)):
@@ -123,11 +123,10 @@ class Pose:
         if not np.allclose(values[k], np.eye(k + 1)[k], rtol=0.0, atol=ROUNDED):
             raise InputError(f"pose: last row {values[k].tolist()} given; that of a rigid motion is 0 … 0 1")
         determinant = float(np.linalg.det(values[:k, :k]))
-        scale = abs(determinant) ** (1.0 / k)
-        if scale == 0.0:
+        if determinant == 0.0:
             raise InputError("pose: a matrix without an inverse given; give a rotation, times a scale if there is one")
-        if abs(scale - 1.0) < ROUNDED:
-            scale = 1.0
+        scale = abs(determinant) ** (1.0 / k)
+        scale = 1.0 if abs(scale - 1.0) < ROUNDED else scale
         known = None if covariance is None else np.asarray(covariance, np.float64)
         return cls(values[:k, :k] / scale, values[:k, k], known, scale=scale, mirrored=determinant < 0.0)
 

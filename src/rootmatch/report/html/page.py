@@ -46,7 +46,21 @@ def write_report(
     photo: str | Path | None = None,
     title: str = "rootmatch report",
 ) -> None:
-    """Write a match as one self-contained HTML file; see `rootmatch.Match.report`."""
+    """Write a match as one self-contained HTML file.
+
+    Parameters
+    ----------
+    match : Match
+    path : path
+        Of the file, ``.html``.
+    source_names, target_names : sequences of str, optional
+        Of the points; by default their indices.
+    truth : (n,) array, optional
+        The true assignment: wrong matches are marked.
+    photo : path, optional
+        A PNG or JPEG that was detected in, drawn behind the target points.
+    title : str
+    """
     label = Labels(source_names, target_names, None if truth is None else np.asarray(truth, dtype=np.int64))
     _write(Path(path), [match], [label], [""], title=title, photo=None if photo is None else Path(photo))
 
