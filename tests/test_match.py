@@ -140,7 +140,7 @@ def test_advice_names_what_the_problem_can_use(problem: rm.Problem) -> None:
     doubtful, distrusted = advice(rm.Status.AMBIGUOUS, problem), advice(rm.Status.UNTRUSTED, problem)
     assert problem.to_tell in doubtful
     assert problem.to_check in distrusted
-    assert rm.Status.MATCHED.advice(problem) == str(rm.Status.MATCHED)
+    assert advice(rm.Status.MATCHED, problem).startswith(str(rm.Status.MATCHED))
     rng = np.random.default_rng(0)
     points = rng.normal(size=(6, problem.source_dimension))
     pixels = rng.uniform(0.0, 400.0, (6, problem.target_dimension))

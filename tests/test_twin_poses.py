@@ -61,7 +61,7 @@ def twin(truth: Integers) -> Integers:
 
 def found_alone(task: MatchingTask, assignment: Integers) -> MatchingTask:
     """The task with a search that finds one assignment, and thinks that it has seen everything."""
-    there = assignment[task.order]
+    there = assignment[task.permutation]
     groups = np.array(list(itertools.combinations(np.flatnonzero(there >= 0), 4)))
 
     def sampler(sampling: SamplingTask) -> SampledTensor:

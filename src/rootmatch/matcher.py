@@ -6,13 +6,12 @@ import copy
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError, UnseenPixelError
 from rootmatch.hypergraph import enumeration
@@ -31,21 +30,7 @@ from rootmatch.problems.checks import as_points, check_normals, check_points, ch
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
-from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
-
-
-@dataclass(frozen=True)
-class BoundedSearch:
-    """A sampler that spends a bounded number of evaluations, or sweeps where that is cheaper."""
-
-    budget: int
-    sweep: SmallSweep
-
-    def __call__(self, task: SamplingTask) -> SampledTensor:
-        """See `rootmatch.samplers.base.Sampler`."""
-        return Guided(budget=self.budget)(task) if pays(task) else self.sweep(task)
 
 
 class Matcher:
@@ -154,6 +139,7 @@ class Matcher:
         prior: Pose | Mapping[Label, Pose] | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
+        budget: int | None = None,
         find: Callable[[MatchingTask], Finding] | None = None,
     ) -> Finding:
         """What is found of a frame; that of the copies of its points where the camera is a rig.
@@ -165,6 +151,8 @@ class Matcher:
         options : MatchOptions, optional
             In the place of the matcher's own.
         deadline : Deadline
+        budget : int, optional
+            Evaluations of a guided search.
         find : callable, optional
             Other than a search, say with a prediction alone.
         """
@@ -187,8 +175,10 @@ class Matcher:
             options=options,
             deadline=deadline,
         )
-        if find is None and self.bodies is None and self._sweeps(task):
+        if find is None and self._sweeps(task):
             task = replace(task, options=replace(options, sampler=self._sweep))
+        elif budget is not None and options.scheduler is None:
+            task = replace(task, budget=budget)
         try:
             return explain(task) if find is None else find(copies_task(task) if is_rig(task) else task)
         except UnseenPixelError as error:
@@ -208,15 +198,8 @@ class Matcher:
         Unless ``searching``, a prediction that does not decide leaves nothing. ``budget``: evaluations of a guided
         search.
         """
-        options = self.options
         if searching:
-            if budget is not None and options.chosen_sampler == "auto" and options.scheduler is None:
-                # a rig searches each of its cameras
-                of_rig = rig_of(self.problem) is not None
-                options = replace(
-                    options, sampler=Guided(budget=budget) if of_rig else BoundedSearch(budget, self._sweep)
-                )
-            return self.explained(target, noise=noise, prior=prior, options=options, deadline=deadline)
+            return self.explained(target, noise=noise, prior=prior, deadline=deadline, budget=budget)
         return self.explained(target, noise=noise, prior=prior, find=_bodies_not_searched)
 
     def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Finding, Found | None]:
@@ -259,10 +242,10 @@ class Matcher:
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
-        if is_rig(task):
-            return False  # cameras are swept one by one
+        if is_rig(task) or self.bodies is not None:
+            return False  # cameras are swept one by one, and so are bodies
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
-        return self.options.chosen_sampler == "auto" and self.options.scheduler is None and count <= SMALL
+        return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL
 
 
 def _not_searched(task: MatchingTask) -> Finding:

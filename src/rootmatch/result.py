@@ -354,7 +354,7 @@ class Match:
         """
         if self.sightings is not None:
             return self.sightings.poses
-        if self.prior_holds and self.task.predicted is not None:
+        if self.prior_holds and self.task.prior_pose is not None:
             return [fused_pose(self.task, self.assignment)]
         return self.poses_of(self.assignment)
 
@@ -492,7 +492,7 @@ def of_points(finding: Finding, task: MatchingTask | None = None) -> Finding:
         others=others,
         scores=scores,
         soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.prior),
+        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.weights),
         labels=labels,
     )
 

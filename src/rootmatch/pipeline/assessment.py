@@ -302,7 +302,7 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
 def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
     """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
     sampling = task.sampling_task
-    ordered = assignment[task.order]
+    ordered = assignment[task.permutation]
     matched = np.flatnonzero(ordered >= 0)
     if len(matched) < sampling.order:
         return False

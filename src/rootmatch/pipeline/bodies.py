@@ -25,10 +25,10 @@ from rootmatch.pipeline.decide import TRUST, Facts, Status
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
 from rootmatch.pipeline.finding import Finding, nothing_found
 from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.predicted import direct_match
+from rootmatch.pipeline.predicted import direct_match, judged_by_prediction
 from rootmatch.pipeline.rig_task import RigCopies, twin_of
 from rootmatch.pipeline.task import MatchingTask
-from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.samplers.guided.sampler import pays
 
 Integers = NDArray[np.int64]
 Solve = Callable[[MatchingTask], Finding]
@@ -141,10 +141,10 @@ def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: flo
     What is believed but in doubt stays, as no search would know more.
     """
     part = task.body(body.number)
-    if body.settled or part.predicted is None or not free.any():
+    if body.settled or part.prior_pose is None or not free.any():
         return
     columns = np.flatnonzero(free)
-    sub = replace(part.subset(np.arange(len(part.points.source)), columns), predicted=part.predicted)
+    sub = replace(part.subset(np.arange(len(part.points.source)), columns), prior_pose=part.prior_pose)
     found = direct_match(sub)
     if found is None:
         return
@@ -169,13 +169,15 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
     sub = part.subset(np.arange(len(body.points)), columns)
     try:
         of_rig = isinstance(sub.problem, RigCopies)
-        bounded = sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
+        bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:
-            sub = replace(sub, options=replace(sub.options, sampler=Guided(budget=budget)))
+            sub = replace(sub, budget=budget)
         found = solve(sub)
+        if part.prior_pose is not None:
+            found = judged_by_prediction(replace(sub, prior_pose=part.prior_pose), found)
     except UnseenPixelError as error:
-        if not task.predicted_bodies:
+        if not task.prior_poses:
             raise
         return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera
@@ -294,7 +296,7 @@ def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Finding:
         assignment=assignment,
         others=[],
         facts=Facts(lead=min(found.margin for found in every)),
-        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.prior),
+        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
         scores=[sum(found.every_score[0] for found in every)],
         soft=soft,
         labels=labels,
@@ -322,5 +324,5 @@ def _widened(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
         others=[of_all(other) for other in found.others],
         scores=found.every_score,
         soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.prior),
+        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.weights),
     )

@@ -78,12 +78,18 @@ def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     matched = int(np.count_nonzero(assignment >= 0))
     density = CROWDING * (n_target - matched + HALF) / task.image_area
     odds = np.full((n, n_target), -np.log(density))
-    if task.prior is not None:
-        with np.errstate(divide="ignore"):
-            odds += np.log(task.prior / max(float(task.prior.max(initial=0.0)), 1e-300))
+    odds += candidate_log_odds(task)
     if task.allowed is not None:
         odds[~task.allowed] = -np.inf
     return odds
+
+
+def candidate_log_odds(task: MatchingTask) -> NDArray[np.float64]:
+    """Logarithms (n, n') of the weights of candidates over the largest; zero where none are given."""
+    if task.weights is None:
+        return np.zeros(task.shape)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(task.weights / max(float(task.weights.max(initial=0.0)), 1e-300)))
 
 
 def visibility(task: MatchingTask, fit: Fit, k: int, options: PosteriorOptions) -> NDArray[np.float64]:

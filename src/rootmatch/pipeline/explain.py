@@ -45,7 +45,7 @@ def _explained(task: MatchingTask) -> Finding:
         task = copies_task(task)
     if task.bodies is not None:
         return match_bodies(task, _explained)
-    if task.predicted is not None:
+    if task.prior_pose is not None:
         return match_predicted(task, _explained)
     if isinstance(task.problem, RigCopies):
         return match_copies(task)

@@ -58,7 +58,7 @@ def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, 
         np.concatenate([sampled.tensor.indices, np.sort(indices, axis=1)]),
         np.concatenate([sampled.tensor.weights, more.tensor.weights]),
         task.shape,
-        task.prior,
+        task.weights,
     )
     joined = sampled._replace(tensor=_distinct(tensor), evaluated=sampled.evaluated + more.evaluated)
     return _packed(task, joined, task.deadline), joined

@@ -29,14 +29,14 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     direct = direct_match(task)
     if direct is not None:
         return direct
-    without = replace(task, predicted=None)
+    without = replace(task, prior_pose=None)
     if task.shape[1] < task.problem.order:
         return nothing_found(
             without,
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
-    return _judged(task, solve(without))
+    return judged_by_prediction(task, solve(without))
 
 
 def direct_match(task: MatchingTask) -> Finding | None:
@@ -77,7 +77,7 @@ def match_of(task: MatchingTask, found: Found) -> Finding:
     )
 
 
-def _judged(task: MatchingTask, found: Finding) -> Finding:
+def judged_by_prediction(task: MatchingTask, found: Finding) -> Finding:
     """What was found without the prediction, and whether that held; it decides between what else is equally good."""
     if found.status is Status.UNTRUSTED:
         return found

@@ -317,16 +317,16 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
 
 def prior_of(task: MatchingTask) -> Pose:
     """The prediction of a task, with the vertical where that is measured."""
-    assert task.predicted is not None
+    assert task.prior_pose is not None
     problem = task.problem
     if isinstance(problem, UP2P):
         return with_vertical(
-            task.predicted,
+            task.prior_pose,
             np.asarray(problem.vertical_world, float),
             np.asarray(problem.vertical_camera, float),
             problem.vertical_noise,
         )
-    return task.predicted
+    return task.prior_pose
 
 
 def fused_pose(task: MatchingTask, assignment: Integers) -> Pose | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
-from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED
+from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
 from rootmatch.pipeline.image_density import clutter_area, crowded_density
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
@@ -130,6 +130,7 @@ class PriorFrame:
         self.area = clutter_area(self.target, sigma, self.images, self.camera.focal)
         self.clutter = CROWDING * max(n_target, 1) / self.area
         self.allowed = np.ones((len(self.source), n_target), np.bool_) if task.allowed is None else task.allowed
+        self.weight = candidate_log_odds(task)
 
     def moved(self, step: Floats) -> tuple[Floats, Floats]:
         """The predicted pose after a step (ω, τ)."""
@@ -179,7 +180,7 @@ class PriorFrame:
         squared, determinant = self.squared(at.pixels, at.spread(covariance))
         chance = self.detection * at.visible
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / self.clutter)
-        gains = odds[:, None] - 0.5 * (squared + np.log(determinant)) - math.log(2.0 * math.pi)
+        gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(determinant)) - math.log(2.0 * math.pi)
         possible = (squared <= gate**2) & (at.visible > self.HIDDEN)[:, None] & self.allowed & (gains > 0.0)
         assignment = np.full(len(at.pixels), -1, np.int64)
         rows = np.flatnonzero(possible.any(axis=1))
@@ -232,7 +233,7 @@ class PriorFrame:
         covariance = np.linalg.inv(normal)
         covariance = 0.5 * (covariance + covariance.T)
         evidence = -0.5 * (chi2 + chi2_prior + float(np.linalg.slogdet(normal)[1]) - self.log_precision)
-        evidence += float(np.log(weight / (2.0 * math.pi)).sum())
+        evidence += float(np.log(weight / (2.0 * math.pi)).sum()) + float(self.weight[used, assignment[used]].sum())
         chance = self.rate(assignment, at) * at.visible
         free = len(self.target) - len(used)
         odds = float(np.where(assignment >= 0, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance)).sum())
@@ -284,7 +285,8 @@ class PriorFrame:
         chance = self.rate(assignment, at) * at.visible
         clutter = CROWDING * (len(self.target) - fit.matched + HALF) / self.area
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / clutter)
-        gains = odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300))) - math.log(2.0 * math.pi)
+        gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300)))
+        gains -= math.log(2.0 * math.pi)
         own = np.where(matched, gains[np.arange(len(assignment)), image], 0.0)
         gains = np.where(self.allowed & (at.visible > self.HIDDEN)[:, None], gains, -np.inf)
         unused = np.ones(len(self.target), np.bool_)
@@ -330,9 +332,15 @@ def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Flo
 
 
 def _squared(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """χ² and determinant of spread + variance · 1, in terms that are none of them negative.
+
+    A spread of rank one, far wider than the variance, has a determinant of rounding alone, of either sign.
+    """
     x = target[:, 0] - pixels[..., 0, None]
     y = target[:, 1] - pixels[..., 1, None]
-    a, c = spread[..., 0, 0, None] + variance, spread[..., 1, 1, None] + variance
+    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
     b = spread[..., 0, 1, None]
-    determinant = a * c - b * b
-    return (c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant
+    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
+    x2, y2 = x * x, y * y
+    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
+    return (across + variance * (x2 + y2)) / determinant, determinant

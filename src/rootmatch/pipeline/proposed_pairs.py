@@ -232,6 +232,6 @@ def _sample_of_hyperedges(
         indices.append((source[keep] * task.shape[1] + group[source[keep]]).astype(np.int32))
         weights.append(task.affinity.weights(residuals[keep]))
     tensor = AffinityTensor.unchecked(
-        np.ascontiguousarray(np.concatenate(indices)), np.concatenate(weights), task.shape, task.prior
+        np.ascontiguousarray(np.concatenate(indices)), np.concatenate(weights), task.shape, task.weights
     )
     return tensor.merged() if tensor.size else tensor

@@ -46,8 +46,8 @@ class RigOptions(Options):
     kept: int = option(40, least=1)
     """Of all, after the first round of gathering. A round value."""
     few: float = option(0.3, above=0.0, most=1.0)
-    """Part of both where the search has a budget of its own, as those for bodies and of a tracker do: two thirds of the
-    time. As many are right on development seeds, also among eight clutter points in each image."""
+    """Part of both if the search is bounded, as those for bodies and of a tracker are: two thirds of the time. As many
+    are right on development seeds, also among eight clutter points in each image."""
     rounds: int = option(3, least=1)
     """Rounds of gathering and fitting."""
     gate: float = option(GATE, above=0.0)
@@ -68,7 +68,7 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
     """
     problem = task.problem
     assert isinstance(problem, RigCopies)
-    if isinstance(task.options.sampler, Guided):
+    if task.budget is not None:
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     sampled, hypotheses, whole = _searched(task, problem, options)
@@ -86,9 +86,9 @@ def _searched(
     """
     copies, points = problem.copies, problem.task
     n, n_target = points.shape
-    given = task.options.sampler
-    guided = given if isinstance(given, Guided) else Guided(budget=options.budget)
-    guided = replace(guided, hypotheses=options.hypotheses)
+    guided = task.options.sampler
+    if not isinstance(guided, Guided):
+        guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
@@ -115,7 +115,7 @@ def _searched(
                 hypotheses.append(one)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.prior)
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.weights)
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 

@@ -121,7 +121,7 @@ def copies_task(task: MatchingTask) -> MatchingTask:
             view_cosine=None if points.view_cosine is None else np.tile(points.view_cosine, cameras),
         ),
         allowed=own if task.allowed is None else own & np.tile(task.allowed, (cameras, 1)),
-        prior=None if task.prior is None else np.tile(task.prior, (cameras, 1)),
+        weights=None if task.weights is None else np.tile(task.weights, (cameras, 1)),
         bodies=None if bodies is None else BodyLabels(bodies.names, np.tile(bodies.index, cameras)),
     )
 

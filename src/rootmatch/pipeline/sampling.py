@@ -48,14 +48,14 @@ def sample(task: MatchingTask) -> SampledTensor:
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)
-    assignments, consensus, place = sampled.assignments, sampled.consensus, np.argsort(task.order)
+    assignments, consensus, place = sampled.assignments, sampled.consensus, np.argsort(task.permutation)
     if assignments is not None:
         assignments = np.ascontiguousarray(assignments[:, place])
     if consensus is not None:
         consensus = consensus[place]
     if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
         made = tensor
-        tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.prior)
+        tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.weights)
     else:
         tensor = selection.placed(_in_given_order(task, tensor), backend)
     return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
@@ -141,6 +141,8 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     if options.scheduler is not None:
         return _for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
+    if automatic and task.budget is not None:
+        return (_guided(task.budget) if pays(sampling) else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
@@ -206,5 +208,5 @@ def _in_given_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTenso
     """The tensor with the source points in the caller's order, and the prior of the candidates."""
     n_target = tensor.shape[1]
     source, target = np.divmod(tensor.indices, np.int32(n_target))
-    indices = (task.order.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
-    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, task.prior)
+    indices = (task.permutation.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
+    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, task.weights)

@@ -153,14 +153,16 @@ class MatchingTask:
         Whether the noise is to be estimated: that of ``points`` says nothing then.
     allowed : (n, n') bool, optional
         Correspondences that are possible.
-    prior : (n, n') float64, optional
+    weights : (n, n') float64, optional
         Prior weights of correspondences.
     bodies : BodyLabels, optional
         Which rigid body each source point belongs to, where there are several.
-    predicted : Pose, optional
+    prior_pose : Pose, optional
         A predicted pose with its covariance.
-    predicted_bodies : dict
+    prior_poses : dict
         Those of several bodies, by label.
+    budget : int, optional
+        Evaluations of a guided search that a tracker or the search for several bodies bounds.
     deadline : Deadline
         When every stage hands on what it has found.
     """
@@ -172,10 +174,11 @@ class MatchingTask:
     noise: Any = 1.0
     estimates_noise: bool = False
     allowed: NDArray[np.bool_] | None = None
-    prior: NDArray[np.float64] | None = None
+    weights: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
-    predicted: Pose | None = None
-    predicted_bodies: dict[Label, Pose] = field(default_factory=dict)
+    prior_pose: Pose | None = None
+    prior_poses: dict[Label, Pose] = field(default_factory=dict)
+    budget: int | None = None
     deadline: Deadline = NEVER
 
     @classmethod
@@ -208,14 +211,15 @@ class MatchingTask:
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
-            noise = 1e-3 if problem.noise_is_angular else 1.0  # some, that of the points says nothing
+            noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
         least = None if prior is None else 1
         points = problem.validated(
             source, target, noise, normals, view_angle, least_target=least, distinct=bodies is None
         )
-        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT
-        weigh = options.affinity(problem, exact=bool(points.target_noise.max() <= exact))
+        pixel = problem.noise_pixels(points.source, points.target)[1]
+        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
+        weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
         allowed, weights = split_candidates(candidates, *points.shape)
         labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
         if prior is not None:
@@ -234,10 +238,10 @@ class MatchingTask:
             noise=noise,
             estimates_noise=estimates,
             allowed=allowed,
-            prior=weights,
+            weights=weights,
             bodies=labels,
-            predicted=prior if isinstance(prior, Pose) else None,
-            predicted_bodies=dict(prior) if isinstance(prior, Mapping) else {},
+            prior_pose=prior if isinstance(prior, Pose) else None,
+            prior_poses=dict(prior) if isinstance(prior, Mapping) else {},
             deadline=deadline,
         )
 
@@ -259,7 +263,7 @@ class MatchingTask:
         return max(float(sides.prod()) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
 
     @cached_property
-    def order(self) -> NDArray[np.int64]:
+    def permutation(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
         The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
@@ -271,12 +275,12 @@ class MatchingTask:
 
     @cached_property
     def ordered_points(self) -> PointSets:
-        """The points with the source in `order`."""
-        return self.points.subset(source=self.order)
+        """The points with the source in `permutation`."""
+        return self.points.subset(source=self.permutation)
 
     @cached_property
     def tables(self) -> Any:
-        """Tables for the kernels, the source points in `order`."""
+        """Tables for the kernels, the source points in `permutation`."""
         return self.problem.tables(self.ordered_points)
 
     @cached_property
@@ -286,7 +290,7 @@ class MatchingTask:
 
     @cached_property
     def sampling_task(self) -> SamplingTask:
-        """What a sampler is given, the source points in `order`."""
+        """What a sampler is given, the source points in `permutation`."""
         kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
         Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
         return SamplingTask(
@@ -298,7 +302,7 @@ class MatchingTask:
             order=self.problem.order,
             seed=self.options.seed,
             motions=self.options.motions,
-            candidates=None if self.allowed is None else self.allowed[self.order],
+            candidates=None if self.allowed is None else self.allowed[self.permutation],
             progress=self.options.progress,
             view_cosine=self.ordered_points.view_cosine,
             deadline=self.deadline.part(SAMPLED, RESERVE),
@@ -309,31 +313,31 @@ class MatchingTask:
 
     def with_noise(self, sigma: float) -> Self:
         """The same task with another noise, the same for all points; nothing is estimated any more."""
-        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name)
+        pixels = self.problem.noise_pixels(self.points.source, self.points.target)
+        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
         points = self.points.with_noise(*parsed)
         return replace(self, points=points, noise=sigma, estimates_noise=False)
 
     def body(self, k: int) -> Self:
-        """The task of one of the bodies and all detections, with its priors."""
+        """The task of one of the bodies and all detections, with its predicted pose."""
         assert self.bodies is not None
-        points = self.bodies.points_of(k)
-        prior = None if self.prior is None else np.ascontiguousarray(self.prior[points])
-        one = self.subset(points, np.arange(self.shape[1]))
-        return replace(one, prior=prior, predicted=self.predicted_bodies.get(self.bodies.names[k]))
+        one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
+        return replace(one, prior_pose=self.prior_poses.get(self.bodies.names[k]))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
-        """The task of some of the points, evaluated in this process, without the prior."""
-        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[np.ix_(source, target)])
+        """The task of some of the points, evaluated in this process, without a predicted pose."""
+        some = np.ix_(source, target)
+        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
         return replace(
             self,
             problem=self.problem.of_some(source, target),
             points=self.points.subset(source, target),
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,
-            prior=None,
+            weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
             bodies=None,
-            predicted=None,
-            predicted_bodies={},
+            prior_pose=None,
+            prior_poses={},
         )
 
 
