@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain.decide import advice
 from rootmatch.hypergraph.enumeration import exhaustive_count
-from rootmatch.pipeline.decide import advice
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
 SEEDS = range(5000, 5030)
@@ -188,7 +188,7 @@ def test_pose_is_recovered() -> None:
         ({"preset": "papre"}, "paper"),
         ({"residual": "svdd"}, "joint"),
         ({"solver": "hungry"}, "ascent"),
-        ({"hyperedges": "some"}, "exhaustive"),
+        ({"sampler": "some"}, "exhaustive"),
         ({"rho": 0.0}, "positive"),
         ({"motions": 0}, "auto"),
         ({"candidates": np.zeros((10, 10), dtype=bool)}, "none is allowed"),

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.prior import with_vertical
-from rootmatch.pipeline.prior_frame import PriorFrame, normal_density
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.predicted_assignment import with_vertical
+from rootmatch.explain.predicted_likelihood import PriorFrame, normal_density
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 SPREAD = np.diag([0.02**2] * 3 + [0.02**2] * 3)

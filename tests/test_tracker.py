@@ -13,15 +13,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
-from rootmatch.pipeline.near_symmetries import near_symmetries
-from rootmatch.pipeline.pose_flip import flipped_pose
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.prior_frame import PriorFrame, unbiased_frame
-from rootmatch.pipeline.task import MatchingTask
-from rootmatch.rival_poses import TEMPER, RivalPose, Shape, decided
-from rootmatch.rival_search import challengers
-from rootmatch.tracker import TrackingOptions
+from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_likelihood import PriorFrame, unbiased_frame
+from rootmatch.explain.task import MatchingTask
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+from rootmatch.tracking.pose_flip import flipped_pose
+from rootmatch.tracking.rival_poses import TEMPER, RivalPose, Shape, decided
+from rootmatch.tracking.searched_poses import challengers
+from rootmatch.tracking.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 BODY = np.random.default_rng(4).uniform(-0.3, 0.3, (7, 3)) + np.array([1.0, 0.0, 0.0])

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.assessment import rivals_beyond_chance
+from rootmatch.explain.assignment_posterior import Misfit, Ranked
+from rootmatch.explain.confidence import Marginals
+from rootmatch.explain.decide import TRUST
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.twin_poses import twins_of
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import rivals_beyond_chance
-from rootmatch.pipeline.confidence import Marginals
-from rootmatch.pipeline.decide import TRUST
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.posterior import Misfit, Ranked
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
-from rootmatch.pipeline.twin_poses import twins_of
 from rootmatch.result import report
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 

@@ -14,16 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError, UnseenPixelError
+from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.body_labels import Label, check_bodies
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
+from rootmatch.explain.rig_copies import copies_task, is_rig
+from rootmatch.explain.task import OPTIONS, MatchingTask, MatchOptions
+from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
-from rootmatch.pipeline.bodies import match_bodies
-from rootmatch.pipeline.body_labels import Label, check_bodies
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.finding import Finding, nothing_found
-from rootmatch.pipeline.predicted import UNCONFIRMED, tried
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.rig_task import copies_task, is_rig
-from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
-from rootmatch.pipeline.validation import check_problem
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated

@@ -12,22 +12,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import (
+from rootmatch.explain.assessment import (
     confidence_against_chance,
     confidence_in,
     confidence_of_motions,
     weighed,
 )
-from rootmatch.pipeline.body_labels import Label
-from rootmatch.pipeline.decide import TRUST, Status, advice
-from rootmatch.pipeline.finding import Finding
-from rootmatch.pipeline.poses import Pose, poses_of
-from rootmatch.pipeline.posterior import Ranked
-from rootmatch.pipeline.prior import fused_pose
-from rootmatch.pipeline.rig_task import RigCopies
-from rootmatch.pipeline.task import MatchingTask
-from rootmatch.pipeline.validation import check_assignment
+from rootmatch.explain.assignment_posterior import Ranked
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import TRUST, Status, advice
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.poses import Pose, poses_of
+from rootmatch.explain.predicted_assignment import fused_pose
+from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.validation import check_assignment
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 
 __all__ = ["Match", "Status", "report"]
@@ -104,7 +104,7 @@ class Match:
     pairs : (k, 2) int64
         The same as pairs of a source and a target index.
     status : Status
-        Whether to trust the assignment, by one rule (`rootmatch.pipeline.decide.decide`); see `advice`.
+        Whether to trust the assignment, by one rule (`rootmatch.explain.decide.decide`); see `advice`.
     probability : float or None
         Posterior probability that the assignment is right, given that one of those considered is; each is fitted by
         its best pose. None where the problem cannot fit poses, for the paper's residuals and with several motions.

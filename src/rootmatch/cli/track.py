@@ -83,7 +83,7 @@ def track(
     from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended, match_rows, pose_rows
     from rootmatch.io.frame_files import read_frames
-    from rootmatch.tracker import Tracker
+    from rootmatch.tracking.tracker import Tracker
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)

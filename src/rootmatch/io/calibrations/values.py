@@ -105,18 +105,19 @@ def load_yaml(path: Path, text: str) -> Any:
         lines[0] = "\n"
 
     def load() -> Any:
-        loader = Loader("".join(lines))
         try:
-            node = loader.get_single_node()
-            if node is None:
-                return None
-            if _written_out(node, {}) > LARGEST:
-                raise ValueError(f"written out, its aliases are more than {LARGEST:,} characters")
-            return loader.construct_document(node)
+            loader = Loader("".join(lines))
+            try:
+                node = loader.get_single_node()
+                if node is None:
+                    return None
+                if _written_out(node, {}) > LARGEST:
+                    raise ValueError(f"written out, its aliases are more than {LARGEST:,} characters")
+                return loader.construct_document(node)
+            finally:
+                loader.dispose()
         except yaml.YAMLError as error:
             raise ValueError(str(error)) from None
-        finally:
-            loader.dispose()
 
     return parsed(path, "YAML", load)
 
