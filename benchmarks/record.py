@@ -133,7 +133,7 @@ def record(path: Path, quick: bool, only: str) -> None:
     statuses: Counter[str] = Counter()
     slow: list[tuple[float, str]] = []
     temporary = path.with_suffix(".partial")
-    with temporary.open("w") as file:
+    with temporary.open("w", buffering=1) as file:  # it shows how far a recording is
         for name, make in cases():
             family = name.rpartition("-")[0]
             if not fnmatchcase(name, only) or (quick and family in families):

@@ -385,16 +385,11 @@ def of_two(features: tuple[str, ...], chosen: int) -> tuple[rm.Match, list[int]]
 
 
 WEIGHED = ["alone", "UP2P", "bodies", "prior", "bodies and priors", "Matcher"]
-WEIGHTS_DROPPED: dict[str, str] = {
-    "bodies": "the weights are dropped in the search for a body",
-    "prior": "the evidence of a predicted pose has no weights",
-    "bodies and priors": "the evidence of a predicted pose has no weights",
-}
 
 
 @pytest.mark.parametrize(
     "context",
-    [known(name, WEIGHTS_DROPPED) for name in WEIGHED],
+    WEIGHED,
 )
 def test_weights_choose_between_detections(context: str) -> None:
     for chosen in (0, 1):
@@ -403,7 +398,6 @@ def test_weights_choose_between_detections(context: str) -> None:
         assert match.confidence[0] > 0.9
 
 
-@fails("nothing judges the prior of a body that a search found without it: prior_holds is None")
 def test_a_wrong_prior_of_one_body_is_told() -> None:
     world = World(frozenset({"bodies"}))
     prior = {"head": world.pose(0), "left": world.pose(1, off=60.0)}
