@@ -64,8 +64,15 @@ sphinx_gallery_conf = {
     "reset_modules": ("matplotlib",),
 }
 
+EXAMPLE = re.compile(r"\]\(((?:\.\./)*)\.\./examples/(gallery|concepts)/(plot_\w+)\.py\)")
+"""A link to an example, as a repository page shows it; on the site it leads to the page that is made of the example."""
 ROOT_PAGES = {"development": "CONTRIBUTING.md", "changelog": "CHANGELOG.md"}
 """Pages of the site that are files of the repository's root."""
+
+
+def link_examples(app: Any, name: str, text: list[str]) -> None:
+    """Lead links to examples to their pages."""
+    text[0] = EXAMPLE.sub(r"](\1\2/\3.rst)", text[0])
 
 
 def show_root_page(app: Any, name: str, text: list[str]) -> None:
@@ -81,3 +88,4 @@ def show_root_page(app: Any, name: str, text: list[str]) -> None:
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("source-read", show_root_page)
+    app.connect("source-read", link_examples)

@@ -107,10 +107,8 @@ def main() -> None:
             stale.append(page)
             if not check:
                 (ROOT / page).write_text(filled(text), encoding="utf-8")
-    print(
-        *([f"{page} has other figures than the files" if check else page for page in stale] or ["nothing to do"]),
-        sep="\n",
-    )
+    for page in stale:
+        print(f"{page}: {'other figures than in the files' if check else 'written'}")
     sys.exit(bool(check and stale))
 
 

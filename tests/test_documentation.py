@@ -2,8 +2,11 @@
 
 import contextlib
 import csv
+import importlib
 import io
 import re
+import subprocess
+import sys
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -63,9 +66,8 @@ def test_links_lead_somewhere(page: Path) -> None:
             continue
         path, _, anchor = unquote(link).partition("#")
         place = (page.parent / path).resolve() if path else page
-        made = re.match(r"docs/(gallery|concepts)/plot_(\w+)\.rst$", place.relative_to(ROOT).as_posix())
-        if made:  # written while the site is built, from this example
-            place = ROOT / "examples" / made.group(1) / f"plot_{made.group(2)}.py"
+        # the site leads a link to an example to the page that is made of it
+        made = re.match(r"examples/(gallery|concepts)/plot_\w+\.py$", place.relative_to(ROOT).as_posix())
         assert place.exists(), f"{link} of {name_of(page)}"
         if page.is_relative_to(ROOT / "docs"):  # the site would warn
             assert made or place.is_relative_to(ROOT / "docs"), f"{link} of {name_of(page)} leads out of the site"
@@ -73,12 +75,65 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert anchor in anchors(place), f"{link} of {name_of(page)}"
 
 
-def test_every_public_name_is_in_the_reference() -> None:
+def documented() -> dict[str, set[str]]:
+    """What the reference lists, by module."""
+    found: dict[str, set[str]] = {}
+    module = ""
+    for line in (ROOT / "docs/reference/api.md").read_text(encoding="utf-8").splitlines():
+        if entry := re.match(r"\.\. (\w+):: ([\w.]+)$", line):
+            kind, name = entry.groups()
+            if kind == "currentmodule":
+                found.setdefault(name, set())
+            elif kind == "automodule":
+                module = name
+            else:
+                place, _, own = name.rpartition(".")
+                found.setdefault(place or "rootmatch", set()).add(own)
+        elif (members := re.match(r"   :members: (.+)$", line)) and module:
+            found.setdefault(module, set()).update(members[1].split(", "))
+            module = ""
+    return found
+
+
+def test_what_is_public_is_one_list() -> None:
+    """`rootmatch.__all__`, the reference and CONTRIBUTING name the same, and all of it is there."""
     import rootmatch
 
-    reference = (ROOT / "docs/reference/api.md").read_text(encoding="utf-8")
-    documented = set(re.findall(r"auto(?:class|function):: (?:\w+\.)*(\w+)", reference))
-    assert set(rootmatch.__all__) - {"__version__"} <= documented
+    found = documented()
+    assert found.pop("rootmatch") == set(rootmatch.__all__) - {"__version__"}
+    section = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Versions")[1].split("## ")[0]
+    assert set(re.findall(r"`(rootmatch\.[a-z_.]+[a-z])`", section)) == set(found)
+    for module, names in found.items():
+        missing = [name for name in names if not hasattr(importlib.import_module(module), name)]
+        assert missing == [], f"{module} has no {missing}"
+
+
+INSIDE = {"docs/architecture.md", "docs/notebook"}
+"""Pages about what is not public."""
+
+
+def test_pages_use_what_is_public() -> None:
+    public = {f"{module}.{name}" for module, names in documented().items() for name in names}
+    public |= set(documented())
+    for page in PAGES:
+        if any(name_of(page).startswith(inside) for inside in INSIDE):
+            continue
+        for block in blocks(page):
+            for module, names in re.findall(r"^from (rootmatch[\w.]*) import (.+)$", block, re.MULTILINE):
+                used = {f"{module}.{name.strip()}" for name in names.split(",")}
+                assert used <= public, f"{name_of(page)}: {used - public}"
+
+
+def test_figures_are_those_of_the_files() -> None:
+    """Tables of measured figures are what docs/make_tables.py makes of them."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "make_tables.py", "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    shown = "\n".join((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/benchmarks.md"))
+    assert shown.count("<!-- table: ") == shown.count("<!-- end -->") == 4
+    for results in (ROOT / "benchmarks" / "results").glob("*.csv"):
+        assert f"<!-- table: {results.stem} -->" in shown
 
 
 def test_the_paper_s_preset_has_the_rho_that_the_scan_chose() -> None:

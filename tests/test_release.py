@@ -41,9 +41,15 @@ def test_every_python_of_the_classifiers_is_in_the_matrix() -> None:
     assert versions <= set(matrix["python"])
 
 
-def test_the_changelog_begins_with_what_is_unreleased_or_this_version() -> None:
-    first = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE).group(1)
-    assert first in ("Unreleased", PROJECT.get("version", "Unreleased"))
+def test_the_changelog_and_the_citation_agree() -> None:
+    """A version is dated in both, or not released yet and dated in neither."""
+    version = re.search(r'__version__ = "(.+)"', (ROOT / "src/rootmatch/_version.py").read_text()).group(1)
+    heads = re.findall(r"^## \[(.+?)\](?: - (\S+))?$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert heads[0][0] in ("Unreleased", version)
+    dates = dict(heads)
+    released = yaml.safe_load((ROOT / "CITATION.cff").read_text()).get("date-released")
+    assert (dates.get(version) or None) == (released and str(released))
+    assert all(dates[name] for name in dates if name != "Unreleased")
 
 
 def test_a_program_that_uses_the_library_is_typed(tmp_path: Path) -> None:

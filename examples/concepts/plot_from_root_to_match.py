@@ -11,8 +11,8 @@ a *root*. Everything in this library follows from that. No pose is estimated and
 # Two triples, one unknown
 # ------------------------
 # The perspective three-point problem of a triple abc has the polynomial of degree four in x = b/a, the ratio of two
-# distances from the camera. A second triple abd has another polynomial in the same x. Where all four correspondences are
-# right both vanish at the true ratio; where the image of d is another point's, they do not.
+# distances from the camera. A second triple abd has another polynomial in the same x. If all four correspondences are
+# right, both vanish at the true ratio; if the image of d belongs to another point, they do not.
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -51,7 +51,7 @@ plt.show()
 # %%
 # How nearly do they share it?
 # ----------------------------
-# The resultant of two polynomials vanishes where they share a root. The published method takes its size, ∣R₂ₙ,₂ₙ∣ of a QR
+# The resultant of two polynomials vanishes if they share a root. The published method takes its size, ∣R₂ₙ,₂ₙ∣ of a QR
 # factorisation of the Sylvester matrix. It has no unit, and what is small depends on the scene. The residuals
 # ``normalised`` and ``joint`` divide by what the noise of the pixels does to them, so they are numbers of standard
 # deviations, the same for every scene.
@@ -91,7 +91,7 @@ plt.show()
 # %%
 # How far to trust it
 # -------------------
-# The best assignment and its rivals are fitted by a pose each, and the posterior probability follows from how well they fit
+# A pose is fitted to the best assignment and to each of its alternatives, and the posterior probability follows from how well they fit
 # and how many detections chance would have put there. ``match.status`` is *matched*, *ambiguous* or *untrusted* by one rule.
 print(match.status.name, "with probability", match.probability)
 print("right:", np.array_equal(match.assignment, truth))

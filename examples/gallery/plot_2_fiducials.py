@@ -26,13 +26,13 @@ truth = np.full(8, -1)
 truth[visible] = np.arange(6)
 
 # %%
-# An exact plan and a tracker with 0.3 mm per coordinate: a pair as ``noise`` gives both.
+# The plan is exact and the tracker has 0.3 mm of noise per coordinate: ``noise`` takes both as a pair.
 match = rm.match(planned, measured, rm.Rigid(), noise=(0.0, 0.3))
 print(match.advice)
 print("assignment:", match.assignment, "  truth:", truth)
 
 # %%
-# The motion that takes the plan to the tracker, how well it fits at the markers, and how well it is known.
+# The motion from the plan to the tracker, how well the markers fit, and how accurate the motion is.
 (pose,) = match.poses
 sigma = np.sqrt(np.diag(pose.covariance))
 print(f"fiducial registration error {pose.rms:.2f} mm over {len(pose.points)} markers, {pose.rms_sigma:.2f} σ")

@@ -24,7 +24,7 @@ c, s = np.cos(angle), np.sin(angle)
 R, t = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), np.array([0.1, 0.0, 2.6])
 
 # %%
-# Thirty of the targets are visible, among ten bright spots that are none; 0.2 px of noise.
+# Thirty of the targets are visible, among ten bright spots that are not targets; 0.2 px of noise.
 visible = rng.choice(40, 30, replace=False)
 spots = rng.uniform((200, 100), (1700, 1100), (10, 2))
 pixels = np.vstack([camera.project(field[visible] @ R.T + t), spots]) + 0.2 * rng.normal(size=(40, 2))
@@ -47,7 +47,7 @@ right = np.sum(found & (match.assignment == truth))
 print(f"{right} of 30 targets right, {found.sum() - right} wrong")
 
 # %%
-# As if the lens had no distortion, the same detections agree on nothing:
+# If the distortion of the lens is ignored, the same detections agree on nothing:
 print(rm.match(field, pixels, rm.P3P(rm.Camera.from_matrix(K)), noise=0.2).status.name)
 
 # %%

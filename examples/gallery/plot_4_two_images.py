@@ -35,8 +35,9 @@ print(match.advice)
 print(f"{np.mean(match.assignment == truth):.0%} right; lead over the best other assignment {match.margin:.2f}")
 
 # %%
-# Three correspondences constrain the motion, and each further one only to a line: two views tell less than a model and
-# a view do, and points near one another's epipolar lines may be exchanged. The alternatives say which.
+# Three pairs determine the motion up to a few solutions; each further pair constrains it only once, as a point in one
+# view corresponds to a line in the other. Points near the same epipolar line may therefore be exchanged; the
+# alternatives say which.
 for other, score in match.alternatives[:3]:
     changed = np.flatnonzero(other != match.assignment)
     print(f"score {score:.1f} instead of {match.score:.1f}: other images for points {changed.tolist()}")

@@ -2,8 +2,7 @@
 Ambiguity, and what to do about it
 ==================================
 
-A constellation that looks the same from two sides has two right answers. A matcher that returns one of them and says
-nothing is worse than none.
+A constellation that looks the same from two sides has two right answers. A matcher should return both and say so.
 """
 
 # %%

@@ -8,7 +8,7 @@ polynomial that minimal sets share, and compiles the residual. Here: a robot on 
 
 # %%
 # Between the pictures it has rotated by θ about the vertical and moved by (tx, 0, tz). With x = tan(θ/2), rays p and q of
-# one point satisfy q · (t × R p) = 0. That is all the library needs to be told.
+# one point satisfy q · (t × R p) = 0. Nothing else has to be stated.
 import matplotlib.pyplot as plt
 import numpy as np
 import sympy as sp

@@ -7,7 +7,7 @@ the angles of triangles, and a dense array of order 3 is turned into one.
 """
 
 # %%
-# Twenty points of a plane; the target is rotated, scaled, jittered, and has eight outliers.
+# Twenty points in a plane; the target is rotated, scaled, jittered, and has eight outliers.
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -23,7 +23,7 @@ target = np.vstack([1.3 * source @ turn.T + 0.02 * rng.normal(size=(20, 2)), 1.3
 truth = np.argsort(order)[:20]
 
 # %%
-# Hyper-edges: triangles with the most alike angles (Duchenne et al. 2011).
+# Hyper-edges: pairs of triangles with the most similar angles (Duchenne et al. 2011).
 tensor = rm.AffinityTensor(*rm.invariant_affinities(source, target, "signed-angles", seed=0))
 print(tensor)
 
