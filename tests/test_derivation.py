@@ -562,6 +562,21 @@ def test_constraints_can_be_limited() -> None:
     assert problem.constraints == 1
 
 
+@pytest.mark.parametrize(("name", "stated"), [("up2p", 2), ("up2p-each", 2), ("p3p", 2), ("3p1", 1)])
+def test_the_constraints_of_the_equations_are_counted(name: str, stated: int) -> None:
+    """Twice the points less the unknowns of the pose; a baseline's length, which no image shows, is none."""
+    problem = derived(name)
+    assert (problem.surplus_constraints, problem.stated_constraints) == (0, stated)
+    assert f"Constraints of a hyper-edge: {stated}, used: {problem.constraints}." in problem.code
+
+
+def test_an_over_determined_minimal_set_is_named() -> None:
+    each = lambda p, q: q.dot(T.cross(TURN * p))  # noqa: E731
+    statement = {"each": each, "shared": x, "eliminate": list(T), "source": RAYS, "target": RAYS, "cached": False}
+    with pytest.raises(RootmatchError, match=r"4 correspondences over-determine .* left over: 1\).* give minimal=3"):
+        derive("four", minimal=4, **statement)  # type: ignore[arg-type]
+
+
 STATEMENT = {
     "equations": lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0])),
     "minimal": 2,
@@ -593,6 +608,17 @@ STATEMENT = {
         ({"interval": (2.0, 1.0)}, "interval"),
         ({"name": "../up"}, "name: '../up'"),
         ({"positive": lambda X, u: [sp.Symbol("depth")]}, "positive: depth"),
+        ({"positive": lambda X, u: 1 / 0}, r"positive: the function failed with ZeroDivisionError"),
+        (
+            {"equations": lambda X, u: TURN * X[0] + 1},
+            r"equations: the function failed with TypeError .*column vectors",
+        ),
+        ({"equations": lambda X, u: X[7]}, "equations: the function failed with IndexError"),
+        ({"equations": lambda X: X[0]}, "equations: the function failed with TypeError"),
+        ({"equations": lambda X, u: None}, "equations: None returned"),
+        ({"equations": lambda X, u: "x"}, "equations: 'x' returned"),
+        ({"equations": lambda X, u: [u[0][0] * x == X[0][0]]}, "False returned, a comparison"),
+        ({"equations": lambda X, u: u[0][0] * x - math.nan}, "NaN or infinity"),
     ],
 )
 def test_a_statement_that_cannot_be_meant_is_refused(change: dict[str, object], text: str) -> None:

@@ -321,8 +321,8 @@ def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
 
     rng = np.random.default_rng(3)
     taken = rng.random(100_000) < 0.7
-    first = rng.multivariate_normal(np.zeros(12), P0, len(taken))
-    second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken))
+    first = rng.multivariate_normal(np.zeros(12), P0, len(taken), method="cholesky")
+    second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken), method="cholesky")
     samples = np.where(taken[:, None], second, first)
     spread = np.sqrt(np.diag(some.P))
     assert np.abs((samples.mean(axis=0) - from_prediction(some)) / spread).max() < 0.02

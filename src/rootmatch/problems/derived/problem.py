@@ -100,6 +100,24 @@ class DerivedProblem(Problem):
         return self.generated.text
 
     @property
+    def stated_constraints(self) -> int | None:
+        """Independent constraints that the equations put on a hyper-edge, of which `constraints` are used.
+
+        None where they could not be counted: no unknowns were found that satisfy the equations at the sampler's points.
+        """
+        stated: int | None = self.generated.plan.get("stated")
+        return stated
+
+    @property
+    def surplus_constraints(self) -> int | None:
+        """Constraints of a minimal set beyond those that determine its unknowns: over-determined where not 0.
+
+        The polynomial holds none of them. None as for `stated_constraints`.
+        """
+        surplus: int | None = self.generated.plan.get("surplus")
+        return surplus
+
+    @property
     def evaluator(self) -> Evaluator:
         """The formulas on arrays."""
         return Evaluator(self.generated.plan, self.generated.functions, self.source, self.target)
