@@ -184,7 +184,7 @@ def test_ctrl_c_at_any_statement_of_writing(tmp_path: Path, times: int) -> None:
 
     def trace(frame: Any, event: str, argument: Any) -> Any:
         nonlocal steps
-        if frame.f_code.co_filename.endswith("atomic_output.py") and event == "line":
+        if frame.f_code.co_filename.endswith("outputs.py") and event == "line":
             steps += 1
             if steps == stop:
                 raise KeyboardInterrupt

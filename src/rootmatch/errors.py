@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 
 class RootmatchError(Exception):
     """Base class of every error that rootmatch raises deliberately."""
@@ -23,6 +25,14 @@ MOST_LISTED = 8
 """Entries of a list or mapping that it quotes; of longer ones it says how many they are."""
 
 
+_SHORT = reprlib.Repr()
+"""Never walks through more of a value than it shows: aliases of YAML unfold to billions of entries."""
+_SHORT.maxlevel = 3
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxset = _SHORT.maxdict = MOST_LISTED
+_SHORT.maxstring = _SHORT.maxother = 10 * MOST_QUOTED
+_SHORT.maxlong = 10_000
+
+
 def printable(text: str) -> str:
     """A text with every character that a terminal may obey as its escape, in the notation of Python."""
     if text.isprintable():
@@ -35,7 +45,7 @@ def quoted(value: object) -> str:
     if isinstance(value, list | dict) and len(value) > MOST_LISTED:
         return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
     try:
-        text = printable(" ".join(repr(value).split()))
+        text = printable(" ".join(_SHORT.repr(value).split()))
     except (ValueError, RecursionError):
         return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
     return text if len(text) <= MOST_QUOTED else f"{text[: MOST_QUOTED - 3]}..."
