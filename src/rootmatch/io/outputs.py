@@ -16,7 +16,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -244,4 +244,5 @@ def _send(content: Path, path: Path) -> None:
 
 def _discard(temporary: Path | None) -> None:
     if temporary is not None:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
