@@ -35,6 +35,14 @@ class Command:
                 time.sleep(0.002)
         return True
 
+    def worked(self) -> float:
+        """Seconds of the processor that it has used, without its children."""
+        try:
+            words = Path(f"/proc/{self.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            return 0.0
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
     def alone(self, seconds: float) -> bool:
         """Whether nothing of its session is left, at the latest after some seconds; what is left is killed."""
         ends = time.monotonic() + seconds
@@ -82,7 +90,6 @@ def started(
 def _run(words: list[str], folder: Path, logs: Path, stdin: Path | str, closed: tuple[int, ...]) -> int:
     os.setsid()
     os.chdir(folder)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     places = (stdin, os.O_RDONLY), (logs / "stdout", os.O_WRONLY), (logs / "stderr", os.O_WRONLY)
     for number, (place, mode) in enumerate(places):
         made = 0 if number == 0 else os.O_CREAT | os.O_TRUNC
@@ -98,8 +105,10 @@ def _run(words: list[str], folder: Path, logs: Path, stdin: Path | str, closed: 
     from rootmatch.cli import main
 
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         main()
     except SystemExit as end:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has ended; what comes now is late
         code = end.code if isinstance(end.code, int) else 0
     except BaseException:
         with open(logs / "stderr", "a", encoding="utf-8") as file:

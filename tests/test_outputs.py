@@ -407,6 +407,16 @@ def test_no_input_is_written_over(scene: Path, tmp_path: Path, option: str, name
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
 
 
+@UNIX
+def test_a_scene_is_not_written_over_its_own_camera(tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text('{"fx": 900, "fy": 900, "cx": 320, "cy": 240}')
+    command = ["simulate", "p3p", "--camera", str(tmp_path / "camera.json"), "--output", str(tmp_path), "--force"]
+    found = CliRunner().invoke(app, command)
+    assert found.exit_code == 2
+    assert "camera.json is also an input" in found.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["camera.json"]
+
+
 def test_an_overlong_word_is_shortened_in_an_error() -> None:
     found = CliRunner().invoke(app, ["match", "x" * 5000, "y", "--problem", "p3p", "--camera", "1000,1000,320,240"])
     assert found.exit_code == 2

@@ -15,6 +15,7 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,8 @@ from file_cases import FRAMES, OWN, POSE
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from commands import started
 
-SECONDS = 3.0
-"""After which a command is interrupted."""
+SECONDS, WAITING = 2.0, 30.0
+"""Of the processor and of the clock, after which a command is interrupted: it may wait for what never comes."""
 DYING = 60.0
 """Seconds of the clock that it then has; other work may keep the processors."""
 USUAL = (0, 1, 2, 130)
@@ -129,7 +130,7 @@ def recipe(rng: random.Random) -> dict[str, Any]:
 
 
 def fitting(rng: random.Random, name: str, values: tuple[str, ...]) -> str:
-    """A value of an option: half of them such as it takes."""
+    """A value of an option: most of them such as it may take."""
     fits: dict[str, tuple[str, ...]] = {
         "--output": (*OUTPUTS, *SPECIAL, *INPUTS),
         "--poses": (*OUTPUTS, *SPECIAL, *INPUTS),
@@ -144,7 +145,7 @@ def fitting(rng: random.Random, name: str, values: tuple[str, ...]) -> str:
         "--jobs": ("1", "1", "0", "-5", "100000"),
         "--noise": ("0.5", "auto", "0.5,0.5"),
     }
-    return rng.choice(fits[name] if name in fits and rng.random() < 0.5 else values)
+    return rng.choice(fits.get(name, ("1", "2", "0.5")) if rng.random() < 0.7 else values)
 
 
 def simpler(recipe: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -198,7 +199,10 @@ def attempt(recipe: dict[str, Any]) -> int:
         prepared(folder)
         stdin = recipe["stdin"] if recipe["stdin"].startswith("/") else folder / recipe["stdin"]
         command = started(words, folder, parent, stdin, closed)
-        if not command.ended(SECONDS):
+        ends = time.monotonic() + WAITING
+        while not command.ended(0.2) and command.worked() < SECONDS and time.monotonic() < ends:
+            pass
+        if command.code is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(command.pid, signal.SIGINT)
             if not command.ended(DYING):

@@ -52,6 +52,7 @@ class FrameOutputs:
     def check(self, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written."""
         from rootmatch.io import check_output, is_standard_output, sent_through
+        from rootmatch.io.appended_table import SETTINGS_SUFFIX
 
         taken = list(inputs)
         for option, path in self.paths.items():
@@ -61,6 +62,8 @@ class FrameOutputs:
             if self.as_json and is_standard_output(path):
                 raise InputError(f"--json: {option} goes to standard output too; give it a file")
             taken.append(path)
+            if not sent_through(path):
+                check_output(path.with_name(path.name + SETTINGS_SUFFIX), option, taken)
         if self.resume and not self.paths:
             raise InputError("--resume: nothing is written that could be continued; give --output or --poses")
 
