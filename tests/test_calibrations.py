@@ -166,6 +166,11 @@ def kalibr(**changes: object) -> str:
 
 
 OWN = {"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}
+BOMB = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]\n" for k in range(1, 12)
+)
+BOMB += "camera_matrix: *a11\n"
+"""Five hundred bytes that unfold to 69 billion entries."""
 BAD: dict[str, tuple[str, str | bytes, str]] = {
     "nested": ("json", "[" * 5000 + "]" * 5000, "nested too deeply"),
     "nested dist": ("json", json.dumps(OWN)[:-1] + ', "dist": ' + "[" * 5000 + "]" * 5000 + "}", "nested too deeply"),
@@ -218,6 +223,7 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "model": ("bin", struct.pack("<QiiQQ", 1, 1, 99, 5, 5), "model 99"),
     "too long": ("bin", struct.pack("<QiiQQ4d", 1, 1, 1, 5, 5, 9, 9, 1, 1) + b"more", "4 bytes too many"),
     "latin": ("yaml", b"name: \xe9", "UTF-8"),
+    "bomb": ("yaml", BOMB, "camera_matrix holds"),
 }
 
 
@@ -292,7 +298,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=words):
             rm.read_cameras(tmp_path / name)
     (tmp_path / "large.yaml").write_bytes(b" " * 10_000_001)
-    with pytest.raises(InputError, match="far more than a calibration"):
+    with pytest.raises(InputError, match="it is no calibration"):
         rm.read_cameras(tmp_path / "large.yaml")
 
 

@@ -12,6 +12,9 @@ from rootmatch.errors import InputError, quoted
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import as_floats
 
+LARGEST_PRIOR = 1e9
+"""Of a correspondence: it is added to weights of hyper-edges, up to 1 each, of which rounding then takes 1e-7."""
+
 
 def split_candidates(
     candidates: ArrayLike | None, n: int, n_target: int
@@ -25,6 +28,10 @@ def split_candidates(
     if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
         raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
     mask = unary > 0.0
+    if np.any(unary > LARGEST_PRIOR):
+        raise InputError(
+            f"candidates: a weight of {unary.max():g} given, at most {LARGEST_PRIOR:g} expected; scale all of them"
+        )
     if not mask.any():
         raise InputError("candidates: none is allowed; allow at least the order of the problem")
     return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
