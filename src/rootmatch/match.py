@@ -13,7 +13,7 @@ from rootmatch.backends import cpu, selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.bodies import match_bodies
 from rootmatch.cameras.rig import rig_of
-from rootmatch.deadline import Deadline
+from rootmatch.deadline import Deadline, OutOfTime
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.on_demand import changed, unread
@@ -29,7 +29,7 @@ from rootmatch.pipeline.sampling import affordable, sample, swept
 from rootmatch.pipeline.searched_solution import searched_solution
 from rootmatch.pipeline.task import Hyperedges, MatchingTask, MatchOptions
 from rootmatch.pipeline.validation import checked_indices
-from rootmatch.predicted import match_predicted
+from rootmatch.predicted import empty_match, match_predicted
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
@@ -240,13 +240,22 @@ def solve(task: MatchingTask, started: float) -> Match:
     """The match of a task, its noise estimated first where that is asked for; ``started``: by `time.perf_counter`."""
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: a rig does not estimate it; give a number of pixels")
-    found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
+    with task.deadline.with_grace().enforced():
+        found = solve_with_estimated_noise(task, _solve) if task.estimates_noise else _solve(task)
     # nobody else has it yet
     vars(found).update(seconds=time.perf_counter() - started, limited=task.deadline.limited)
     return found
 
 
 def _solve(task: MatchingTask) -> Match:
+    """The match of a task, empty where its time does not suffice for anything."""
+    try:
+        return _found(task)
+    except OutOfTime:
+        return empty_match(task, "max_seconds were over before anything was found")
+
+
+def _found(task: MatchingTask) -> Match:
     """The match of a task: sample hyper-edges into a tensor, solve it, assess the solution."""
     if is_rig(task):
         return shown(_solve(copies_task(task)))

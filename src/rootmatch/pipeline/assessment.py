@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
@@ -46,7 +46,21 @@ class Assessment:
 
 
 def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment:
-    """The solution without unsupported points, the most probable assignment near it, and whether to believe it."""
+    """The solution without unsupported points, the most probable assignment near it, and whether to believe it.
+
+    One whose time does not suffice for that is untrusted.
+    """
+    try:
+        return _assessed(task, solution, sampled)
+    except OutOfTime:
+        return Assessment(
+            assignment=solution.assignment, score=solution.score, margin=solution.margin, probability=None,
+            alternatives=solution.alternatives, status=Status.UNTRUSTED,
+        )  # fmt: skip
+
+
+def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment:
+    """See `assess`."""
     if task.options.packs_motions:
         return _of_motions(solution, task.shape)
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives

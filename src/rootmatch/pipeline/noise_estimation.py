@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
+from rootmatch.deadline import OutOfTime
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
@@ -73,7 +74,10 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
     guess = first = first_guess(task.image[0])
     match = solve(_round(task, guess))
     for _ in range(ROUNDS):
-        sigma = estimated_noise(match, guess)
+        try:
+            sigma = estimated_noise(match, guess)
+        except OutOfTime:
+            break
         if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
             break
         if task.deadline.passed():
