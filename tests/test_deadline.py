@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
 from rootmatch.explain.explain import explain
 from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.jit.threads import in_threads
 from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, PowerIteration
@@ -63,6 +64,61 @@ def test_blocks_shrink_as_the_deadline_comes_near() -> None:
     assert max(sizes) < 500
     assert sizes[-1] == 1
     assert late <= 1.0 + 0.0015
+
+
+def test_work_inside_a_deadline_ends_when_it_passes() -> None:
+    clock, done = Clock(), []
+    deadline = Deadline(1.0, clock=clock)
+    with deadline.within():
+        assert in_force() is deadline
+        for k in range(5):
+            checkpoint()
+            done.append(k)
+            clock.now += 0.4
+    assert done == [0, 1, 2]
+    assert deadline.limited
+    assert in_force() is NEVER
+    with deadline.enforced(), pytest.raises(OutOfTime):
+        checkpoint()
+    soon = Deadline(10.0, clock=clock)
+    with soon.enforced():
+        checkpoint(5.0)
+        with pytest.raises(OutOfTime):
+            checkpoint(11.0)  # would take longer than is left
+    assert soon.limited
+    checkpoint(1e9)  # no deadline is in force
+    late = deadline.with_grace()
+    assert 0.0 < late.ends - deadline.ends < 0.1
+    assert NEVER.with_grace() is NEVER
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_pieces_make_up_the_whole_and_end_at_a_deadline(threads: int) -> None:
+    seen = np.zeros(10_000, int)
+
+    def work(first: int, last: int) -> None:
+        seen[first:last] += 1
+
+    in_threads(work, len(seen), threads, 4)
+    assert (seen == 1).all()
+    in_threads(work, 0, threads)
+    assert (seen == 1).all()
+    clock, begun = Clock(), []
+
+    def slow(first: int, last: int) -> None:
+        begun.append((first, last))
+        clock.now += 0.3
+
+    with Deadline(1.0, clock=clock).enforced(), pytest.raises(OutOfTime):
+        in_threads(slow, 1000, threads)
+    assert 4 <= len(begun) < 4 + threads
+    assert sorted(first for first, _ in begun)[0] == 0
+
+    def wrong(first: int, last: int) -> None:
+        raise ValueError(f"{first}")
+
+    with pytest.raises(ValueError, match="0"):
+        in_threads(wrong, 1000, threads)
 
 
 @pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "1", True])

@@ -84,10 +84,14 @@ def test_minimal_poses_are_those_of_brute_force(planar: bool) -> None:
         judge = np.ones(n_target), np.ones((n, n_target)), 0.5, 0.5, 1e-14, -1e9, 0.0
         poses, evidence = np.zeros((1, kept, FIELDS)), np.full((1, kept), -np.inf)
         search = search_pairs if planar else search_triples
-        search(
-            views, judge, np.arange(n)[None], np.arange(n)[None], np.array([36.0, SPREAD]), 0, 1,
-            np.zeros((ROOTS, FIELDS, n_target)), np.zeros(n_target), poses, evidence, np.zeros((1, 3), np.int64),
-        )  # fmt: skip
+        counts, every = np.zeros((1, 3), np.int64), n_target**minimal
+        cuts = np.sort(rng.integers(0, every, 3)) if seed < 3 else np.array([], int)  # in pieces, or all at once
+        for begin, stop in itertools.pairwise([0, *cuts.tolist(), every]):
+            search(
+                views, judge, np.arange(n)[None], np.arange(n)[None], np.array([36.0, SPREAD]), 0, 1, begin, stop,
+                np.zeros((ROOTS, FIELDS, n_target)), np.zeros(n_target), poses, evidence, counts,
+            )  # fmt: skip
+        assert counts[0, 0] == math.perm(n_target, minimal)
         found = poses[0][evidence[0] > -np.inf]
         expected = [
             pose

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 
 Clock = Callable[[], float]
+GRACE, GRACE_SECONDS = 0.03, 0.001
+"""Share of a match's time, and seconds, that it may take to hand on what it has: a part of the tenth and 5 ms by which
+it may be late."""
+
+
+class OutOfTime(Exception):  # noqa: N818
+    """The deadline in force passed inside work that is done whole or not at all: a stage above hands on what it has."""
 
 
 class Deadline:
@@ -29,6 +38,7 @@ class Deadline:
         self, seconds: float | None = None, *, started: float | None = None, clock: Clock = time.perf_counter
     ) -> None:
         self.clock = clock
+        self.seconds = math.inf if seconds is None else seconds
         self.ends = math.inf if seconds is None else (clock() if started is None else started) + seconds
         self._cuts: list[float] = []
 
@@ -77,9 +87,51 @@ class Deadline:
         if left_out:
             self._cuts.append(self.ends)
 
+    def with_grace(self) -> Deadline:
+        """The same a little later: what hands on the results of a stage that ended in time has not to be cut off."""
+        if not self.is_set:
+            return self
+        late = Deadline(clock=self.clock)
+        late.ends, late._cuts = self.ends + GRACE * self.seconds + GRACE_SECONDS, self._cuts
+        return late
+
+    @contextmanager
+    def within(self) -> Iterator[None]:
+        """Do what is inside until the deadline, which ends it without an error wherever it looks at the time."""
+        with self.enforced(), suppress(OutOfTime):
+            yield
+
+    @contextmanager
+    def enforced(self) -> Iterator[None]:
+        """Put the deadline in force for what is called inside: `checkpoint` raises `OutOfTime` once it has passed."""
+        token = _in_force.set(self)
+        try:
+            yield
+        finally:
+            _in_force.reset(token)
+
 
 NEVER = Deadline()
 """No deadline."""
+_in_force: ContextVar[Deadline] = ContextVar("_in_force", default=NEVER)
+
+
+def in_force() -> Deadline:
+    """The deadline of the stage that is running; `NEVER` outside of a match."""
+    return _in_force.get()
+
+
+def checkpoint(seconds: float = 0.0) -> None:
+    """End work that cannot be handed on in part, if the deadline in force passes within so many seconds.
+
+    Raises
+    ------
+    OutOfTime
+    """
+    deadline = _in_force.get()
+    if deadline.is_set and deadline.left() <= seconds:
+        deadline.cuts(left_out=True)
+        raise OutOfTime
 
 
 class Pace:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -262,6 +262,8 @@ def strongest(
                     points=n,
                     chunks=CHUNKS,
                 )
+            except OutOfTime:
+                return Found(*kept.settle(), total)
             except SystemError as error:
                 # Ctrl-C met while a compiled function returns
                 if isinstance(error.__cause__, KeyboardInterrupt):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace
 from rootmatch.explain.assignment_posterior import Misfit, Ranked, misfit, ranked
 from rootmatch.explain.confidence import of_one_pose
 from rootmatch.explain.decide import TRUST, Facts, Status
@@ -33,7 +33,28 @@ SUPPORTED = 0.5
 
 
 def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """The solution without unsupported points, the most probable assignment near it, and whether to believe it."""
+    """The solution without unsupported points, the most probable assignment near it, and whether to believe it.
+
+    One whose time does not suffice for that is untrusted.
+    """
+    try:
+        return _assessed(task, solution, sampled)
+    except OutOfTime:
+        return Finding(
+            task=task,
+            assignment=solution.assignment,
+            others=[other for other, _ in solution.alternatives],
+            facts=Facts(confirmed=False, lead=solution.margin),
+            tensor=sampled.tensor,
+            scores=[solution.score, *(value for _, value in solution.alternatives)],
+            soft=solution.soft,
+            converged=solution.converged,
+            evaluated=sampled.evaluated,
+        )
+
+
+def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
+    """See `assess`."""
     if task.options.packs_motions:
         return _of_motions(task, solution, sampled)
     assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives

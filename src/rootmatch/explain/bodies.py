@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.assessment import fits
 from rootmatch.explain.assignment_posterior import ranked
@@ -34,6 +36,7 @@ Integers = NDArray[np.int64]
 Solve = Callable[[MatchingTask], Finding]
 BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
+LATE = "max_seconds were over before it was searched for"
 LISTED = 5
 """Alternatives of a doubtful match that another body may rule out by taking their detections. A round value."""
 AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
@@ -58,6 +61,8 @@ class _Body:
     """Whether that ended by its budget."""
     among: int = 0
     """Free detections at that search."""
+    evaluated: int = 0
+    """Evaluations of all its searches."""
 
     @property
     def detections(self) -> Integers:
@@ -101,10 +106,19 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     """
     assert task.bodies is not None
     bodies = [_Body(k, label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
+    with suppress(OutOfTime):
+        _match_each(task, bodies, solve, options)
+    for body in bodies:
+        if body.match is None:
+            body.match = nothing_found(task.body(body.number), LATE)
+    return _joined(task, bodies, sum(body.evaluated for body in bodies))
+
+
+def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
+    """Match each of the bodies."""
     free = np.ones(task.shape[1], np.bool_)
     first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
     budgets = [int(first * options.budget_growth**k) for k in range(options.rounds)]
-    evaluated = 0
     for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
         for body in bodies:
             _predict(task, body, free, sure)
@@ -121,7 +135,7 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
             body.match, body.cut = _searched(task, body, np.flatnonzero(free), budget, solve)
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
-            evaluated += body.match.evaluated + _confirm(task, body, solve, options)
+            body.evaluated += body.match.evaluated + _confirm(task, body, solve, options)
             if body.match.status is Status.MATCHED:
                 _check_rivals(
                     task, body, [other for other in bodies if not other.settled and other is not body], options
@@ -132,7 +146,6 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
         if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
             break
     _make_exclusive(task, bodies, free, solve, budgets[-1])
-    return _joined(task, bodies, evaluated)
 
 
 def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: float) -> None:
@@ -161,7 +174,7 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
     """
     part = task.body(body.number)
     if task.deadline.passed():
-        return nothing_found(part, "max_seconds were over before it was searched for"), False
+        return nothing_found(part, LATE), False
     part = replace(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rootmatch.deadline import OutOfTime
 from rootmatch.errors import InputError
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.pose_decision import decided_by_pose
@@ -36,13 +37,22 @@ def explain(task: MatchingTask) -> Finding:
     """
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: a rig does not estimate it; give a number of pixels")
-    return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
+    with task.deadline.with_grace().enforced():
+        return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 
 
 def _explained(task: MatchingTask) -> Finding:
-    """What was found of a task whose noise is known."""
+    """What was found of a task whose noise is known; nothing if its time does not suffice for anything."""
     if is_rig(task):
         task = copies_task(task)
+    try:
+        return _found(task)
+    except OutOfTime:
+        return nothing_found(task, "max_seconds were over before anything was found")
+
+
+def _found(task: MatchingTask) -> Finding:
+    """What was found of a task whose noise is known, by what else is known of it."""
     if task.bodies is not None:
         return match_bodies(task, _explained)
     if task.prior_pose is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import Residual
@@ -46,7 +47,10 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
     guess = first = first_guess(task.image[0])
     match = solve(_round(task, guess))
     for _ in range(ROUNDS):
-        sigma = estimated_noise(match, guess)
+        try:
+            sigma = estimated_noise(match, guess)
+        except OutOfTime:
+            break
         if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
             break
         if task.deadline.passed():

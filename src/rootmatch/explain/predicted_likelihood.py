@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
+from rootmatch.deadline import checkpoint
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
 from rootmatch.explain.image_density import clutter_area, crowded_density
 from rootmatch.explain.task import MatchingTask
@@ -30,6 +31,8 @@ SETTLED = 1e-4
 square."""
 LEAST_DAMPING = 1e-3
 """Damping of the first step after one that went too far, relative to the normal matrix's diagonal."""
+ROWS = 256
+"""Predictions that are compared with all detections together."""
 EDGE = 4.0
 """How much wider the edge of a view angle is, in standard deviations of the camera's direction: two on each side."""
 VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
@@ -171,7 +174,15 @@ class PriorFrame:
 
     def squared(self, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
         """χ² (n, n') of each detection about each prediction, and the determinants of their covariance."""
-        return _squared(self.target, self.variance, pixels, spread)
+        if len(pixels) <= ROWS:
+            return _squared(self.target, self.variance, pixels, spread)
+        parts = []
+        for first in range(0, len(pixels), ROWS):
+            checkpoint()
+            rows = slice(first, first + ROWS)
+            parts.append(_squared(self.target, self.variance, pixels[rows], spread[rows]))
+        squared, determinant = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return squared, determinant
 
     def assigned(self, at: Projected, covariance: Floats, gate: float) -> Integers:
         """The most probable one-to-one assignment about a pose, each pair for itself."""

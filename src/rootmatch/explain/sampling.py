@@ -11,9 +11,9 @@ import numpy as np
 
 from rootmatch.backends import cpu, selection
 from rootmatch.backends.dask import Cluster
-from rootmatch.deadline import Deadline
+from rootmatch.deadline import Deadline, OutOfTime
 from rootmatch.errors import InputError
-from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.task import RESERVE, SAMPLED, MatchingTask
 from rootmatch.explain.validation import check_size
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
@@ -44,7 +44,12 @@ def sample(task: MatchingTask) -> SampledTensor:
     InputError
         If there are too many, or options do not go together or are not available.
     """
-    sampled, backend = _sampled(task)
+    try:
+        with task.deadline.part(SAMPLED, RESERVE).enforced():
+            sampled, backend = _sampled(task)
+    except OutOfTime:
+        nothing = AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.shape)
+        sampled, backend = SampledTensor(nothing, 0, conclusive=False, partial=True, missed=1.0), cpu
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)

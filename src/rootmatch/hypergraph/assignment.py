@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
+
+SECONDS_PER_STEP = 1.7e-9
+"""Of the Hungarian method, with n² n' steps at the most, as soft assignments take that are a column times a row."""
 
 
 def discretise(soft: ArrayLike) -> NDArray[np.int64]:
@@ -51,6 +55,7 @@ def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArra
             return (every, best) if wide else (best, every)
     from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
 
+    checkpoint(SECONDS_PER_STEP * lines.size * len(lines))
     rows, columns = linear_sum_assignment(value, maximize=True)
     return rows, columns
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.random_tuples import distinct_tuples
 
@@ -28,8 +28,14 @@ def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] |
     return count if mask is None else count * float(mask.mean()) ** order
 
 
+LOOKED = 64
+"""First targets of arrangements between two looks at the time."""
 KEPT_SUBSETS = 16_384
 """Subsets, or arrangements, up to which they are kept for the next frame: 400 kB of triples."""
+
+MOST_SHUFFLED = 1 << 20
+"""Arrangements that are listed for a search in random order; of pairs those of a thousand targets. More than its budget
+lets it try for a wave of minimal sets. A round value."""
 
 
 def subsets(n: int, size: int) -> NDArray[np.int64]:
@@ -43,8 +49,16 @@ def _kept_subsets(n: int, size: int) -> NDArray[np.int64]:
 
 
 def _subsets(n: int, size: int) -> NDArray[np.int64]:
-    every = chain.from_iterable(combinations(range(n), size))
-    return np.fromiter(every, np.int64, math.comb(n, size) * size).reshape(-1, size)
+    found = np.zeros((1, 0), np.int64)
+    for place in range(size):
+        checkpoint()
+        # those that leave enough larger ones for the places after this one
+        last = found[:, -1] if place else np.array([-1])
+        counts = np.maximum(n - size + place - last, 0)
+        begun = np.concatenate([[0], np.cumsum(counts)])
+        added = np.arange(begun[-1]) - np.repeat(begun[:-1] - last - 1, counts)
+        found = np.column_stack([np.repeat(found, counts, axis=0), added])
+    return found
 
 
 def source_bases(n: int, order: int) -> NDArray[np.int64]:
@@ -65,11 +79,27 @@ def _kept_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
 
 
 def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
-    grid = np.indices((n_target,) * length, dtype=np.int32).reshape(length, -1)
-    distinct = np.ones(grid.shape[1], dtype=bool)
-    for first, second in combinations(range(length), 2):
-        distinct &= grid[first] != grid[second]
-    return np.ascontiguousarray(grid[:, distinct].T)
+    if length == 0:
+        return np.empty((1, 0), np.int32)
+    checkpoint()
+    after = _arrangements(max(n_target - 1, 0), length - 1)
+    every = np.empty((n_target, len(after), length), np.int32)
+    for first in range(n_target):
+        if first % LOOKED == 0:
+            checkpoint()
+        every[first, :, 0] = first
+        every[first, :, 1:] = after + (after >= first)
+    return every.reshape(-1, length)
+
+
+def shuffled_arrangements(
+    rng: np.random.Generator, n_target: int, length: int, most: int = MOST_SHUFFLED
+) -> NDArray[np.int32]:
+    """All ordered choices (P, length) of target points in random order; where they are more, ``most`` random ones."""
+    if math.perm(n_target, length) <= most:
+        every: NDArray[np.int32] = rng.permutation(target_arrangements(n_target, length))
+        return every
+    return distinct_tuples(rng, most, n_target, length, np.int32)
 
 
 def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:

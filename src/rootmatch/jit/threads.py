@@ -8,8 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Lock
+from time import perf_counter
 
 import numba
+
+from rootmatch.deadline import OutOfTime, in_force
+
+LONGEST = 0.05
+"""Seconds of compiled code between two looks for signals, a tenth of what one may wait for. A round value."""
+GROWTH = 8
+"""Times as many tasks in a piece as in the one before, at most: their times are known by the order of magnitude."""
 
 
 def threads_worth(tasks: int) -> int:
@@ -31,17 +40,90 @@ def at_most(threads: int) -> Iterator[None]:
         numba.set_num_threads(allowed)
 
 
+class Ranges:
+    """The pieces of a range of tasks, which threads take one after the other until they are done or told to stop.
+
+    Pieces grow from a single task to what takes `LONGEST` by the pace of the last one: between two of them Python looks
+    for signals, and this for the deadline in force.
+
+    Parameters
+    ----------
+    work : callable
+    count : int
+        Tasks 0 … count − 1.
+    largest : int
+        Most tasks of a piece.
+    """
+
+    def __init__(self, work: Callable[[int, int], None], count: int, largest: int) -> None:
+        self.work, self.count, self.largest = work, count, largest
+        self.deadline = in_force()
+        self.next, self.size, self.lock = 0, 1, Lock()
+
+    def run(self) -> None:
+        """Do pieces until none is left."""
+        try:
+            while (piece := self._taken()) is not None:
+                started = perf_counter()
+                self.work(*piece)
+                self._grow(piece[1] - piece[0], perf_counter() - started)
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """Leave out what was not begun."""
+        with self.lock:
+            self.next = self.count
+
+    def _taken(self) -> tuple[int, int] | None:
+        with self.lock:
+            first = self.next
+            if first >= self.count:
+                return None
+            if self.deadline.passed():
+                raise OutOfTime
+            self.next = min(first + self.size, self.count)
+            return first, self.next
+
+    def _grow(self, tasks: int, seconds: float) -> None:
+        longest = min(LONGEST, 0.5 * self.deadline.left())
+        with self.lock:
+            self.size = max(min(int(longest * tasks / max(seconds, 1e-9)), GROWTH * tasks, self.largest), 1)
+
+
+def in_pieces(work: Callable[[int, int], None], count: int) -> None:
+    """Call ``work(first, last)`` in this thread for ranges that make up 0 … count, each of which takes about `LONGEST`.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all tasks are begun.
+    """
+    Ranges(work, count, count).run()
+
+
 def in_threads(work: Callable[[int, int], None], count: int, threads: int, parts: int = 1) -> None:
     """Call ``work(first, last)`` for ranges that make up 0 … count, on some threads and in ``parts`` ranges for each.
 
-    Several parts for each thread even out tasks of different lengths.
+    Several parts for each thread even out tasks of different lengths. Results must not depend on the ranges. An
+    interrupt ends it within about `LONGEST`, if no task takes longer.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all tasks are begun.
     """
-    if threads == 1 or count < 2:
-        work(0, count)
+    threads = min(threads, count)
+    if threads < 2:
+        in_pieces(work, count)
         return
     from concurrent.futures import ThreadPoolExecutor  # a tenth of what `import rootmatch` takes
 
-    pieces = min(count, threads * parts)
-    edges = [count * piece // pieces for piece in range(pieces + 1)]
+    ranges = Ranges(work, count, -(-count // (threads * parts)))
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, edges[:-1], edges[1:]))
+        try:
+            for running in [pool.submit(ranges.run) for _ in range(threads)]:
+                running.result()  # which Ctrl-C ends
+        finally:
+            ranges.stop()

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import Pace
+from rootmatch.deadline import Pace, checkpoint
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
@@ -83,7 +83,9 @@ class Completion(Options):
         """
         tables, shape, order = task.tables, task.shape, task.order
         Capability.COMPLETION.require(can_complete(type(tables)), task.problem)
-        images = enumeration.target_arrangements(shape[1], order - 1).astype(np.int64)
+        arrangements = enumeration.target_arrangements(shape[1], order - 1)
+        checkpoint()
+        images = arrangements.astype(np.int64)
         tasks = self._tasks(tables, shape[0], order)
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from inspect import signature
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.deadline import NEVER, Deadline, OutOfTime
 from rootmatch.errors import InputError, quoted
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -83,10 +83,13 @@ class Solver(Protocol):
 def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline = NEVER) -> Solution:
     """The solution of a tensor, by the deadline if the solver can keep to one."""
     bounded: Any = solver
-    if not deadline.is_set or "deadline" not in signature(solver).parameters:
-        solution = bounded(tensor, seed=seed)
-    else:
-        solution = bounded(tensor, seed=seed, deadline=deadline)
+    try:
+        if not deadline.is_set or "deadline" not in signature(solver).parameters:
+            solution = bounded(tensor, seed=seed)
+        else:
+            solution = bounded(tensor, seed=seed, deadline=deadline)
+    except OutOfTime:
+        return replace(empty_solution(tensor), converged=False)
     if not isinstance(solution, Solution):
         raise InputError(f"solver: {quoted(solver)} returned {type(solution).__name__}; a solver returns a Solution")
     return solution

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
+from rootmatch.deadline import checkpoint
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.points import PointSets, known_normals
@@ -21,6 +22,9 @@ from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:
     from rootmatch.problems.p3p.tables import P3PTables
+
+ROWS = 64
+"""Rows of a table that are worked out together."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +73,12 @@ class P3P(Problem):
         places = points.source - points.source.mean(axis=0)
         places /= np.sqrt((places**2).mean())
         rays = self.camera.bearings(points.target)
+        versine = squared_distances(rays)
+        versine *= 0.5
         return P3PTables(
             distance2=squared_distances(places),
             points=np.ascontiguousarray(places.T),
-            versine=np.ascontiguousarray(0.5 * squared_distances(rays)),
+            versine=versine,
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
             normals=known_normals(points),
@@ -111,8 +117,12 @@ class P3P(Problem):
 def squared_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, n) squared distances of points (n, k), each from its own difference, so that close points lose nothing."""
     squared: NDArray[np.float64] = np.zeros((len(points), len(points)))
-    for coordinate in np.ascontiguousarray(points.T):  # one by one: no array of n × n × k
-        difference = coordinate[:, None] - coordinate
-        difference *= difference
-        squared += difference
+    coordinates = np.ascontiguousarray(points.T)
+    for first in range(0, len(points), ROWS):  # some at a time, which stay in the processor's cache
+        checkpoint()
+        rows = squared[first : first + ROWS]
+        for coordinate in coordinates:  # one by one: no array of n × n × k
+            difference = coordinate[first : first + ROWS, None] - coordinate
+            difference *= difference
+            rows += difference
     return squared

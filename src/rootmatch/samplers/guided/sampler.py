@@ -67,10 +67,12 @@ class Guided(GuidedOptions):
             return two_view_tensor(task, self)
         Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
-        search.run()
+        with search.deadline.within():
+            search.run()
         if task.progress is not None:
             task.progress(self.budget, self.budget)  # most searches end long before
-        search.refine()
+        with task.deadline.within():
+            search.refine()
         clusters = search.clusters()
 
         @cache

@@ -90,7 +90,8 @@ class Search:
     def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
         options = self.options.batches
-        arrangements = self.rng.permutation(enumeration.target_arrangements(self.n_target, self.minimal - 1))
+        arrangements = enumeration.shuffled_arrangements(self.rng, self.n_target, self.minimal - 1)
+        whole = len(arrangements) == math.perm(self.n_target, self.minimal - 1)
         batch = options.start if self.single and not self.normals else options.first
         pace = Pace(self.deadline, options.chunks)
         tried, sets_done = self._tried(), 0
@@ -114,7 +115,7 @@ class Search:
                     self.conclusive = True
                     self._try_rivals()
                     return
-                if done == tasks:
+                if done == tasks and whole:
                     sets_done += len(points)
                     if tried is not None:
                         tried.add(points)
@@ -123,7 +124,8 @@ class Search:
                         return
                 if len(self.hypotheses) > options.most_batches:
                     self._clustered()
-        self.missed = 0.0  # everything was tried
+        if whole:
+            self.missed = 0.0  # everything was tried
 
     def _next_batch(self, batch: int) -> int:
         """Minimal sets of the batch after one of so many."""

@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
 from rootmatch.options import Options, option
 from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS, MinimalSetOptions, width
@@ -170,6 +171,7 @@ def _covering(
     free = np.ones(len(sets), np.bool_)
     first = []
     for _ in range(min(options.ordered, len(sets))):
+        checkpoint()
         gain = np.where(free, worth * (covers @ needed), -1.0)
         best = int(gain.argmax())
         if gain[best] <= 0.0:

@@ -21,7 +21,8 @@ def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOpt
     if options.max_seconds is not None and options.max_seconds < deadline.left():
         deadline = Deadline(options.max_seconds)
     search = MotionSearch(task, clouds, options.point_sets, deadline)
-    search.run(options.budget)
+    with deadline.within():
+        search.run(options.budget)
     source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, options, search.rng)
     tensor = given_tensor(task, source, target)
     samples = options.point_sets.chance_samples

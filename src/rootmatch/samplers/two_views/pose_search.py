@@ -12,8 +12,8 @@ from rootmatch.samplers.two_views.minimal_poses import ROOTS, pair_poses, triple
 
 
 @kernel
-def judge_panel(views, judge, order, panel, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
-    """Judge the poses in a panel by all points, and keep the likeliest.
+def judge_panel(views, judge, order, panel, low, high, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
+    """Judge the poses of the images ``low … high − 1`` in a panel by all points, and keep the likeliest.
 
     A pose counts by its log-likelihood ratio, of the source points or of the detections, whichever is less: many points
     may meet one detection. A sequential test ends most after a few points.
@@ -21,7 +21,7 @@ def judge_panel(views, judge, order, panel, columns, poses, evidence, counts):  
     n = order.shape[0]
     inverse_density, possible, visible, found, blur, reject, drift = judge
     for root in range(ROOTS):
-        for last in range(panel.shape[2]):
+        for last in range(low, high):
             size = panel[root, 5, last]
             if not size > 0.0:
                 continue
@@ -64,8 +64,10 @@ def judge_panel(views, judge, order, panel, columns, poses, evidence, counts):  
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def search_triples(views, judge, sets, orders, limits, start, end, panel, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
-    """Sets ``start … end − 1`` of three source points (S, 3), with all their images.
+def search_triples(  # type: ignore[no-untyped-def]
+    views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
+):
+    """Sets ``start … end − 1`` of three source points (S, 3), with some of their images.
 
     Parameters
     ----------
@@ -78,12 +80,14 @@ def search_triples(views, judge, sets, orders, limits, start, end, panel, column
         In which the points judge.
     limits : (2,) array
         Squared gate of the set's own correspondences, and largest ratio of their inverse distances.
+    begin, stop : int
+        The images, number (first · n' + second) · n' + last, from ``begin`` to ``stop − 1``; of n'³.
     panel, columns : (ROOTS, FIELDS, n') and (n',) arrays
         Scratch.
     poses, evidence : (S, K, FIELDS) and (S, K) arrays
-        Filled; ``evidence`` −∞ before.
+        The likeliest so far; ``evidence`` −∞ at first.
     counts : (S, 3) int64 array
-        Filled: minimal sets solved, poses judged, points looked up.
+        Added to: minimal sets solved, poses judged, points looked up.
     """
     views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
     poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
@@ -91,35 +95,42 @@ def search_triples(views, judge, sets, orders, limits, start, end, panel, column
     possible = judge[1]
     for index in range(start, end):
         i = sets[index]
-        for first in range(n_target):
-            for second in range(n_target):
-                if first != second and possible[i[0], first] > 0.0 and possible[i[1], second] > 0.0:
-                    triple_poses(views, i, first, second, limits[0], limits[1], panel)
-                    for last in range(n_target):
-                        if not possible[i[2], last] > 0.0:
-                            for root in range(ROOTS):
-                                panel[root, 5, last] = 0.0
-                    counts[index, 0] += n_target - 2
-                    judge_panel(
-                        views, judge, orders[index], panel, columns, poses[index], evidence[index], counts[index]
-                    )
+        for number in range(begin // n_target, (stop - 1) // n_target + 1):
+            first = number // n_target
+            second = number - first * n_target
+            low, high = max(begin - number * n_target, 0), min(stop - number * n_target, n_target)
+            if first != second and possible[i[0], first] > 0.0 and possible[i[1], second] > 0.0:
+                triple_poses(views, i, first, second, limits[0], limits[1], panel)
+                for last in range(low, high):
+                    if not possible[i[2], last] > 0.0:
+                        for root in range(ROOTS):
+                            panel[root, 5, last] = 0.0
+                counts[index, 0] += high - low - int(low <= first < high) - int(low <= second < high)
+                judge_panel(
+                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
+                )
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def search_pairs(views, judge, sets, orders, limits, start, end, panel, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
-    """As `search_triples`, of two source points (S, 2) and a baseline across the common direction."""
+def search_pairs(  # type: ignore[no-untyped-def]
+    views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
+):
+    """As `search_triples`, of two source points (S, 2), with images first · n' + last; of planar motion."""
     views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
     poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
     n_target = columns.shape[0]
     possible = judge[1]
     for index in range(start, end):
         i = sets[index]
-        for first in range(n_target):
+        for first in range(begin // n_target, (stop - 1) // n_target + 1):
+            low, high = max(begin - first * n_target, 0), min(stop - first * n_target, n_target)
             if possible[i[0], first] > 0.0:
                 pair_poses(views, i, first, limits[0], limits[1], panel)
-                for last in range(n_target):
+                for last in range(low, high):
                     if not possible[i[1], last] > 0.0:
                         for root in range(ROOTS):
                             panel[root, 5, last] = 0.0
-                counts[index, 0] += n_target - 1
-                judge_panel(views, judge, orders[index], panel, columns, poses[index], evidence[index], counts[index])
+                counts[index, 0] += high - low - int(low <= first < high)
+                judge_panel(
+                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
+                )

@@ -23,7 +23,8 @@ def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor
         deadline = Deadline(options.max_seconds)
     views = replace(options.views, budget=min(options.views.budget, options.budget))
     search = PoseSearch(task, views, deadline)
-    search.run()
+    with deadline.within():
+        search.run()
     few = replace(options, edges=min(options.edges, options.views.edges))
     source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, few, search.rng)
     tensor = given_tensor(task, source, target)

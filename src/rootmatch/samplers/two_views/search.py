@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline
-from rootmatch.jit.threads import in_threads, threads_worth
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.jit.threads import in_pieces, in_threads, threads_worth
 from rootmatch.problems.two_views import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
@@ -26,6 +26,10 @@ LEAST_COSINE = 0.05
 """Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise. Not tuned."""
+SOLVED = 0.6
+"""Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
+REFINED = 4_000_000
+"""Likelihood ratios of the poses that are refined together: 32 MB."""
 RARE = 0.1
 """Ratio to the likeliest detection of a point from which another one is a candidate too. Not tuned."""
 
@@ -78,6 +82,8 @@ class PoseSearch:
         self.sets = 0
         self.solved = self.tested = self.evaluated = 0
         self.conclusive = False
+        self.cut = False
+        """Whether the deadline came in the middle of a wave."""
 
     def run(self) -> None:
         """Wave after wave until enough of them agree, all were tried, or the budget is spent."""
@@ -94,7 +100,8 @@ class PoseSearch:
 
     def _spent(self) -> bool:
         options = self.options
-        return self.sets >= options.most_sets or self.solved >= options.budget or self.deadline.passed()
+        spent = self.sets >= options.most_sets or self.solved >= options.budget
+        return spent or self.cut or self.deadline.passed()
 
     def _agreed(self) -> bool:
         """Whether several minimal sets have led to the likeliest assignment."""
@@ -114,13 +121,23 @@ class PoseSearch:
         limits = np.array([options.gate**2, options.spread])
         search = search_pairs if self.views.planar else search_triples
 
-        def work(start: int, end: int) -> None:
-            panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
-            search(
-                self.views, self.judge, sets, orders, limits, start, end, panel, columns, poses, evidence, counts
-            )  # fmt: skip
+        def piece(begin: int, stop: int) -> None:
+            """Some of the images of all sets."""
 
-        in_threads(work, count, threads_worth(count))
+            def work(start: int, end: int) -> None:
+                panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
+                search(
+                    self.views, self.judge, sets, orders, limits, start, end, begin, stop, panel, columns,
+                    poses, evidence, counts,
+                )  # fmt: skip
+
+            in_threads(work, count, threads_worth(count))
+
+        try:
+            with self.deadline.part(SOLVED).enforced():
+                in_pieces(piece, self.n_target**self.minimal)
+        except OutOfTime:
+            self.cut = True
         self.solved += int(counts[:, 0].sum())
         self.tested += int(counts[:, 1].sum())
         self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
@@ -129,12 +146,21 @@ class PoseSearch:
         chosen = np.take_along_axis(poses, order[:, :, None], axis=1)[real]
         which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
         self.sets += count
-        for ratios, number in zip(self._refined(chosen), which.tolist(), strict=True):
-            value, assignment = self._assigned(ratios)
-            if (assignment >= 0).sum() > self.minimal:
-                self.hypotheses.append(RelativeHypothesis(value, assignment, ratios, number))
-        self.hypotheses.sort(key=lambda one: -one.evidence)
-        del self.hypotheses[options.kept :]
+        with self.deadline.within():
+            self._take(chosen, which)
+
+    def _take(self, poses: Floats, which: Integers) -> None:
+        """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
+        step = max(1, REFINED // (self.n * self.n_target))
+        for first in range(0, len(poses), step):
+            refined = self._refined(poses[first : first + step])
+            for ratios, number in zip(refined, which[first : first + step].tolist(), strict=True):
+                checkpoint()
+                value, assignment = self._assigned(ratios)
+                if (assignment >= 0).sum() > self.minimal:
+                    self.hypotheses.append(RelativeHypothesis(value, assignment, ratios.copy(), number))
+                    self.hypotheses.sort(key=lambda one: -one.evidence)
+                    del self.hypotheses[self.options.kept :]
 
     def _refined(self, poses: Floats) -> Floats:
         """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
@@ -184,6 +210,7 @@ class PoseSearch:
         expected = np.zeros(first.ratios.shape)
         total = 0.0
         for one in self.hypotheses:
+            checkpoint()
             weight = math.exp(self.options.trust * (one.evidence - first.evidence))
             rows, columns = one.ratios.sum(axis=1, keepdims=True), one.ratios.sum(axis=0, keepdims=True)
             expected += weight * one.ratios / (1.0 + rows + columns - one.ratios)
@@ -207,6 +234,7 @@ class PoseSearch:
         width = min(self.options.candidates, self.n_target)
         lists = np.full((len(leaders), self.n, width), -1, np.int64)
         for g, one in enumerate(leaders):
+            checkpoint()
             worth = one.ratios.copy()
             matched = np.flatnonzero(one.assignment >= 0)
             worth[matched, one.assignment[matched]] = np.inf

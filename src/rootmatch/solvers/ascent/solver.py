@@ -51,12 +51,14 @@ class MultiStartAscent(AscentOptions):
     def solve(self, index: SubsetIndex, deadline: Deadline = NEVER) -> Solution:
         """Solve with an index that was built before."""
         search = MultiStart(self, index, deadline)
-        search.from_walk()
-        if not search.dominates():
-            search.from_cores()
-            search.from_rivals()
-            search.from_packed_cores()
+        with deadline.within():
+            search.from_walk()
+        with deadline.within():
+            if not search.dominates():
+                search.from_cores()
+                search.from_rivals()
+                search.from_packed_cores()
+                search.polish()
+                search.from_best()
             search.polish()
-            search.from_best()
-        search.polish()
         return search.solution()
