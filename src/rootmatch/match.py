@@ -22,6 +22,7 @@ from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
+from rootmatch.pipeline.point_set_decision import decided_by_model
 from rootmatch.pipeline.pose_decision import decided_by_pose, soft_of
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
 from rootmatch.pipeline.rig_task import RigCopies, copies_task, is_rig
@@ -256,6 +257,8 @@ def _solve(task: MatchingTask) -> Match:
         return match_predicted(task, _solve)
     if isinstance(task.problem, RigCopies):
         return match_copies(task)
+    if (by_model := decided_by_model(task)) is not None:
+        return _reported(task, *by_model, None)
     options = task.options
     if options.packs_motions and pays(task):
         solution, sampled = motions_of_pairs(task)

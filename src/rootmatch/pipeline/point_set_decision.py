@@ -1,0 +1,113 @@
+"""The assessment of a match of two point sets by the posterior of its labellings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import selection
+from rootmatch.hypergraph.assignment import margin
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.support import scores_of
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_posterior import posterior
+from rootmatch.on_demand import Once
+from rootmatch.pipeline.assessment import Assessment
+from rootmatch.pipeline.detection_odds import MOST_DETECTED
+from rootmatch.pipeline.sampling import sample
+from rootmatch.pipeline.status import TRUST, Status
+from rootmatch.pipeline.task import MatchingTask
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.point_sets.congruent import congruent_labellings, is_small
+
+Integers = NDArray[np.int64]
+
+
+def model_of(task: MatchingTask) -> PointSetModel | None:
+    """The model of a task of two point sets of one space and one motion; None for every other one."""
+    clouds = task.problem.point_clouds(task.points)
+    if clouds is None or task.options.motions != 1 or task.options.is_paper:
+        return None
+    rate = task.options.detection
+    return PointSetModel(
+        clouds,
+        mirror=bool(getattr(task.problem, "mirror", False)),
+        allowed=task.allowed,
+        weights=task.prior,
+        detection_rate=None if rate is None else min(rate, MOST_DETECTED),
+    )
+
+
+def decided_by_model(task: MatchingTask) -> tuple[SampledTensor, Assessment] | None:
+    """The sampled tensor and the assessment of a task by default options; None for what the model does not do."""
+    options = task.options
+    model = model_of(task)
+    default = options.sampler == "auto" and options.solver is None and options.scheduler is None
+    if model is None or not default or options.residual is not None or options.backend in selection.ON_CARD:
+        return None
+    if is_small(model.clouds):
+        proposals = congruent_labellings(model.clouds, model.mirror, task.allowed)
+        tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.prior)
+        sampled = SampledTensor(tensor, len(proposals))
+    else:
+        sampled = sample(task)
+        named = sampled.assignments
+        proposals = np.empty((0, task.shape[0]), np.int64) if named is None else named
+    return sampled, assessed(model, proposals, sampled.tensor, mirror_images(model, proposals))
+
+
+def mirror_images(model: PointSetModel, proposals: Integers) -> Integers | None:
+    """Labellings by reflections that match more points than any of the proposed ones; None where there can be none."""
+    most = int((proposals >= 0).sum(axis=1).max(initial=0))
+    if model.mirror or most >= min(len(model.clouds.source), len(model.clouds.target)) or not is_small(model.clouds):
+        return None
+    images = congruent_labellings(model.clouds, True, model.allowed)
+    return images[(images >= 0).sum(axis=1) > most]
+
+
+def assessed(
+    model: PointSetModel, proposals: Integers, tensor: AffinityTensor, mirrored: Integers | None = None
+) -> Assessment:
+    """What is reported of proposed labellings; their scores are computed when they are asked for."""
+    found = posterior(model, proposals, mirrored)
+    n = len(model.clouds.source)
+    if not len(found.assignments):
+        nothing = np.full(n, -1, np.int64)
+        return Assessment(
+            assignment=nothing, score=0.0, margin=0.0, probability=found.present, alternatives=[],
+            status=Status.UNTRUSTED, confidence=np.full(n, 1.0),
+        )  # fmt: skip
+    assignment, probability = found.assignments[0], float(found.probabilities[0])
+    confidence, unmatched = found.confidence()
+    others, status = found.assignments[1:], Status.UNTRUSTED
+    if found.present >= TRUST.probability:
+        status = Status.AMBIGUOUS
+        if (sure := found.sure(TRUST.probability, 3)) is not None:
+            status = Status.MATCHED
+            left_out = (sure[0] < 0) & (assignment >= 0)
+            if left_out.any():
+                others = found.assignments
+            (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
+    different = ((others >= 0) & (others != assignment)).any(axis=1)
+    kept = np.concatenate([assignment[None], others[different][: TRUST.alternatives]])
+
+    @Once
+    def scores() -> list[float]:
+        """Of the assignment and its alternatives."""
+        return [float(score) for score in scores_of(tensor, kept)]
+
+    def alternatives() -> list[tuple[Integers, float]]:
+        """The other assignments and their scores."""
+        return list(zip(kept[1:], scores()[1:], strict=True))
+
+    return Assessment(
+        assignment=assignment,
+        score=lambda: scores()[0],
+        margin=lambda: margin(scores()[0], alternatives(), assignment),
+        probability=min(probability, found.present),
+        alternatives=alternatives,
+        status=status,
+        confidence=confidence,
+        noise_factor=found.noise_factor,
+    )
