@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.hypergraph.neighbourhood import likely_changes
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.self_motion import exactly_symmetric
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,8 +28,10 @@ KEPT = 64
 """Most hypotheses whose share is summed. A round value."""
 NEGLIGIBLE = 12.0
 """Log-odds against the best hypothesis at which one adds nothing. A round value."""
+WORTH = 5.0
+"""Log-odds against the best hypothesis up to which a hypothesis' neighbours are weighed. A round value."""
 ROUNDS = 3
-"""Most rounds in which the neighbours of the best hypotheses are weighed. A round value."""
+"""Most rounds in which that is done. A round value."""
 EXPANDED = 6
 """Hypotheses whose neighbours are weighed in each round. A round value."""
 CHANGES = 64
@@ -132,36 +135,41 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
         return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0), np.empty(0), np.empty(0, np.int64))
     fit = model.fit(proposals)
     odds = model.log_odds(fit)
-    known = {one.tobytes() for one in proposals}
+    fit, odds = _best(fit, odds)
+    known = {one.tobytes() for one in fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
-        best = np.argsort(-odds, kind="stable")[:KEPT]
-        best = best[odds[best] > odds[best[0]] - NEGLIGIBLE]
-        waiting = [k for k in best.tolist() if proposals[k].tobytes() not in expanded][:EXPANDED]
+        likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
+        waiting = [k for k in likely if fit.assignments[k].tobytes() not in expanded][:EXPANDED]
         new: list[Integers] = []
         for k in waiting:
-            expanded.add(proposals[k].tobytes())
-            changes, gains = likely_changes(proposals[k], model.gains(fit, k), odds[best[0]] - odds[k] - NEGLIGIBLE)
+            one = fit.assignments[k]
+            expanded.add(one.tobytes())
+            changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
             some = np.argsort(-gains, kind="stable")[:CHANGES]
-            for other in changes.take(some).applied_to(proposals[k]):
+            for other in changes.take(some).applied_to(one):
                 if other.tobytes() not in known and (other >= 0).sum() >= 3:
                     known.add(other.tobytes())
                     new.append(other)
         if not new:
             break
         more = model.fit(np.array(new))
-        proposals, odds = np.concatenate([proposals, more.assignments]), np.concatenate([odds, model.log_odds(more)])
-        fit = model.fit(proposals)
-    order = np.argsort(-odds, kind="stable")[:KEPT]
-    order = order[odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE]
-    odds, assignments = odds[order], proposals[order]
+        fit, odds = fit.joined(more), np.concatenate([odds, model.log_odds(more)])
+    fit, odds = _best(fit, odds)
+    assignments = fit.assignments
     absent = math.log(1.0 / PRESENT - 1.0)
     top = max(float(odds[0]), absent)
     weights = _exchanged(model, assignments, np.exp(odds - top))
     probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
-    again = np.argsort(-probabilities, kind="stable")
-    order = order[again]
-    return PointSetPosterior(assignments[again], probabilities[again], fit.chi2[order], fit.freedom[order])
+    order = np.argsort(-probabilities, kind="stable")
+    return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.freedom[order])
+
+
+def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
+    """The best hypotheses that are not negligible, the best one first, and their log-odds."""
+    order = np.argsort(-odds, kind="stable")[:KEPT]
+    order = order[odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE]
+    return fit.take(order), odds[order]
 
 
 def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats) -> float:

@@ -47,23 +47,14 @@ def decided_by_model(task: MatchingTask) -> tuple[SampledTensor, Assessment] | N
     if model is None or not default or options.residual is not None or options.backend in selection.ON_CARD:
         return None
     if is_small(model.clouds):
-        proposals = congruent_labellings(model.clouds, model.mirror, task.allowed)
+        proposals, mirrored = congruent_labellings(model.clouds, model.mirror, task.allowed)
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.prior)
         sampled = SampledTensor(tensor, len(proposals))
     else:
-        sampled = sample(task)
+        sampled, mirrored = sample(task), None
         named = sampled.assignments
         proposals = np.empty((0, task.shape[0]), np.int64) if named is None else named
-    return sampled, assessed(model, proposals, sampled.tensor, mirror_images(model, proposals))
-
-
-def mirror_images(model: PointSetModel, proposals: Integers) -> Integers | None:
-    """Labellings by reflections that match more points than any of the proposed ones; None where there can be none."""
-    most = int((proposals >= 0).sum(axis=1).max(initial=0))
-    if model.mirror or most >= min(len(model.clouds.source), len(model.clouds.target)) or not is_small(model.clouds):
-        return None
-    images = congruent_labellings(model.clouds, True, model.allowed)
-    return images[(images >= 0).sum(axis=1) > most]
+    return sampled, assessed(model, proposals, sampled.tensor, mirrored)
 
 
 def assessed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
@@ -91,11 +91,17 @@ class PointSetFit(Fit):
 
     def take(self, which: NDArray[np.integer]) -> PointSetFit:
         """Some of the fits."""
-        return PointSetFit(
-            self.chi2[which], self.freedom[which], self.evidence[which], self.clouds, self.assignments[which],
-            self.rotation[which], self.shift[which], self.scale[which], self.centre[which], self.spread[which],
-            self.frame[which], self.total[which],
-        )  # fmt: skip
+        return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
+
+    def joined(self, other: PointSetFit) -> PointSetFit:
+        """These fits and others of the same points."""
+        return replace(
+            self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS}
+        )
+
+
+COLUMNS = tuple(one.name for one in fields(PointSetFit) if one.name != "clouds")
+"""Names of what there is one of for each assignment."""
 
 
 def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) -> PointSetFit:
@@ -125,7 +131,7 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         centre2 = (weight[:, None] @ image)[:, 0] / total[:, None]
         first, second = clouds.source - centre[:, None], image - centre2[:, None]
         u, values, vt = np.linalg.svd((second * weight[:, :, None]).swapaxes(1, 2) @ first)
-        turn = np.where(np.linalg.det(u) * np.linalg.det(vt) < 0.0, -1.0, 1.0)
+        turn = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)
         signs = np.ones((count, size))
         if not mirror:
             signs[:, -1] = turn

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +41,17 @@ def is_small(clouds: PointClouds) -> bool:
     return looked_up * (n_target if clouds.scaled else 1) <= MOST_LOOKED_UP
 
 
-def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Integers:
-    """Labellings (K, n) of three points or more that a motion explains, −1 for unmatched; those with most matches first.
+class Labellings(NamedTuple):
+    """Labellings (K, n) that motions explain, −1 for unmatched, those with the most matches first."""
+
+    proper: Integers
+    """By motions of the kind that is looked for."""
+    mirrored: Integers
+    """By reflections, where none is looked for: only those with more matches than any of the others."""
+
+
+def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Labellings:
+    """Labellings of three points or more that a motion explains.
 
     Every triple of source points is laid onto every triple of targets like it. Each of these motions labels the points
     that it brings next to a target, is fitted to them, and labels once more.
@@ -54,16 +65,22 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.
         Possible correspondences.
     """
     source, target = _alike(clouds, allowed)
-    if not len(source):
-        return np.empty((0, len(clouds.source)), np.int64)
-    motions = _motions(clouds, source, target, mirror)
-    first = _distinct(_labelled(*motions.squares(clouds), WIDE, allowed) for motions in _blocks(motions, clouds))
-    every = [first]
-    for _ in range(2):
-        fit = fitted_point_sets(clouds, every[-1], mirror)
-        again = _distinct([_labelled(*fit.squares(), NEAR, allowed)])
-        every.append(again)
-    return _distinct(every)[:MOST_KEPT]
+    proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
+    found = _grown(clouds, _distinct(proper, 3), mirror, allowed)
+    most = int((found >= 0).sum(axis=1).max(initial=2))
+    if mirror or most >= min(len(clouds.source), len(clouds.target)):
+        return Labellings(found, found[:0])
+    mirrored = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, True)[-1:]]
+    return Labellings(found, _grown(clouds, _distinct(mirrored, most + 1), True, allowed))
+
+
+def _grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings and those by the motions that are fitted to them."""
+    found = found[:MOST_KEPT]
+    if not len(found):
+        return found
+    again = _labelled(*fitted_point_sets(clouds, found, mirror).squares(), NEAR, allowed)
+    return _distinct([found, again], 3)[:MOST_KEPT]
 
 
 def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Integers, Integers]:
@@ -121,36 +138,46 @@ def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Inte
     return first, second
 
 
-def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> Motions:
-    """The motions of triples onto triples; in space, where three points have no handedness, of both kinds if asked."""
+def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> list[Motions]:
+    """The motions of triples onto triples; in space, where three points have no handedness, also reflections if asked."""
     first, second = clouds.source[source], clouds.target[target]
     if clouds.source.shape[1] == 2:
-        return fitted_motions(first, second, clouds.scaled, mirror)
+        return [fitted_motions(first, second, clouds.scaled, mirror)]
     centre, centre2 = first.mean(axis=1), second.mean(axis=1)
     frame, frame2 = _frames(first), _frames(second)
     scale = np.ones(len(first))
     if clouds.scaled:
-        lengths = [((points - middle[:, None]) ** 2).sum(axis=(1, 2)) for points, middle in ((first, centre), (second, centre2))]
-        scale = np.sqrt(lengths[1] / lengths[0])
-    kinds = [frame2, frame2 * (1.0, 1.0, -1.0)] if mirror else [frame2]
-    linear = np.concatenate([scale[:, None, None] * kind @ frame.swapaxes(1, 2) for kind in kinds])
-    middle, middle2 = (np.tile(points, (len(kinds), 1)) for points in (centre, centre2))
-    return Motions(linear, middle2 - (linear @ middle[:, :, None])[:, :, 0], np.tile(scale, len(kinds)))
+        own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
+        scale = np.sqrt(other.sum(axis=(1, 2)) / own.sum(axis=(1, 2)))
+    motions = []
+    for kind in (frame2, frame2 * (1.0, 1.0, -1.0))[: 1 + mirror]:
+        linear = scale[:, None, None] * kind @ frame.swapaxes(1, 2)
+        motions.append(Motions(linear, centre2 - (linear @ centre[:, :, None])[:, :, 0], scale))
+    return motions
 
 
 def _frames(triples: Floats) -> Floats:
     """Right-handed orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
-    first = triples[:, 1] - triples[:, 0]
-    first = first / np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
-    third = np.cross(first, triples[:, 2] - triples[:, 0])
-    third /= np.maximum(np.linalg.norm(third, axis=1, keepdims=True), 1e-300)
-    return np.stack([first, np.cross(third, first), third], axis=2)
+    first = _unit(triples[:, 1] - triples[:, 0])
+    third = _unit(_crossed(first, triples[:, 2] - triples[:, 0]))
+    return np.stack([first, _crossed(third, first), third], axis=2)
 
 
-def _blocks(motions: Motions, clouds: PointClouds) -> list[Motions]:
-    """The motions in blocks whose distances fit into memory."""
+def _crossed(first: Floats, second: Floats) -> Floats:
+    """Cross products (H, 3); `numpy.cross` takes longer for few."""
+    return np.asarray(first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]])
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.maximum(np.sqrt((vectors**2).sum(axis=1, keepdims=True)), 1e-300))
+
+
+def _labelled_by(clouds: PointClouds, motions: Motions, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings (H, n) by motions of triples; distances are computed in blocks that fit into memory."""
     step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
-    return [motions.take(np.arange(start, min(start + step, len(motions.scale)))) for start in range(0, len(motions.scale), step)]
+    blocks = [np.arange(begin, min(begin + step, len(motions.scale))) for begin in range(0, len(motions.scale), step)]
+    every = [_labelled(*motions.take(block).squares(clouds), WIDE, allowed) for block in blocks]
+    return np.concatenate(every) if every else np.empty((0, len(clouds.source)), np.int64)
 
 
 def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[np.bool_] | None) -> Integers:
@@ -165,16 +192,20 @@ def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[n
     return np.where(mutual & possible, forward, -1)
 
 
-def _distinct(parts: object) -> Integers:
-    """Labellings of three matches or more, each once, those with the most matches first."""
-    every = np.concatenate(list(parts))  # type: ignore[call-overload]
-    every = every[(every >= 0).sum(axis=1) >= 3]
-    # a random number of each labelling; two of 2⁶⁴ are the same by chance as good as never
-    key = np.random.default_rng(0).integers(-(2**62), 2**62, every.shape[1], dtype=np.int64)
-    with np.errstate(over="ignore"):
-        _, place = np.unique(every @ key, return_index=True)
-    every = every[np.sort(place)]
-    return every[np.argsort(-(every >= 0).sum(axis=1), kind="stable")]
+def _distinct(parts: list[Integers], least: int) -> Integers:
+    """Labellings of so many matches or more, each once, those with the most matches first."""
+    every = np.concatenate(parts)
+    matched = (every >= 0).sum(axis=1)
+    every, matched = every[matched >= least], matched[matched >= least]
+    # a random number of each labelling: two of 2⁶⁴ are hardly ever the same by chance
+    _, place = np.unique(every @ _keys(every.shape[1]), return_index=True)
+    return every[place[np.lexsort((place, -matched[place]))]]
+
+
+@lru_cache(maxsize=16)
+def _keys(n: int) -> Integers:
+    """Random numbers (n,), the same for every labelling."""
+    return np.random.default_rng(0).integers(-(2**62), 2**62, n, dtype=np.int64)
 
 
 def _distances(points: Floats) -> Floats:
