@@ -22,7 +22,7 @@ from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.motion_labels import motion_labels
 from rootmatch.pipeline.multi_motion import pack_motions
 from rootmatch.pipeline.noise_estimation import solve_with_estimated_noise
-from rootmatch.pipeline.point_set_decision import decided_by_model
+from rootmatch.pipeline.point_set_decision import decided_by_model, solution_by_model
 from rootmatch.pipeline.pose_decision import decided_by_pose, soft_of
 from rootmatch.pipeline.proposed_pairs import motions_of_pairs, pays
 from rootmatch.pipeline.rig_task import RigCopies, copies_task, is_rig
@@ -274,7 +274,7 @@ def _solve(task: MatchingTask) -> Match:
             tensor = affordable(sampled.tensor, deadline)
             known = solved(options.solver_after(sampled.assignments is not None), tensor, options.seed, deadline)
         solution = known
-    assessed = assess(task, solution, sampled)
+    assessed = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
     if not assessed.status and (every := swept(task, sampled)) is not None:
         found = _solve(every)
         return changed(found, task=task, hyperedges=found.hyperedges + sampled.evaluated)

@@ -119,7 +119,9 @@ class PointSetModel:
         matched = assignments >= 0
         with np.errstate(divide="ignore"):
             log = np.log(self.weights / self.weights.max())
-        return np.asarray(np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1))
+        return np.asarray(
+            np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1)
+        )
 
 
 def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.neighbourhood import likely_changes
+from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.self_motion import exactly_symmetric
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
@@ -36,8 +36,10 @@ EXPANDED = 6
 """Hypotheses whose neighbours are weighed in each round. A round value."""
 CHANGES = 64
 """Most probable changes of a hypothesis that are weighed. A round value."""
+LEADING = 0.01
+"""Share of the best hypothesis from which it is looked at whether a self-motion exchanges one with others."""
 SYMMETRIC = 48
-"""Most pairs of hypotheses whose self-motion is looked at. A round value."""
+"""Most pairs of hypotheses that are looked at so. A round value."""
 SHARED = 0.5
 """Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value, as in
 `rootmatch.pipeline.confidence`."""
@@ -79,7 +81,9 @@ class PointSetPosterior:
         same = np.isfinite(odds)
         change = self.assignments[same] != first
         away = 1.0 + (odds[same, None] * change).sum(axis=0)
-        none = ((self.assignments[same] < 0) * np.where(np.arange(same.sum()) == 0, 1.0, odds[same])[:, None]).sum(axis=0)
+        none = ((self.assignments[same] < 0) * np.where(np.arange(same.sum()) == 0, 1.0, odds[same])[:, None]).sum(
+            axis=0
+        )
         here, rest = float(self.probabilities[same].sum()), self.probabilities[~same]
         each = here / away + rest @ (self.assignments[~same] == first)
         unmatched = here * none / away + rest @ (self.assignments[~same] < 0)
@@ -147,7 +151,8 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
             expanded.add(one.tobytes())
             changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
             some = np.argsort(-gains, kind="stable")[:CHANGES]
-            for other in changes.take(some).applied_to(one):
+            better = changes.take(some[gains[some] > 0.0])
+            for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
                 if other.tobytes() not in known and (other >= 0).sum() >= 3:
                     known.add(other.tobytes())
                     new.append(other)
@@ -163,6 +168,18 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
     order = np.argsort(-probabilities, kind="stable")
     return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.freedom[order])
+
+
+def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
+    """An assignment with as many of some changes, the best first, as do not concern the same points or targets."""
+    changed, touched = assignment.copy(), np.zeros(len(assignment), np.bool_)
+    for row in zip(*changes, strict=True):
+        points = [point for point in row[::2] if point >= 0]
+        new = [target for target in row[1::2] if target >= 0]
+        others = np.delete(changed, points)
+        if not touched[points].any() and not np.isin(new, others).any():
+            changed[points], touched[points] = row[1 : 2 * len(points) : 2], True
+    return changed
 
 
 def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
@@ -189,15 +206,18 @@ def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Inte
 def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
     """Weights (K,) of hypotheses, those that a self-motion of the source exchanges as equal as it is probably exact."""
     mixing = np.eye(len(assignments))
+    least = math.exp(-NEGLIGIBLE) * float(weights.max())
     used = [frozenset(one[one >= 0].tolist()) for one in assignments]
     looked_at = 0
     for a, b in combinations(range(len(assignments)), 2):
-        if used[a] != used[b] or weights[a] < math.exp(-2.0 * NEGLIGIBLE):
+        if used[a] != used[b] or weights[b] < least or weights[a] < LEADING * float(weights.max()):
             continue
         if looked_at == SYMMETRIC:
             break
         looked_at += 1
         # the point that one names for a target is at the place of that which the other names
-        first, second = (np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b]))
+        first, second = (
+            np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
+        )
         mixing[a, b] = mixing[b, a] = exactly_symmetric(model.clouds, first, second, model.mirror)
     return np.asarray((mixing / mixing.sum(axis=1, keepdims=True)) @ weights)

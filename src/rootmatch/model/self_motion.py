@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.model.point_set_model import NOISE_FREEDOM, student
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.samplers.point_sets.motions import fitted_motions
@@ -22,6 +23,8 @@ Integers = NDArray[np.int64]
 EXACT = 0.5
 """Probability of an exact symmetry before the source is looked at, of all that are within its noise or not. A round
 value."""
+FAR = 10.0
+"""Root mean square deviation, in σ, beyond which it is none. A round value."""
 SIZES = 24
 """Steps of the prior of a displacement's size, flat in its logarithm from the noise to the object's own. Not tuned."""
 DEPENDENT = 1e-2
@@ -46,6 +49,8 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     turn = motion.linear[0]
     moved = points[first] @ turn.T + motion.shift[0]
     deviation = (points[second] - moved).ravel()
+    if float(deviation @ deviation) > FAR**2 * len(deviation) * float((variance[first] + variance[second]).max()):
+        return 0.0
     # what the deviations are of the points' noise, and of a small change of the motion
     every, place = np.unique(np.concatenate([first, second]), return_inverse=True)
     m = len(first)
@@ -55,7 +60,7 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     linear[rows, :, place[:m], :] -= turn
     off = moved - moved.mean(axis=0)
     if size == 3:
-        turned = np.stack([np.cross(axis, off) for axis in np.eye(3)], axis=2)
+        turned = cross_matrix(off)
     else:
         turned = np.stack([-off[:, 1], off[:, 0]], axis=1)[:, :, None]
     change = np.concatenate([turned, np.broadcast_to(np.eye(size), (m, size, size))], axis=2).reshape(m * size, -1)
@@ -71,7 +76,7 @@ def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mi
     rank = float(free.sum())
     # a displacement of the size τ over the noise makes the deviations 1 + τ² times as large, squared
     largest = max(math.sqrt(float((off**2).sum(axis=1).mean()) / float(scales[0]) ** 2), math.e)
-    excess = 1.0 + np.geomspace(1.0, largest, SIZES) ** 2
+    excess = 1.0 + np.exp(np.linspace(0.0, 2.0 * math.log(largest), SIZES))
     displaced = student(chi2 / excess, np.full(SIZES, rank), NOISE_FREEDOM) - 0.5 * rank * np.log(excess)
     exact = float(student(np.array([chi2]), np.array([rank]), NOISE_FREEDOM)[0])
     odds = exact - (float(np.logaddexp.reduce(displaced)) - math.log(SIZES)) + math.log(EXACT / (1.0 - EXACT))

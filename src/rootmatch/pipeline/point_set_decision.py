@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import selection
+from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.support import scores_of
@@ -15,19 +16,25 @@ from rootmatch.model.point_set_posterior import posterior
 from rootmatch.on_demand import Once
 from rootmatch.pipeline.assessment import Assessment
 from rootmatch.pipeline.detection_odds import MOST_DETECTED
+from rootmatch.pipeline.near_symmetries import symmetries_of
 from rootmatch.pipeline.sampling import sample
 from rootmatch.pipeline.status import TRUST, Status
 from rootmatch.pipeline.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.point_sets.congruent import congruent_labellings, is_small
+from rootmatch.samplers.point_sets.congruent import congruent_labellings, grown, is_small
+from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
+
+LEADING = 4
+"""Labellings of a search of which the self-motions of the source make others. A round value."""
 
 
 def model_of(task: MatchingTask) -> PointSetModel | None:
     """The model of a task of two point sets of one space and one motion; None for every other one."""
     clouds = task.problem.point_clouds(task.points)
-    if clouds is None or task.options.motions != 1 or task.options.is_paper:
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    if clouds is None or not in_noise or task.options.motions != 1 or task.options.is_paper:
         return None
     rate = task.options.detection
     return PointSetModel(
@@ -44,17 +51,38 @@ def decided_by_model(task: MatchingTask) -> tuple[SampledTensor, Assessment] | N
     options = task.options
     model = model_of(task)
     default = options.sampler == "auto" and options.solver is None and options.scheduler is None
-    if model is None or not default or options.residual is not None or options.backend in selection.ON_CARD:
+    if model is None or not default or options.backend in selection.ON_CARD:
         return None
     if is_small(model.clouds):
-        proposals, mirrored = congruent_labellings(model.clouds, model.mirror, task.allowed)
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.prior)
-        sampled = SampledTensor(tensor, len(proposals))
-    else:
-        sampled, mirrored = sample(task), None
-        named = sampled.assignments
-        proposals = np.empty((0, task.shape[0]), np.int64) if named is None else named
-    return sampled, assessed(model, proposals, sampled.tensor, mirrored)
+        labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+        sampled = SampledTensor(tensor, labellings.tried)
+        return sampled, assessed(model, labellings.proper, tensor, labellings.mirrored)
+    sampled = sample(task)
+    return sampled, assessed(model, proposed(task, model, sampled, []), sampled.tensor)
+
+
+def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment | None:
+    """The assessment of what a sampler and a solver of the caller's choice found; None for what the model does not do."""
+    model = model_of(task)
+    if model is None:
+        return None
+    named = [solution.assignment, *(other for other, _ in solution.alternatives)]
+    if not is_small(model.clouds):
+        return assessed(model, proposed(task, model, sampled, named), sampled.tensor)
+    labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+    return assessed(model, np.concatenate([named, labellings.proper]), sampled.tensor, labellings.mirrored)
+
+
+def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:
+    """Labellings (K, n) of large sets: those of a search, what self-motions of the source make of them, and others."""
+    every = [*([] if sampled.assignments is None else sampled.assignments), *named]
+    if not every:
+        return np.empty((0, task.shape[0]), np.int64)
+    if task.points.source.shape[1] == 3:
+        for symmetry in symmetries_of(task.points.source, None):
+            every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
+    return grown(model.clouds, np.array(every), model.mirror, task.allowed)
 
 
 def assessed(

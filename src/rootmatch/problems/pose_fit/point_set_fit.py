@@ -95,9 +95,7 @@ class PointSetFit(Fit):
 
     def joined(self, other: PointSetFit) -> PointSetFit:
         """These fits and others of the same points."""
-        return replace(
-            self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS}
-        )
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS})
 
 
 COLUMNS = tuple(one.name for one in fields(PointSetFit) if one.name != "clouds")

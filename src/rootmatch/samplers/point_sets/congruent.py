@@ -48,6 +48,8 @@ class Labellings(NamedTuple):
     """By motions of the kind that is looked for."""
     mirrored: Integers
     """By reflections, where none is looked for: only those with more matches than any of the others."""
+    tried: int
+    """Motions."""
 
 
 def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Labellings:
@@ -66,17 +68,17 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.
     """
     source, target = _alike(clouds, allowed)
     proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
-    found = _grown(clouds, _distinct(proper, 3), mirror, allowed)
+    found = grown(clouds, _distinct(proper, 3), mirror, allowed)
     most = int((found >= 0).sum(axis=1).max(initial=2))
     if mirror or most >= min(len(clouds.source), len(clouds.target)):
-        return Labellings(found, found[:0])
+        return Labellings(found, found[:0], len(source))
     mirrored = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, True)[-1:]]
-    return Labellings(found, _grown(clouds, _distinct(mirrored, most + 1), True, allowed))
+    return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source))
 
 
-def _grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[np.bool_] | None) -> Integers:
-    """Labellings and those by the motions that are fitted to them."""
-    found = found[:MOST_KEPT]
+def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
+    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
     if not len(found):
         return found
     again = _labelled(*fitted_point_sets(clouds, found, mirror).squares(), NEAR, allowed)
@@ -93,13 +95,17 @@ def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Inte
     sides = np.sort(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
     low, middle, high = sides
     # Heron: 16 times the squared area, 0 on a line
-    area = (low + middle + high) * np.maximum((low + middle - high) * (high + low - middle) * (high + middle - low), 0.0)
+    area = (low + middle + high) * np.maximum(
+        (low + middle - high) * (high + low - middle) * (high + middle - low), 0.0
+    )
     triples = triples[np.argsort(-area, kind="stable")[: int(np.count_nonzero(area > 1e-12 * high**4))]]
     # the longest side first: few pairs of targets are as far apart, and a scale is best known from it
     a, b, c = triples.T
     longest = np.argmax(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
     triples = np.where(
-        (longest == 0)[:, None], triples, np.where((longest == 1)[:, None], triples[:, [1, 2, 0]], triples[:, [0, 2, 1]])
+        (longest == 0)[:, None],
+        triples,
+        np.where((longest == 1)[:, None], triples[:, [1, 2, 0]], triples[:, [0, 2, 1]]),
     )
     a, b, c = triples.T
     both = v[:, None] + v
@@ -134,7 +140,9 @@ def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Inte
         seen += len(place)
         if seen >= MOST_MOTIONS:
             break
-    first, second = (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True)) if found else (triples[:0],) * 2
+    first, second = (
+        (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True)) if found else (triples[:0],) * 2
+    )
     return first, second
 
 
