@@ -3,14 +3,15 @@
     python benchmarks/fiducials.py --seeds 30 --first-seed 20000
 
 Fiducials in CT and before a tracker, millimetres, from ``fiducials.py`` of the shared scenes: strays, missing and moved
-points, symmetric and mirrored layouts, mirrored and unrelated sets, tools of motion capture in one cloud. σ is given for
-each set as one number, though that of CT is three times larger along z.
+points, symmetric and mirrored layouts, mirrored and unrelated sets, tools of motion capture in one cloud. σ is given as
+one number for each set, though that of CT is three times larger along z.
 
 "right": every label is the true one; a moved point may have its own or none. "trusted": the status is "matched";
 "and wrong": with a label that is not the true one.
-"listed": right, or not trusted with the true labels among the assignment and the first five alternatives. "distances":
-all injective maps whose pairwise distances agree, most points first, then the least RMS (`brute` of the scenes), and how
-many of those it calls unique are wrong. Of tools a whole frame counts, of mirrored and unrelated sets nothing is right.
+"listed": right, or not trusted with the true labels among the assignment and the first five alternatives.
+"distances": all injective maps whose pairwise distances agree, most points first, then the least RMS (`brute` of the
+scenes), and how many of those it calls unique are wrong. Of tools a whole frame counts, of mirrored and unrelated sets
+nothing is right.
 Times are medians, with all kernels compiled. Defaults are chosen on seeds from 1000; reports: from 20000.
 """
 
@@ -53,7 +54,10 @@ OTHERS: dict[str, dict[str, Any]] = {
     "tools of 4, 4, 5 + 7": {"tools": 7},
 }
 LISTED = 5
-HEAD = "| scenes | right | trusted | trusted and right | trusted and wrong | listed | ms | distances right | unique and wrong | ms |"
+HEAD = (
+    "| scenes | right | trusted | trusted and right | trusted and wrong | listed | ms "
+    "| distances right | unique and wrong | ms |"
+)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from rootmatch.pipeline.assessment import fits
 from rootmatch.pipeline.body_labels import Label
 from rootmatch.pipeline.body_options import OPTIONS, BodyOptions
 from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
+from rootmatch.pipeline.point_set_decision import lead_over_others
 from rootmatch.pipeline.posterior import ranked
 from rootmatch.pipeline.rig_task import RigCopies, twin_of
 from rootmatch.pipeline.status import TRUST, Status
@@ -218,7 +220,12 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
     A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
     """
     assert body.match is not None
-    own = task.body(body.number)
+    own, least = task.body(body.number), math.log(1.0 / options.doubt - 1.0)
+    rivals = [task.body(other.number) for other in others]
+    if (lead := lead_over_others(own, body.match.assignment, rivals)) is not None:
+        if lead < least:
+            body.match = changed(body.match, status=Status.AMBIGUOUS, **_shared(body, lead))
+        return
     if not fits(own, body.match.assignment):
         return
     here = None
@@ -231,9 +238,17 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
         assignment = np.full(len(other.points), -1, np.int64)
         assignment[twin] = body.match.assignment
         lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
-        if lead < math.log(1.0 / options.doubt - 1.0):
-            probability = body.probability / (1.0 + math.exp(-lead))
-            body.match = changed(body.match, status=Status.AMBIGUOUS, fitted_probability=probability)
+        if lead < least:
+            body.match = changed(body.match, status=Status.AMBIGUOUS, **_shared(body, lead))
+
+
+def _shared(body: _Body, lead: float) -> dict[str, Any]:
+    """What is left of a body's probability and confidence where it has such odds against another on its detections."""
+    assert body.match is not None
+    share = 1.0 / (1.0 + math.exp(min(-lead, 700.0)))
+    known = body.match.fitted_confidence
+    each = {} if known is None else {"fitted_confidence": known * np.where(body.match.assignment >= 0, share, 1.0)}
+    return {"fitted_probability": body.probability * share, **each}
 
 
 def _make_exclusive(
@@ -243,12 +258,18 @@ def _make_exclusive(
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)
     evidence = {body.number: _evidence(task, body) for body in waiting}
+    doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may as well be elsewhere
     while waiting:
         waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
         body = waiting.pop(0)
         if not free[body.detections].all():
+            contested = doubtful[body.detections].any()
             body.match, _ = _searched(task, body, np.flatnonzero(free), budget, solve)
+            if contested and body.match.status is Status.MATCHED:
+                body.match = changed(body.match, status=Status.AMBIGUOUS, **_shared(body, 0.0))
         free[body.detections] = False
+        if body.match.status is Status.AMBIGUOUS:
+            doubtful[body.detections] = True
 
 
 def _contest(waiting: list[_Body]) -> None:

@@ -10,7 +10,8 @@ hypothesis that all targets are clutter, a labelling of m of n points by n' targ
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about (V/n')^m.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). How vaguely a labelling tells the
-  motion, and how many motions there are to be met by chance, is in it; so is, by the second factor, how many labellings.
+  motion, and how many motions there are to be met by chance, is in it, as is, by the second factor, the number of
+  labellings.
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
 

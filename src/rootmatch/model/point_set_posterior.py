@@ -76,7 +76,7 @@ class PointSetPosterior:
         return math.sqrt(float(self.chi2[0]) / int(self.freedom[0]))
 
     def confidence(self) -> tuple[Floats, Floats]:
-        """Probability (n,) that each match of the first hypothesis, or its being unmatched, is right; and of being none."""
+        """Probability (n,) that each point's match, or its being unmatched, is right; and that it is unmatched."""
         first, odds = self.assignments[0], self._odds
         same = np.isfinite(odds)
         change = self.assignments[same] != first
@@ -118,7 +118,7 @@ class PointSetPosterior:
 
     @property
     def _odds(self) -> Floats:
-        """Odds (K,) of each hypothesis of the first one's motion against it; 0 for itself, infinite for other motions."""
+        """Odds (K,) of each hypothesis against the first; 0 for itself, infinite for those of another motion."""
         first = self.assignments[0]
         common = ((self.assignments == first) & (first >= 0)).sum(axis=1)
         same = common >= SHARED * max(int((first >= 0).sum()), 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,8 @@ from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
 
+LEAST = 3
+"""Matches that tell a motion."""
 LEADING = 4
 """Labellings of a search of which the self-motions of the source make others. A round value."""
 
@@ -63,7 +67,7 @@ def decided_by_model(task: MatchingTask) -> tuple[SampledTensor, Assessment] | N
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Assessment | None:
-    """The assessment of what a sampler and a solver of the caller's choice found; None for what the model does not do."""
+    """The assessment of what a caller's own sampler or solver found; None for what the model does not do."""
     model = model_of(task)
     if model is None:
         return None
@@ -85,6 +89,33 @@ def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, n
     return grown(model.clouds, np.array(every), model.mirror, task.allowed)
 
 
+def lead_over_others(task: MatchingTask, assignment: Integers, others: list[MatchingTask]) -> float | None:
+    """Log-odds of a body's labelling against the best one of another body with half of its targets or more.
+
+    Infinite where no other body explains them, None for what the model does not do. All tasks have the same targets.
+    """
+    model = model_of(task)
+    if model is None or (assignment >= 0).sum() < LEAST:
+        return None
+    used = np.sort(assignment[assignment >= 0])
+    best = -math.inf
+    for other in others:
+        rival = model_of(other)
+        if rival is None:
+            continue
+        part = rival.clouds._replace(
+            target=rival.clouds.target[used], target_variance=rival.clouds.target_variance[used]
+        )
+        if not is_small(part):
+            continue
+        allowed = None if rival.allowed is None else rival.allowed[:, used]
+        named = congruent_labellings(part, rival.mirror, allowed).proper
+        named = named[2 * (named >= 0).sum(axis=1) >= len(used)]
+        if len(named):
+            best = max(best, float(rival.log_odds(rival.fit(np.where(named >= 0, used[named], -1))).max()))
+    return float(model.log_odds(model.fit(assignment[None]))[0]) - best
+
+
 def assessed(
     model: PointSetModel, proposals: Integers, tensor: AffinityTensor, mirrored: Integers | None = None
 ) -> Assessment:
@@ -102,7 +133,7 @@ def assessed(
     others, status = found.assignments[1:], Status.UNTRUSTED
     if found.present >= TRUST.probability:
         status = Status.AMBIGUOUS
-        if (sure := found.sure(TRUST.probability, 3)) is not None:
+        if (sure := found.sure(TRUST.probability, LEAST)) is not None:
             status = Status.MATCHED
             left_out = (sure[0] < 0) & (assignment >= 0)
             if left_out.any():

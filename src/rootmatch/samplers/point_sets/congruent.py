@@ -17,8 +17,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 GATE = 4.5
-"""Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if that happens to
-all of its triples."""
+"""Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
+triples are."""
 WIDE = 8.0
 """Deviation in σ within which a point joins the motion of a triple, whose own error it covers too. As in the search for
 large sets (`rootmatch.samplers.point_sets.options.PointSetOptions`)."""
@@ -147,7 +147,7 @@ def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Inte
 
 
 def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> list[Motions]:
-    """The motions of triples onto triples; in space, where three points have no handedness, also reflections if asked."""
+    """The motions of triples onto triples; in space, where three points have no handedness, reflections as well."""
     first, second = clouds.source[source], clouds.target[target]
     if clouds.source.shape[1] == 2:
         return [fitted_motions(first, second, clouds.scaled, mirror)]
