@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "tracking", "api", "matcher", "result", "sightings", "explain"),
+    "matching": ("warmup", "tracking", "api", "matcher", "result", "sightings", "explain", "model"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -46,6 +46,7 @@ CAPTIONS = {
     "result": "Match",
     "sightings": "what each camera sees",
     "explain": "a task to what was found",
+    "model": "evidence, posterior",
     "samplers": "which hyper-edges to evaluate",
     "solvers": "tensor to assignment",
     "backends": "CPU, CUDA, Dask",

@@ -130,7 +130,11 @@ def test_match_of_similar_sets(dimension: int) -> None:
     for seed in range(5):
         source, target, truth = made(Similarity, dimension, seed, 0.01, n=10, outliers=4)
         found = match(source, target, Similarity(dimension), noise=0.01)
-        assert np.array_equal(found.assignment, truth)
+        assert found.status is Status.MATCHED
+        # in a plane a stray point may lie as near as the right one, and the point is left out
+        matched = found.assignment >= 0
+        assert np.array_equal(found.assignment[matched], truth[matched])
+        assert matched.sum() >= (10 if dimension == 3 else 9)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -153,13 +157,16 @@ def test_a_mirrored_set_of_a_plane_matches_only_where_that_is_allowed() -> None:
 
 
 def test_a_mirrored_set_in_space_is_trusted_only_where_that_is_allowed() -> None:
-    """Its hyper-edges agree all the same; but no rotation fits, and a reflection does."""
+    """Its hyper-edges agree all the same; but no rotation fits more than a few points, and a reflection does."""
     source, target, truth = moved_points(3, 8, noise=0.01, seed=4)
     mirrored = source * [-1.0, 1.0, 1.0]
     assert match(source, target, Rigid(3), noise=0.01).status is Status.MATCHED
     refused = match(mirrored, target, Rigid(3), noise=0.01)
-    assert np.array_equal(refused.assignment, truth)
+    assert not np.array_equal(refused.assignment, truth)
     assert refused.status is Status.UNTRUSTED
+    (rotation,) = refused.poses
+    assert rotation is not None
+    assert np.linalg.det(rotation.R) == pytest.approx(1.0)
     found = match(mirrored, target, Rigid(3, mirror=True), noise=0.01)
     assert found.status is Status.MATCHED
     (pose,) = found.poses

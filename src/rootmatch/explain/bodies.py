@@ -26,6 +26,7 @@ from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.predicted_pose import direct_match, judged_by_prediction
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
@@ -232,7 +233,12 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
     A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
     """
     assert body.match is not None
-    own = task.body(body.number)
+    own, least = task.body(body.number), math.log(1.0 / options.doubt - 1.0)
+    rivals = [task.body(other.number) for other in others]
+    if (lead := lead_over_others(own, body.match.assignment, rivals)) is not None:
+        if lead < least:
+            body.match = _shared(body.match, lead)
+        return
     if not fits(own, body.match.assignment):
         return
     here = None
@@ -245,9 +251,18 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
         assignment = np.full(len(other.points), -1, np.int64)
         assignment[twin] = body.match.assignment
         lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
-        if lead < math.log(1.0 / options.doubt - 1.0):
-            probability = body.probability / (1.0 + math.exp(-lead))
-            body.match = body.match.with_facts(contested=True, probability=probability)
+        if lead < least:
+            body.match = _shared(body.match, lead)
+
+
+def _shared(found: Finding, lead: float) -> Finding:
+    """A body's match that has such odds against another body on its detections: ambiguous, and as likely as those."""
+    share = 1.0 / (1.0 + math.exp(min(-lead, 700.0)))
+    known = 1.0 if found.probability is None else found.probability
+    confidence = found.confidence
+    if confidence is not None:
+        confidence = confidence * np.where(found.assignment >= 0, share, 1.0)
+    return replace(found.with_facts(contested=True, probability=known * share), confidence=confidence)
 
 
 def _make_exclusive(
@@ -257,12 +272,18 @@ def _make_exclusive(
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)
     evidence = {body.number: _evidence(task, body) for body in waiting}
+    doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may as well be elsewhere
     while waiting:
         waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
         body = waiting.pop(0)
         if not free[body.detections].all():
+            contested = doubtful[body.detections].any()
             body.match, _ = _searched(task, body, np.flatnonzero(free), budget, solve)
+            if contested and body.match.status is Status.MATCHED:
+                body.match = _shared(body.match, 0.0)
         free[body.detections] = False
+        if body.match is not None and body.match.status is Status.AMBIGUOUS:
+            doubtful[body.detections] = True
 
 
 def _contest(waiting: list[_Body]) -> None:

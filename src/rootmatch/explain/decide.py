@@ -130,6 +130,8 @@ class Facts:
     """Lead in score over the best different assignment, 0 to 1, where known; it decides if no probability is known."""
     probability: float | None = None
     """Posterior probability of the assignment, given that one of those considered is right."""
+    present: float | None = None
+    """Posterior probability that there is anything to be found, if a model of all that was observed tells it."""
     missed: float = 0.0
     """Probability that a pose which explains as much was never met."""
     confirmed: bool = True
@@ -146,6 +148,8 @@ class Facts:
 
 def decide(facts: Facts) -> Status:
     """The status of an assignment: could it be a false alarm, and is it the only good one."""
+    if facts.present is not None and facts.present < TRUST.probability:
+        return Status.UNTRUSTED
     if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > facts.tolerated_false_alarms:
         return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
     if facts.contested:

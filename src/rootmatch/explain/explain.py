@@ -16,6 +16,7 @@ from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
+from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
 from rootmatch.explain.pose_decision import decided_by_pose
 from rootmatch.explain.predicted_pose import match_predicted
 from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
@@ -59,6 +60,8 @@ def _found(task: MatchingTask) -> Finding:
         return match_predicted(task, _explained)
     if isinstance(task.problem, RigCopies):
         return match_copies(task)
+    if (decided := decided_by_model(task)) is not None:
+        return decided
     return _several_motions(task) if task.options.packs_motions else _one_motion(task)
 
 
@@ -79,7 +82,7 @@ def _one_motion(task: MatchingTask) -> Finding:
         tensor = affordable(sampled.tensor, deadline)
         solver = task.options.solver_after(sampled.assignments is not None)
         solution = solved(solver, tensor, task.options.seed, deadline)
-    assessed = assess(task, solution, sampled)
+    assessed = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
     if not assessed.status and (every := swept(task, sampled)) is not None:
         found = _explained(every)
         return replace(found, task=task, evaluated=found.evaluated + sampled.evaluated)

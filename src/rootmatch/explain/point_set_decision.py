@@ -1,0 +1,163 @@
+"""The assessment of a match of two point sets by the posterior of its labellings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import selection
+from rootmatch.explain.decide import TRUST, Facts
+from rootmatch.explain.detection_odds import MOST_DETECTED
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.explain.sampling import sample
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_posterior import posterior
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.point_sets.congruent import congruent_labellings, grown, is_small
+from rootmatch.solvers.base import Solution
+
+Integers = NDArray[np.int64]
+
+LEAST = 3
+"""Matches that tell a motion."""
+LEADING = 4
+"""Labellings of a search of which the self-motions of the source make others. A round value."""
+
+
+def model_of(task: MatchingTask) -> PointSetModel | None:
+    """The model of a task of two point sets of one space and one motion; None for every other one."""
+    clouds = task.problem.point_clouds(task.points)
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    if clouds is None or not in_noise or task.options.motions != 1 or task.options.is_paper:
+        return None
+    rate = task.options.detection_rate
+    return PointSetModel(
+        clouds,
+        mirror=bool(getattr(task.problem, "mirror", False)),
+        allowed=task.allowed,
+        weights=task.weights,
+        detection_rate=None if rate is None else min(rate, MOST_DETECTED),
+    )
+
+
+def decided_by_model(task: MatchingTask) -> Finding | None:
+    """The finding of a task with default options; None for what the model does not do."""
+    options = task.options
+    model = model_of(task)
+    default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
+    if model is None or not default or options.backend in selection.ON_CARD:
+        return None
+    if is_small(model.clouds):
+        tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
+        labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+        sampled = SampledTensor(tensor, labellings.tried)
+        return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
+    sampled = sample(task)
+    return assessed(task, model, sampled, proposed(task, model, sampled, []))
+
+
+def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
+    """The finding of what a caller's own sampler or solver found; None for what the model does not do."""
+    model = model_of(task)
+    if model is None:
+        return None
+    named = [solution.assignment, *(other for other, _ in solution.alternatives)]
+    if not is_small(model.clouds):
+        return assessed(task, model, sampled, proposed(task, model, sampled, named), soft=solution.soft)
+    labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+    proposals = np.concatenate([named, labellings.proper])
+    return assessed(task, model, sampled, proposals, labellings.mirrored, soft=solution.soft)
+
+
+def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:
+    """Labellings (K, n) of large sets: those of a search, what self-motions of the source make of them, and others."""
+    every = [*([] if sampled.assignments is None else sampled.assignments), *named]
+    if not every:
+        return np.empty((0, task.shape[0]), np.int64)
+    if task.points.source.shape[1] == 3:
+        for symmetry in symmetries_of(task.points.source, None):
+            every += [np.where(symmetry.image >= 0, one[symmetry.image], -1) for one in every[:LEADING]]
+    return grown(model.clouds, np.array(every), model.mirror, task.allowed)
+
+
+def lead_over_others(task: MatchingTask, assignment: Integers, others: list[MatchingTask]) -> float | None:
+    """Log-odds of a body's labelling against the best one of another body with half of its targets or more.
+
+    Infinite where no other body explains them, None for what the model does not do. All tasks have the same targets.
+    """
+    model = model_of(task)
+    if model is None or (assignment >= 0).sum() < LEAST:
+        return None
+    used = np.sort(assignment[assignment >= 0])
+    best = -math.inf
+    for other in others:
+        rival = model_of(other)
+        if rival is None:
+            continue
+        part = rival.clouds._replace(
+            target=rival.clouds.target[used], target_variance=rival.clouds.target_variance[used]
+        )
+        if not is_small(part):
+            continue
+        allowed = None if rival.allowed is None else rival.allowed[:, used]
+        named = congruent_labellings(part, rival.mirror, allowed).proper
+        named = named[2 * (named >= 0).sum(axis=1) >= len(used)]
+        if len(named):
+            best = max(best, float(rival.log_odds(rival.fit(np.where(named >= 0, used[named], -1))).max()))
+    return float(model.log_odds(model.fit(assignment[None]))[0]) - best
+
+
+def assessed(
+    task: MatchingTask,
+    model: PointSetModel,
+    sampled: SampledTensor,
+    proposals: Integers,
+    mirrored: Integers | None = None,
+    soft: NDArray[np.float64] | None = None,
+) -> Finding:
+    """The finding of proposed labellings; their scores are computed when they are asked for."""
+    found = posterior(model, proposals, mirrored)
+    n = len(model.clouds.source)
+    if not len(found.assignments):
+        return Finding(
+            task=task,
+            assignment=np.full(n, -1, np.int64),
+            others=[],
+            facts=Facts(present=found.present, probability=found.present, lead=0.0),
+            tensor=sampled.tensor,
+            scores=[0.0],
+            soft=np.zeros(task.shape),
+            evaluated=sampled.evaluated,
+            confidence=np.full(n, 1.0),
+        )
+    assignment, probability = found.assignments[0], float(found.probabilities[0])
+    confidence, unmatched = found.confidence()
+    others, sure = found.assignments[1:], found.sure(TRUST.probability, LEAST)
+    if found.present >= TRUST.probability and sure is not None:
+        left_out = (sure[0] < 0) & (assignment >= 0)
+        if left_out.any():
+            others = found.assignments
+        (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
+    different = ((others >= 0) & (others != assignment)).any(axis=1)
+    return Finding(
+        task=task,
+        assignment=assignment,
+        others=list(others[different][: TRUST.alternatives]),
+        facts=Facts(
+            present=found.present,
+            probability=min(probability, found.present),
+            contested=sure is None,
+            sure_of_the_rest=sure is not None,
+        ),
+        tensor=sampled.tensor,
+        soft=soft,
+        evaluated=sampled.evaluated,
+        confidence=confidence,
+        noise_factor=found.noise_factor,
+    )

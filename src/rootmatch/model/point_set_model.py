@@ -1,0 +1,146 @@
+"""The model of two point sets of one space: log-odds of a labelling against clutter alone, the motion integrated out.
+
+A source point is detected with the rate δ, at its place after the motion x' = s R x + t, with the noise of both points;
+the other targets are a Poisson process of constant density λ in the volume V that the targets span. Against the
+hypothesis that all targets are clutter, a labelling of m of n points by n' targets has the odds
+
+    ∫ δ^m (1 − δ)^(n − m) dδ · V^m Γ(n' − m + ½) / Γ(n' + ½) · ∫ ∏ N(x'_j; s R x_i + t, s² σ_i² + σ_j²) dT / (V vol)
+
+- δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
+- λ is integrated under Jeffreys' prior λ^(−½): the second factor, about (V/n')^m.
+- dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
+  is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). How vaguely a labelling tells the
+  motion, and how many motions there are to be met by chance, is in it, as is, by the second factor, the number of
+  labellings.
+- σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
+  exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
+
+What is approximated: a rotation of space by Laplace's method (exact curvature), the factor of σ outside of it; what is
+not: translations, rotations of a plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NOISE_FREEDOM = 20.0
+"""Degrees of freedom for which the given σ counts: it is known to a sixth. A round value, as
+`PosteriorOptions.noise_freedom`."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointSetModel:
+    """Two point sets, and what is known of them.
+
+    Attributes
+    ----------
+    clouds : PointClouds
+    mirror : bool
+        Whether the motion may be a reflection.
+    allowed : (n, n') bool array, optional
+        Possible correspondences.
+    weights : (n, n') array, optional
+        How probable correspondences are before anything is seen, up to a factor.
+    detection_rate : float, optional
+        Probability that a point of the source is among the targets; unknown by default.
+    """
+
+    clouds: PointClouds
+    mirror: bool = False
+    allowed: NDArray[np.bool_] | None = None
+    weights: Floats | None = None
+    detection_rate: float | None = None
+
+    @cached_property
+    def log_volume(self) -> float:
+        """Logarithm of the volume in which clutter lies, and the object."""
+        return float(np.log(spanned(self.clouds.target, self.clouds.target_variance)).sum())
+
+    def fit(self, assignments: Integers) -> PointSetFit:
+        """The motion of each assignment (K, n)."""
+        return fitted_point_sets(self.clouds, assignments, self.mirror)
+
+    def log_odds(self, fit: PointSetFit) -> Floats:
+        """Log-odds (K,) of each fitted assignment against the hypothesis that all targets are clutter."""
+        matched = (fit.assignments >= 0).sum(axis=1)
+        odds = self.log_density(fit) - self.log_volume + self._log_counts[matched]
+        return np.asarray(odds + self._log_weights(fit.assignments))
+
+    def log_density(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""
+        nu, freedom = NOISE_FREEDOM, fit.dof
+        inflated = np.asarray(student(fit.chi2, freedom.astype(np.float64), nu))
+        return np.where(np.isfinite(fit.chi2), fit.evidence + 0.5 * fit.chi2 + inflated, -np.inf)
+
+    def gains(self, fit: PointSetFit, k: int) -> Floats:
+        """Log-odds (n, n') of each correspondence given the rest of fitted assignment k, to first order."""
+        matched = int((fit.assignments[k] >= 0).sum())
+        n, n_target = len(self.clouds.source), len(self.clouds.target)
+        counts, own = self._log_counts, fit.assignments[k] >= 0
+        # what is added is the last of m + 1 matches, what is there the last of m
+        more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
+        gains = fit.densities(k) + np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
+        if self.weights is not None:
+            with np.errstate(divide="ignore"):
+                gains += np.log(self.weights / self.weights.max())
+        if self.allowed is not None:
+            gains[~self.allowed] = -np.inf
+        places = np.flatnonzero(own), fit.assignments[k][own]
+        gains[places] = np.maximum(gains[places], -1e9)
+        return np.asarray(gains)
+
+    @cached_property
+    def _log_counts(self) -> Floats:
+        """Logarithm, by the number of matches, of the first two factors of the odds."""
+        from scipy.special import betaln, gammaln  # slow to import
+
+        n, n_target = len(self.clouds.source), len(self.clouds.target)
+        m = np.arange(min(n, n_target) + 1)
+        if self.detection_rate is None:
+            detected = betaln(m + 1.0, n - m + 1.0)
+        else:
+            detected = m * np.log(self.detection_rate) + (n - m) * np.log1p(-self.detection_rate)
+        clutter = gammaln(n_target - m + 0.5) - gammaln(n_target + 0.5)
+        return np.asarray(detected + clutter + m * self.log_volume)
+
+    def _log_weights(self, assignments: Integers) -> Floats:
+        """Sum (K,) of the logarithms of the prior weights of an assignment's matches, over the largest."""
+        if self.weights is None:
+            return np.zeros(len(assignments))
+        matched = assignments >= 0
+        with np.errstate(divide="ignore"):
+            log = np.log(self.weights / self.weights.max())
+        return np.asarray(
+            np.where(matched, log[np.arange(log.shape[0]), np.where(matched, assignments, 0)], 0.0).sum(1)
+        )
+
+
+def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:
+    """Logarithm of exp(−χ²/2) averaged over the factor of the variances, whose powers σ^(−f) it takes along."""
+    from scipy.special import gammaln  # slow to import
+
+    power = 0.5 * (nu + freedom)
+    return np.asarray(
+        gammaln(power) - gammaln(0.5 * nu) - 0.5 * freedom * np.log(0.5 * nu) - power * np.log1p(chi2 / nu)
+    )
+
+
+def spanned(points: Floats, variance: Floats) -> Floats:
+    """Extents (k,) of the box about points (n, k) along their principal axes, as large as n uniform points tell it.
+
+    Whatever the axes of the frame, points of a plane span a thin box; it is as thick as the noise.
+    """
+    centred = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    extent = np.ptp(centred @ axes, axis=0) * ((len(points) + 1) / max(len(points) - 1, 1))
+    return np.asarray(np.maximum(extent, 2.0 * np.sqrt(2.0 * np.pi * float(variance.max()))))

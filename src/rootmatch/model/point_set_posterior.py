@@ -1,0 +1,223 @@
+"""The posterior of labellings of two point sets: those proposed, their neighbours, and clutter alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.self_motion import exactly_symmetric
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+PRESENT = 0.5
+"""Probability that the object is among the targets, before anything is seen. A round value."""
+MIRRORED = 0.01
+"""Probability that the targets are a mirror image of the object, by an axis that points the other way or a left-handed
+frame, where no reflection is asked for. It explains them then, and nothing is trusted. A round value."""
+WRONG_MODEL = 1e-3
+"""Chance that all of it is wrong, whatever the evidence: probabilities never exceed 1 less that. A round value."""
+KEPT = 64
+"""Most hypotheses whose share is summed. A round value."""
+NEGLIGIBLE = 12.0
+"""Log-odds against the best hypothesis at which one adds nothing. A round value."""
+WORTH = 5.0
+"""Log-odds against the best hypothesis up to which a hypothesis' neighbours are weighed. A round value."""
+ROUNDS = 3
+"""Most rounds in which that is done. A round value."""
+EXPANDED = 6
+"""Hypotheses whose neighbours are weighed in each round. A round value."""
+CHANGES = 64
+"""Most probable changes of a hypothesis that are weighed. A round value."""
+LEADING = 0.01
+"""Share of the best hypothesis from which it is looked at whether a self-motion exchanges one with others."""
+SYMMETRIC = 48
+"""Most pairs of hypotheses that are looked at so. A round value."""
+SHARED = 0.5
+"""Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value, as in
+`rootmatch.pipeline.confidence`."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointSetPosterior:
+    """Hypotheses, the most probable first, and what is known of the points of the first.
+
+    Attributes
+    ----------
+    assignments : (K, n) int64 array
+    probabilities : (K,) array
+        Of each hypothesis; what is missing to one is clutter alone, or a mirror image.
+    chi2, freedom : (K,) arrays
+        Of each hypothesis about its motion.
+    """
+
+    assignments: Integers
+    probabilities: Floats
+    chi2: Floats
+    freedom: Integers
+
+    @property
+    def present(self) -> float:
+        """Probability that the object is among the targets."""
+        return min(float(self.probabilities.sum()), 1.0 - WRONG_MODEL)
+
+    @property
+    def noise_factor(self) -> float:
+        """How many times larger than given the noise looks about the first hypothesis; NaN where nothing tells."""
+        if not len(self.chi2) or not self.dof[0]:
+            return math.nan
+        return math.sqrt(float(self.chi2[0]) / int(self.dof[0]))
+
+    def confidence(self) -> tuple[Floats, Floats]:
+        """Probability (n,) that each point's match, or its being unmatched, is right; and that it is unmatched."""
+        first, odds = self.assignments[0], self._odds
+        same = np.isfinite(odds)
+        change = self.assignments[same] != first
+        away = 1.0 + (odds[same, None] * change).sum(axis=0)
+        none = ((self.assignments[same] < 0) * np.where(np.arange(same.sum()) == 0, 1.0, odds[same])[:, None]).sum(
+            axis=0
+        )
+        here, rest = float(self.probabilities[same].sum()), self.probabilities[~same]
+        each = here / away + rest @ (self.assignments[~same] == first)
+        unmatched = here * none / away + rest @ (self.assignments[~same] < 0)
+        absent = max(1.0 - float(self.probabilities.sum()), 0.0)
+        each = each + absent * (first < 0)
+        return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
+
+    def sure(self, least_probability: float, least_matches: int) -> tuple[Integers, float] | None:
+        """The first hypothesis without the matches that are least sure, and the probability that those left are right.
+
+        As many are left as have that probability together; None where that is fewer than half, or than the number.
+        """
+        first = self.assignments[0]
+        matched = np.flatnonzero(first >= 0)
+        order = matched[np.argsort(-self.confidence()[0][matched], kind="stable")]
+        odds = self._odds
+        same = np.isfinite(odds)
+        same[0] = False
+        here = float(self.probabilities[np.isfinite(odds)].sum())
+        touched = (self.assignments[same] != first)[:, order]
+        # local changes are taken as independent of each other
+        begin = np.where(touched.any(axis=1), touched.argmax(axis=1), len(order))
+        lost = np.zeros(len(order) + 1)
+        np.add.at(lost, begin, np.log1p(odds[same]))
+        together = np.minimum(here * np.exp(-np.cumsum(lost[: len(order)])), 1.0 - WRONG_MODEL)
+        count = int(np.count_nonzero(together >= least_probability))
+        if count < least_matches or count <= SHARED * len(order):
+            return None
+        sure = np.full_like(first, -1)
+        sure[order[:count]] = first[order[:count]]
+        return sure, float(together[count - 1])
+
+    @property
+    def _odds(self) -> Floats:
+        """Odds (K,) of each hypothesis against the first; 0 for itself, infinite for those of another motion."""
+        first = self.assignments[0]
+        common = ((self.assignments == first) & (first >= 0)).sum(axis=1)
+        same = common >= SHARED * max(int((first >= 0).sum()), 1)
+        odds = np.where(same, self.probabilities / max(float(self.probabilities[0]), 1e-300), np.inf)
+        odds[0] = 0.0
+        return odds
+
+
+def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | None = None) -> PointSetPosterior:
+    """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
+
+    Neighbours are weighed by fits of their own. What a self-motion of the source exchanges is as probable as far as the
+    source is exactly symmetric under it. ``mirrored``: labellings (M, n) by reflections, which are no answers.
+    """
+    n = len(model.clouds.source)
+    proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
+    if not len(proposals):
+        return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0), np.empty(0), np.empty(0, np.int64))
+    fit = model.fit(proposals)
+    odds = model.log_odds(fit)
+    fit, odds = _best(fit, odds)
+    known = {one.tobytes() for one in fit.assignments}
+    expanded: set[bytes] = set()
+    for _ in range(ROUNDS):
+        likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
+        waiting = [k for k in likely if fit.assignments[k].tobytes() not in expanded][:EXPANDED]
+        new: list[Integers] = []
+        for k in waiting:
+            one = fit.assignments[k]
+            expanded.add(one.tobytes())
+            changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
+            some = np.argsort(-gains, kind="stable")[:CHANGES]
+            better = changes.take(some[gains[some] > 0.0])
+            for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
+                if other.tobytes() not in known and (other >= 0).sum() >= 3:
+                    known.add(other.tobytes())
+                    new.append(other)
+        if not new:
+            break
+        more = model.fit(np.array(new))
+        fit, odds = fit.joined(more), np.concatenate([odds, model.log_odds(more)])
+    fit, odds = _best(fit, odds)
+    assignments = fit.assignments
+    absent = math.log(1.0 / PRESENT - 1.0)
+    top = max(float(odds[0]), absent)
+    weights = _exchanged(model, assignments, np.exp(odds - top))
+    probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
+    order = np.argsort(-probabilities, kind="stable")
+    return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.dof[order])
+
+
+def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
+    """An assignment with as many of some changes, the best first, as do not concern the same points or targets."""
+    changed, touched = assignment.copy(), np.zeros(len(assignment), np.bool_)
+    for row in zip(*changes, strict=True):
+        points = [point for point in row[::2] if point >= 0]
+        new = [target for target in row[1::2] if target >= 0]
+        others = np.delete(changed, points)
+        if not touched[points].any() and not np.isin(new, others).any():
+            changed[points], touched[points] = row[1 : 2 * len(points) : 2], True
+    return changed
+
+
+def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
+    """The best hypotheses that are not negligible, the best one first, and their log-odds."""
+    order = np.argsort(-odds, kind="stable")[:KEPT]
+    order = order[odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE]
+    return fit.take(order), odds[order]
+
+
+def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats) -> float:
+    """Weight of the best mirror image, over that of the best hypothesis or of none.
+
+    Points nearly in a plane fit a reflection as well as a rotation: with the same labels it says nothing else.
+    """
+    if mirrored is None or not len(mirrored):
+        return 0.0
+    image = replace(model, mirror=True)
+    weight = image.log_odds(image.fit(mirrored)) + math.log(MIRRORED)
+    for one, value in zip(assignments, odds, strict=True):
+        weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
+    return math.exp(min(float(weight.max()) - max(float(odds[0]), math.log(1.0 / PRESENT - 1.0)), 700.0))
+
+
+def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:
+    """Weights (K,) of hypotheses, those that a self-motion of the source exchanges as equal as it is probably exact."""
+    mixing = np.eye(len(assignments))
+    least = math.exp(-NEGLIGIBLE) * float(weights.max())
+    used = [frozenset(one[one >= 0].tolist()) for one in assignments]
+    looked_at = 0
+    for a, b in combinations(range(len(assignments)), 2):
+        if used[a] != used[b] or weights[b] < least or weights[a] < LEADING * float(weights.max()):
+            continue
+        if looked_at == SYMMETRIC:
+            break
+        looked_at += 1
+        # the point that one names for a target is at the place of that which the other names
+        first, second = (
+            np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
+        )
+        mixing[a, b] = mixing[b, a] = exactly_symmetric(model.clouds, first, second, model.mirror)
+    return np.asarray((mixing / mixing.sum(axis=1, keepdims=True)) @ weights)

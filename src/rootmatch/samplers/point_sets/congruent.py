@@ -1,0 +1,220 @@
+"""All labellings of a small point set by congruent triples: each names a motion, and that the rest of the labelling."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
+from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+GATE = 4.5
+"""Deviation in σ up to which distances within a triple agree. A round value: a labelling is lost only if all of its
+triples are."""
+WIDE = 8.0
+"""Deviation in σ within which a point joins the motion of a triple, whose own error it covers too. As in the search for
+large sets (`rootmatch.samplers.point_sets.options.PointSetOptions`)."""
+NEAR = 6.0
+"""The same once the motion is fitted to all of its points. A round value."""
+MOST_LOOKED_UP = 3_000_000
+"""Pairs of triples' first two points and targets that are compared: a tenth of a second."""
+MOST_MOTIONS = 6_000
+"""Triples of targets that are followed up, those of the widest triples of source points first: a tenth of a second."""
+MOST_KEPT = 256
+"""Distinct labellings that are returned, those with the most matches first. A round value."""
+CELLS = 2_000_000
+"""Distances that are computed at once: 16 MB."""
+
+
+def is_small(clouds: PointClouds) -> bool:
+    """Whether all triples of the source can be laid onto all those of the targets in a moment."""
+    n, n_target = len(clouds.source), len(clouds.target)
+    looked_up = n * (n - 1) * (n - 2) // 6 * n_target**2
+    return looked_up * (n_target if clouds.scaled else 1) <= MOST_LOOKED_UP
+
+
+class Labellings(NamedTuple):
+    """Labellings (K, n) that motions explain, −1 for unmatched, those with the most matches first."""
+
+    proper: Integers
+    """By motions of the kind that is looked for."""
+    mirrored: Integers
+    """By reflections, where none is looked for: only those with more matches than any of the others."""
+    tried: int
+    """Motions."""
+
+
+def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Labellings:
+    """Labellings of three points or more that a motion explains.
+
+    Every triple of source points is laid onto every triple of targets like it. Each of these motions labels the points
+    that it brings next to a target, is fitted to them, and labels once more.
+
+    Parameters
+    ----------
+    clouds : PointClouds
+    mirror : bool
+        Whether motions may be reflections.
+    allowed : (n, n') bool array, optional
+        Possible correspondences.
+    """
+    source, target = _alike(clouds, allowed)
+    proper = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, mirror)]
+    found = grown(clouds, _distinct(proper, 3), mirror, allowed)
+    most = int((found >= 0).sum(axis=1).max(initial=2))
+    if mirror or most >= min(len(clouds.source), len(clouds.target)):
+        return Labellings(found, found[:0], len(source))
+    mirrored = [_labelled_by(clouds, part, allowed) for part in _motions(clouds, source, target, True)[-1:]]
+    return Labellings(found, grown(clouds, _distinct(mirrored, most + 1), True, allowed), 2 * len(source))
+
+
+def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings (K, n) of three points or more, and those by the motions that are fitted to them."""
+    found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
+    if not len(found):
+        return found
+    again = _labelled(*fitted_point_sets(clouds, found, mirror).squares(), NEAR, allowed)
+    return _distinct([found, again], 3)[:MOST_KEPT]
+
+
+def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Integers, Integers]:
+    """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
+    n, n_target = len(clouds.source), len(clouds.target)
+    near, far = _distances(clouds.source), _distances(clouds.target)
+    u, v = clouds.source_variance, clouds.target_variance
+    triples = np.array(list(combinations(range(n), 3)), np.int64)
+    a, b, c = triples.T
+    sides = np.sort(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
+    low, middle, high = sides
+    # Heron: 16 times the squared area, 0 on a line
+    area = (low + middle + high) * np.maximum(
+        (low + middle - high) * (high + low - middle) * (high + middle - low), 0.0
+    )
+    triples = triples[np.argsort(-area, kind="stable")[: int(np.count_nonzero(area > 1e-12 * high**4))]]
+    # the longest side first: few pairs of targets are as far apart, and a scale is best known from it
+    a, b, c = triples.T
+    longest = np.argmax(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
+    triples = np.where(
+        (longest == 0)[:, None],
+        triples,
+        np.where((longest == 1)[:, None], triples[:, [1, 2, 0]], triples[:, [0, 2, 1]]),
+    )
+    a, b, c = triples.T
+    both = v[:, None] + v
+    other = ~np.eye(n_target, dtype=np.bool_)
+    if clouds.scaled:
+        row, k, l = np.nonzero(np.broadcast_to(other, (len(triples), n_target, n_target)))  # noqa: E741
+    else:
+        within = GATE**2 * (both + (u[a] + u[b])[:, None, None])
+        row, k, l = np.nonzero(((far - near[a, b][:, None, None]) ** 2 <= within) & other)  # noqa: E741
+    if allowed is not None:
+        possible = allowed[a[row], k] & allowed[b[row], l]
+        row, k, l = row[possible], k[possible], l[possible]  # noqa: E741
+    scale = far[k, l] / near[a, b][row] if clouds.scaled else np.ones(len(row))
+    squared = scale**2
+    of_scale = (v[k] + v[l] + squared * (u[a] + u[b])[row]) / near[a, b][row] ** 2 if clouds.scaled else 0.0 * squared
+    found: list[tuple[Integers, Integers]] = []
+    step, seen = max(CELLS // n_target, 1), 0
+    for start in range(0, len(row), step):
+        part = slice(start, start + step)
+        rows, images, others = row[part], k[part], l[part]
+        third = np.ones((len(rows), n_target), np.bool_)
+        for corner, image in ((a, images), (b, others)):
+            side = near[corner[rows], c[rows]]
+            variance = both[image] + (squared[part] * (u[corner] + u[c])[rows] + of_scale[part] * side**2)[:, None]
+            third &= (far[image] - (scale[part] * side)[:, None]) ** 2 <= GATE**2 * variance
+        if allowed is not None:
+            third &= allowed[c[rows]]
+        place, m = np.nonzero(third)
+        distinct = (m != images[place]) & (m != others[place])
+        place, m = place[distinct], m[distinct]
+        found.append((triples[rows[place]], np.stack([images[place], others[place], m], axis=1)))
+        seen += len(place)
+        if seen >= MOST_MOTIONS:
+            break
+    first, second = (
+        (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True)) if found else (triples[:0],) * 2
+    )
+    return first, second
+
+
+def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> list[Motions]:
+    """The motions of triples onto triples; in space, where three points have no handedness, reflections as well."""
+    first, second = clouds.source[source], clouds.target[target]
+    if clouds.source.shape[1] == 2:
+        return [fitted_motions(first, second, clouds.scaled, mirror)]
+    centre, centre2 = first.mean(axis=1), second.mean(axis=1)
+    frame, frame2 = _frames(first), _frames(second)
+    scale = np.ones(len(first))
+    if clouds.scaled:
+        own, other = (((first - centre[:, None]) ** 2), ((second - centre2[:, None]) ** 2))
+        scale = np.sqrt(other.sum(axis=(1, 2)) / own.sum(axis=(1, 2)))
+    motions = []
+    for kind in (frame2, frame2 * (1.0, 1.0, -1.0))[: 1 + mirror]:
+        linear = scale[:, None, None] * kind @ frame.swapaxes(1, 2)
+        motions.append(Motions(linear, centre2 - (linear @ centre[:, :, None])[:, :, 0], scale))
+    return motions
+
+
+def _frames(triples: Floats) -> Floats:
+    """Right-handed orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
+    first = _unit(triples[:, 1] - triples[:, 0])
+    third = _unit(_crossed(first, triples[:, 2] - triples[:, 0]))
+    return np.stack([first, _crossed(third, first), third], axis=2)
+
+
+def _crossed(first: Floats, second: Floats) -> Floats:
+    """Cross products (H, 3); `numpy.cross` takes longer for few."""
+    return np.asarray(first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]])
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.maximum(np.sqrt((vectors**2).sum(axis=1, keepdims=True)), 1e-300))
+
+
+def _labelled_by(clouds: PointClouds, motions: Motions, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings (H, n) by motions of triples; distances are computed in blocks that fit into memory."""
+    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
+    blocks = [np.arange(begin, min(begin + step, len(motions.scale))) for begin in range(0, len(motions.scale), step)]
+    every = [_labelled(*motions.take(block).squares(clouds), WIDE, allowed) for block in blocks]
+    return np.concatenate(every) if every else np.empty((0, len(clouds.source)), np.int64)
+
+
+def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[np.bool_] | None) -> Integers:
+    """Labellings (H, n): correspondences within the gate that are the nearest of both of their points."""
+    deviation = squared / variance
+    deviation[deviation > gate**2] = np.inf
+    if allowed is not None:
+        deviation[:, ~allowed] = np.inf
+    forward, back = deviation.argmin(axis=2), deviation.argmin(axis=1)
+    mutual = np.take_along_axis(back, forward, axis=1) == np.arange(squared.shape[1])
+    possible = np.isfinite(np.take_along_axis(deviation, forward[:, :, None], axis=2)[:, :, 0])
+    return np.where(mutual & possible, forward, -1)
+
+
+def _distinct(parts: list[Integers], least: int) -> Integers:
+    """Labellings of so many matches or more, each once, those with the most matches first."""
+    every = np.concatenate(parts)
+    matched = (every >= 0).sum(axis=1)
+    every, matched = every[matched >= least], matched[matched >= least]
+    # a random number of each labelling: two of 2⁶⁴ are hardly ever the same by chance
+    _, place = np.unique(every @ _keys(every.shape[1]), return_index=True)
+    return np.asarray(every[place[np.lexsort((place, -matched[place]))]])
+
+
+@lru_cache(maxsize=16)
+def _keys(n: int) -> Integers:
+    """Random numbers (n,), the same for every labelling."""
+    return np.random.default_rng(0).integers(-(2**62), 2**62, n, dtype=np.int64)
+
+
+def _distances(points: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(points[:, None] - points, axis=-1))

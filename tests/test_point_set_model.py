@@ -1,0 +1,246 @@
+"""The model of two point sets: its evidence against sampling, its posterior against the sum over all labellings."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from rootmatch.pipeline.point_set_decision import model_of
+from rootmatch.pipeline.task import MatchingTask
+from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
+from scipy.special import logsumexp
+
+import rootmatch as rm
+from rootmatch.model.point_set_model import NOISE_FREEDOM, PointSetModel
+from rootmatch.model.point_set_posterior import PRESENT, posterior
+from rootmatch.model.self_motion import exactly_symmetric
+from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.pose_fit.point_set_fit import DECADES
+from rootmatch.samplers.point_sets.congruent import congruent_labellings
+
+NOISE = (0.2, 0.3)
+
+
+def scene(
+    source: np.ndarray, seed: int, missing: int = 0, stray: int = 0, noise: tuple[float, float] = NOISE
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The source as measured, the targets, and the truth."""
+    rng = np.random.default_rng([seed, 5])
+    n, k = source.shape
+    turn = Rotation.random(rng=rng).as_matrix() if k == 3 else rotation_of_plane(rng.uniform(-np.pi, np.pi))
+    moved, seen = source @ turn.T + 100.0, rng.permutation(n)[: n - missing]
+    strays = rng.uniform(moved.min(axis=0) - 10.0, moved.max(axis=0) + 10.0, (stray, k))
+    targets = np.concatenate([moved[seen] + noise[1] * rng.normal(size=(n - missing, k)), strays])
+    order = rng.permutation(len(targets))
+    truth = np.full(n, -1)
+    truth[seen] = np.argsort(order)[: n - missing]
+    return source + noise[0] * rng.normal(size=source.shape), targets[order], truth
+
+
+def rotation_of_plane(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def clouds_of(source: np.ndarray, target: np.ndarray, sigma: float, scaled: bool = False) -> PointClouds:
+    u, v = np.full(len(source), 0.5 * sigma**2), np.full(len(target), 0.5 * sigma**2)
+    return PointClouds(source, target, u, v, scaled, mirror=False)
+
+
+def sampled_density(source: np.ndarray, target: np.ndarray, sigma: float, scaled: bool) -> float:
+    """Logarithm of the mean likelihood of targets over motions and factors of σ, by importance sampling.
+
+    Motions are drawn about the best one, rotations as turns with their invariant density; shares no formula but those.
+    """
+    rng = np.random.default_rng(0)
+    m, k = source.shape
+    scale = np.linalg.norm(target - target.mean(0)) / np.linalg.norm(source - source.mean(0)) if scaled else 1.0
+    first = source - source.mean(axis=0)
+    if k == 3:
+        best = Rotation.align_vectors(target - target.mean(axis=0), first)[0].as_matrix()
+    else:
+        a, b = (points[:, 0] + 1j * points[:, 1] for points in (first, target - target.mean(axis=0)))
+        best = rotation_of_plane(float(np.angle((np.conj(a) * b).sum())))
+    count, radius = 50_000, float(np.sqrt((first**2).sum(axis=1).min()))
+    spread = 1.5 * sigma / (scale * radius)
+    draws = rng.standard_t(6, (count, 3 if k == 3 else 1)) * spread
+    log_q = student_t(draws / spread, 6.0).sum(axis=1) - draws.shape[1] * np.log(spread)
+    if k == 3:
+        angle = np.linalg.norm(draws, axis=1)
+        inside = angle < np.pi
+        log_p = np.log(2.0 * (1.0 - np.cos(angle)) / angle**2) - np.log(8.0 * np.pi**2)
+        turns = Rotation.from_rotvec(draws).as_matrix() @ best
+    else:
+        inside = np.abs(draws[:, 0]) < np.pi
+        log_p = np.full(count, -np.log(2.0 * np.pi))
+        turns = np.array([rotation_of_plane(one) for one in draws[:, 0]]) @ best
+    step = 1.5 * sigma / np.sqrt(m)
+    shift = rng.standard_t(6, (count, k)) * step
+    log_q += student_t(shift / step, 6.0).sum(axis=1) - k * np.log(step)
+    scales = np.full(count, scale)
+    if scaled:
+        width = 1.5 * sigma / (scale * np.linalg.norm(first))
+        drawn = rng.standard_t(6, count) * width
+        log_q += student_t(drawn / width, 6.0) - np.log(width)
+        log_p = log_p - np.log(DECADES * np.log(10.0))
+        scales = scale * np.exp(drawn)
+    moved = scales[:, None, None] * first @ turns.swapaxes(1, 2) + target.mean(axis=0) + shift[:, None]
+    variance = 0.5 * sigma**2 * (1.0 + scales**2)
+    chi2 = ((moved - target) ** 2).sum(axis=(1, 2)) / variance
+    # the factor of the variances on a grid of its logarithm, under its inverse gamma prior
+    log_factor = np.linspace(-2.5, 3.5, 60)
+    prior = -0.5 * NOISE_FREEDOM * (log_factor + np.exp(-log_factor))
+    prior -= logsumexp(prior)
+    likelihood = np.full(count, -np.inf)
+    for value, weight in zip(log_factor, prior, strict=True):
+        likelihood = np.logaddexp(likelihood, weight - 0.5 * (chi2 * np.exp(-value) + m * k * value))
+    likelihood -= 0.5 * m * k * np.log(2.0 * np.pi * variance)
+    return float(logsumexp(np.where(inside, likelihood + log_p - log_q, -np.inf)) - np.log(count))
+
+
+def student_t(x: np.ndarray, nu: float) -> np.ndarray:
+    """Log density of Student's t; its constant for six degrees of freedom."""
+    return np.log(0.3827327723098716) - 0.5 * (nu + 1.0) * np.log1p(x**2 / nu)
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize("sigma", [0.02, 0.1])
+def test_evidence_is_that_of_sampled_motions(size: int, scaled: bool, sigma: float) -> None:
+    """σ of a fiftieth and of a tenth of the object's size: Laplace's method is then off by less than 0.1."""
+    rng = np.random.default_rng([size, 3])
+    source = rng.uniform(-1.0, 1.0, (4, size)) * 1.5
+    turn = Rotation.random(rng=rng).as_matrix() if size == 3 else rotation_of_plane(2.0)
+    target = (1.3 if scaled else 1.0) * source @ turn.T + sigma * rng.normal(size=source.shape) + 5.0
+    model = PointSetModel(clouds_of(source, target, sigma, scaled))
+    found = float(model.log_density(model.fit(np.arange(4)[None]))[0])
+    assert found == pytest.approx(sampled_density(source, target, sigma, scaled), abs=0.1)
+
+
+def test_what_is_counted_is_what_is_integrated() -> None:
+    """The detection rate and the density of clutter, by quadrature."""
+    source, target, _ = scene(np.random.default_rng(0).uniform(-20.0, 20.0, (6, 3)), 0, missing=1, stray=3)
+    model = PointSetModel(clouds_of(source, target, 0.3))
+    n, n_target, volume = 6, len(target), np.exp(model.log_volume)
+    for m in (3, 5):
+        assignment = np.where(np.arange(n) < m, np.arange(n), -1)[None]
+        fit = model.fit(assignment)
+        counted = float((model.log_odds(fit) - model.log_density(fit))[0]) + model.log_volume
+        rate = quad(lambda d, m=m: d**m * (1.0 - d) ** (n - m), 0.0, 1.0)[0]
+        clutter = [quad(lambda x, c=c: x ** (c - 0.5) * np.exp(-x), 0.0, np.inf)[0] for c in (n_target - m, n_target)]
+        # λ V is integrated; each λ is a 1/V more
+        assert counted == pytest.approx(np.log(rate * clutter[0] / clutter[1]) + m * np.log(volume), rel=1e-6)
+
+
+def test_a_reflection_counts_where_it_is_allowed() -> None:
+    source, target, _ = scene(np.random.default_rng(3).uniform(-20.0, 20.0, (6, 3)), 0)
+    clouds = clouds_of(source, target * [-1.0, 1.0, 1.0], 0.4)
+    everything = np.array(list(itertools.permutations(range(6))))
+    odds = {
+        mirror: PointSetModel(clouds, mirror).log_odds(PointSetModel(clouds, mirror).fit(everything))
+        for mirror in (False, True)
+    }
+    assert odds[True].max() > 20.0
+    assert odds[False].max() < -20.0
+
+
+def test_posterior_is_the_sum_over_all_labellings() -> None:
+    """Of three points or more; nine targets of which some are near each other."""
+    source = np.array([[30.0, 0.0, 0.0], [-28.0, 5.0, 0.0], [0.0, 25.0, 10.0], [3.0, -20.0, 15.0]])
+    for seed in range(4):
+        measured, target, _ = scene(source, seed, missing=seed % 2, stray=2)
+        target = np.concatenate([target, target[:1] + 0.8])
+        model = model_of(MatchingTask.of(rm.Rigid(), measured, target, noise=NOISE))
+        assert model is not None
+        n, n_target = len(measured), len(target)
+        every = np.array(
+            [
+                one
+                for one in itertools.product(range(-1, n_target), repeat=n)
+                if sum(j >= 0 for j in one) >= 3 and len({j for j in one if j >= 0}) == sum(j >= 0 for j in one)
+            ]
+        )
+        odds = model.log_odds(model.fit(every))
+        expected = np.exp(odds - np.logaddexp(logsumexp(odds), np.log(1.0 / PRESENT - 1.0)))
+        found = posterior(model, congruent_labellings(model.clouds, False).proper)
+        shares = {one.tobytes(): share for one, share in zip(found.assignments, found.probabilities, strict=True)}
+        for k in np.argsort(-expected)[:4]:
+            assert shares.get(every[k].tobytes(), 0.0) == pytest.approx(expected[k], abs=0.02)
+        each, _ = found.confidence()
+        marginal = expected @ (every == found.assignments[0]) + (1.0 - expected.sum()) * (found.assignments[0] < 0)
+        np.testing.assert_allclose(each, marginal, atol=0.05)
+
+
+FLAT = np.array([[30.0, 40, 0], [-30, 40, 0], [45, 0, 0], [-45, 0, 0], [25, -45, 0], [-25, -45, 0]])
+RECTANGLE = np.array([[40.0, 25, 0], [-40, 25, 0], [-40, -25, 0], [40, -25, 0], [0, 0, 20], [0, 0, 55]])
+
+
+@pytest.mark.parametrize("source", [FLAT, RECTANGLE, RECTANGLE[:4]])
+def test_symmetric_sets_are_ambiguous_and_the_truth_is_listed(source: np.ndarray) -> None:
+    for seed in range(6):
+        measured, target, truth = scene(source, seed, stray=1)
+        match = rm.match(measured, target, rm.Rigid(), noise=NOISE)
+        assert match.status is rm.Status.AMBIGUOUS
+        listed = [match.assignment, *(other for other, _ in match.alternatives[:5])]
+        assert any(np.array_equal(one, truth) for one in listed)
+        assert match.probability == pytest.approx(0.5 if len(source) == 6 else 0.25, abs=0.1)
+
+
+def test_a_symmetry_is_exact_within_the_noise_only() -> None:
+    turned = np.array([1, 0, 3, 2, 5, 4]), np.array([2, 3, 0, 1, 4, 5])
+    rng = np.random.default_rng(1)
+    for source, second in ((FLAT, turned[0]), (RECTANGLE, turned[1])):
+        exact, displaced = [], []
+        for _ in range(20):
+            measured = source + 0.2 * rng.normal(size=source.shape)
+            off = measured + 4.0 * (np.arange(6) == 5)[:, None] * [1.0, 0.0, 0.0]
+            for points, results in ((measured, exact), (off, displaced)):
+                clouds = clouds_of(points, points, 0.2 * np.sqrt(2.0))
+                results.append(exactly_symmetric(clouds, np.arange(6), second))
+        assert np.quantile(exact, 0.1) > 0.5
+        assert np.max(displaced) < 0.01
+
+
+def test_mirrored_sets_are_not_trusted() -> None:
+    for seed in range(8):
+        source = np.random.default_rng([seed, 1]).uniform(-60.0, 60.0, (8, 3))
+        measured, target, truth = scene(source, seed)
+        assert np.array_equal(rm.match(measured, target, rm.Rigid(), noise=NOISE).assignment, truth)
+        mirrored = rm.match(measured, target * [1.0, -1.0, 1.0], rm.Rigid(), noise=NOISE)
+        assert mirrored.status is rm.Status.UNTRUSTED
+
+
+def test_a_layout_that_a_reflection_exchanges_is_told_by_its_heights() -> None:
+    """Left and right exchanged fit a reflection only, which is no motion."""
+    source = FLAT + np.array([0.0, 0, 10]) * np.array([1, 1, -1, -1, 1, 1])[:, None]
+    for seed in range(6):
+        measured, target, truth = scene(source, seed)
+        match = rm.match(measured, target, rm.Rigid(), noise=NOISE)
+        assert match.status is rm.Status.MATCHED
+        assert np.array_equal(match.assignment, truth)
+
+
+@pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
+@pytest.mark.parametrize("size", [2, 3])
+def test_unrelated_sets_are_not_trusted(problem: rm.Similarity, size: int) -> None:
+    for seed in range(10):
+        rng = np.random.default_rng([seed, size])
+        match = rm.match(rng.uniform(-1, 1, (6, size)), rng.uniform(-1, 1, (8, size)), problem, noise=0.005)
+        assert match.status is not rm.Status.MATCHED
+        assert match.probability is not None
+        assert match.probability < 0.9
+        assert np.all(match.confidence[match.assignment >= 0] < 0.9)
+
+
+@pytest.mark.parametrize("option", [{}, {"hyperedges": "exhaustive"}, {"solver": "hgm"}, {"hyperedges": "guided"}])
+def test_four_of_six_points_among_strays_by_any_method(option: dict[str, str]) -> None:
+    source = np.random.default_rng(8).uniform(-60.0, 60.0, (6, 3))
+    for seed in range(3):
+        measured, target, truth = scene(source, seed, missing=2, stray=3)
+        match = rm.match(measured, target, rm.Rigid(), noise=NOISE, **option)  # type: ignore[arg-type]
+        assert match.status is rm.Status.MATCHED
+        assert np.array_equal(match.assignment, truth)
+        assert match.probability is not None
+        assert 0.9 <= match.probability <= match.confidence.min() + 1e-9
