@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rootmatch.result import Match, Status
     from rootmatch.samplers.guided.sampler import Guided
     from rootmatch.tracker import Tracker, TrackingState
+    from rootmatch.warmup.ahead import warmup
 
 _LATER = {
     **MODULES,
@@ -57,16 +58,17 @@ _LATER = {
     "match": "match",
     "nearest_hyperedges": "hypergraph.invariants",
     "residuals": "match",
+    "warmup": "warmup.ahead",
 }
 """Module of each public name, imported when first asked for: a command that fails early needs none of them, and no
 Numba."""
 
 
 class _Package(ModuleType):
-    """The package, whose `match` is the function also after the module of that name has been imported."""
+    """The package, whose `match` and `warmup` are the functions also after modules of those names were imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if not (name == "match" and isinstance(value, ModuleType)):
+        if not (name in ("match", "warmup") and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 
@@ -112,4 +114,5 @@ __all__ = [
     "nearest_hyperedges",
     "read_cameras",
     "residuals",
+    "warmup",
 ]
