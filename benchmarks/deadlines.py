@@ -9,7 +9,8 @@ A task follows from its number and the seed. A row is written when it is measure
 ended. Tasks run in a process of their own, which is killed when a match takes `PATIENCE` seconds more than it may; that
 row says "at least". A run during which Numba compiled or loaded a kernel does not count and is repeated. One that
 overruns is repeated too, up to `TURNS` times in all, and the shortest counts: another process may have had the
-processor. The bound is a tenth and 5 ms.
+processor. The bound is a tenth and 5 ms. On a busy machine nothing is to be learnt from the clock on the wall: with
+``--clock processor`` limits and times are seconds of processor time, on one thread.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -217,6 +219,15 @@ def bound(seconds: float) -> float:
     return 1.1 * seconds + 0.005
 
 
+def use_processor_time() -> None:
+    """Let deadlines, and this, go by the processor time of the process."""
+    from rootmatch.deadline import Deadline
+
+    matching: Any = import_module("rootmatch.match")
+    matching.Deadline = lambda seconds, started: Deadline(seconds, clock=time.process_time)
+    time.perf_counter = time.process_time
+
+
 def worker() -> None:
     """A process that measures the tasks whose numbers it is given, a line each."""
     from numba.core import event
@@ -248,7 +259,7 @@ def worker() -> None:
         compiled = 0
         try:
             while not taken or (min(taken) > bound(seconds) and len(taken) < TURNS):
-                known, started, processor = count[0], time.perf_counter(), time.process_time()
+                known, started = count[0], time.perf_counter()
                 print(json.dumps({"waiting": seconds + PATIENCE}), flush=True)
                 found = rm.match(**arguments, max_seconds=seconds)
                 spent = time.perf_counter() - started
@@ -256,7 +267,6 @@ def worker() -> None:
                     compiled += 1
                     continue
                 taken.append(spent)
-                row["processor"] = time.process_time() - processor
             row |= {"status": found.status.name, "limited": found.limited}
         except rm.RootmatchError as error:
             taken, row["refused"] = [time.perf_counter() - started], str(error)
@@ -295,10 +305,12 @@ def _watched(thread: int, ends: float, over: threading.Event, seen: Counter[str]
             seen[" > ".join(places[-7:])] += 1
 
 
-def started() -> subprocess.Popen[str]:
+def started(clock: str) -> subprocess.Popen[str]:
     """A process that measures."""
+    command = [sys.executable, __file__, "work", "--clock", clock]
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "1"} if clock == "processor" else None
     return subprocess.Popen(
-        [sys.executable, __file__, "work"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, env=environment
     )
 
 
@@ -326,16 +338,16 @@ def measured(process: subprocess.Popen[str], number: int) -> dict[str, Any]:
         row = answer.get("preparing", row)
 
 
-def run(path: Path, numbers: list[int]) -> None:
+def run(path: Path, numbers: list[int], clock: str) -> None:
     """Measure what has no row yet."""
     known = {row["number"] for row in rows_of(path)}
-    process = started()
+    process = started(clock)
     try:
         for number in numbers:
             if number in known:
                 continue
             if process.poll() is not None:
-                process = started()
+                process = started(clock)
             row = measured(process, number)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
@@ -387,7 +399,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first task")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of tasks")
     parser.add_argument("--worst", type=int, default=30, help="lines of the report")
+    parser.add_argument("--clock", choices=["wall", "processor"], default="wall")
     given = parser.parse_args()
+    if given.clock == "processor" and given.command != "run":
+        use_processor_time()
     if given.command == "work":
         worker()
     elif given.command == "stacks":
@@ -396,7 +411,7 @@ def main() -> None:
     elif given.rows is None:
         parser.error("give the file of rows")
     elif given.command == "run":
-        run(given.rows, given.only or list(range(given.first, given.first + given.tasks)))
+        run(given.rows, given.only or list(range(given.first, given.first + given.tasks)), given.clock)
     else:
         report(given.rows, given.worst)
 

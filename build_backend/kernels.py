@@ -20,7 +20,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 PROGRAM = """
 import sys
 from pathlib import Path
-from rootmatch.warmup import prebuild
+from rootmatch.precompile import prebuild
 prebuild(Path(sys.argv[1]), lambda done, total: print(f"kernels: {done} of {total}", flush=True))
 """
 PLACE = "rootmatch/jit/prebuilt_kernels"

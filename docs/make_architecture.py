@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "tracking", "api", "matcher", "result", "sightings", "explain", "model"),
+    "matching": ("precompile", "tracking", "api", "matcher", "result", "sightings", "explain", "model"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -39,7 +39,7 @@ CAPTIONS = {
     "report": "text, JSON, pictures",
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
-    "warmup": "kernels ahead of need",
+    "precompile": "kernels ahead of need",
     "matcher": "frame after frame",
     "api": "match(), residuals()",
     "tracking": "poses from frame to frame",

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -201,3 +208,52 @@ def test_a_solver_that_knows_no_deadline_is_called_without() -> None:
     scene = up2p_scene(6, 3, 0.5, 0)
     found = rm.match(scene.source, scene.target, scene.problem, noise=0.5, solver=own, max_seconds=600.0)
     assert (found.assignment >= 0).any()
+
+
+INTERRUPTED = """
+import signal, sys, time
+import numpy as np
+import rootmatch as rm
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
+rng = np.random.default_rng(0)
+camera = rm.Camera(800.0, 800.0, 320.0, 240.0)
+first, second = rng.uniform((0.0, 0.0), (640.0, 480.0), (2, 900, 2))
+ball = rng.uniform(-1.0, 1.0, (900, 3))
+tasks = {
+    "between views": (first[:30], second[:700], rm.ThreePlusOne(camera)),
+    "guided": (ball, second, rm.P3P(camera)),
+}
+source, target, problem = tasks[sys.argv[1]]
+rm.match(source[:8], target[:9], problem, hyperedges="guided", max_seconds=1.0)  # what is needed is compiled
+print("compiled", flush=True)
+try:
+    rm.match(source, target, problem)
+    print("ended")
+except KeyboardInterrupt:
+    print(time.process_time())
+"""
+
+
+def processor_time(pid: int) -> float:
+    """Seconds that a process has taken so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processor time is looked up in /proc")
+@pytest.mark.parametrize("what", ["between views", "guided"])
+def test_an_interrupt_ends_a_large_match_at_once(what: str) -> None:
+    command = [sys.executable, "-c", INTERRUPTED, what]
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "2"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "compiled\n"
+        begun = processor_time(child.pid)
+        while processor_time(child.pid) < begun + 1.0:
+            assert child.poll() is None, "the match ended by itself"
+            time.sleep(0.01)
+        sent = processor_time(child.pid)
+        child.send_signal(signal.SIGINT)
+        answer = child.stdout.read()
+    # of two threads, by their own time: others may have the processor
+    assert float(answer) - sent < 1.0

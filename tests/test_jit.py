@@ -121,7 +121,7 @@ with warnings.catch_warnings(record=True) as caught:
     from rootmatch.samplers.exhaustive import exhaustive_tensor
     from rootmatch.samplers.random import random_tensor
     from rootmatch.solvers import get_solver
-    from rootmatch.warmup.scenes import sample
+    from rootmatch.precompile.scenes import sample
     scene = sample("similarity") if WORK else None  # of all problems its kernels are the quickest to compile
     if WORK == "match":
         match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, seed=1)

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from rootmatch.jit import prebuilt
+from rootmatch.precompile.scenes import OWN
 from rootmatch.problems import PROBLEMS
 from rootmatch.solvers import SOLVERS
-from rootmatch.warmup.scenes import OWN
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -71,7 +71,7 @@ def programs() -> Iterator[tuple[str, str]]:
     yield "noise estimated", matching("p3p_scene(9, 1, 0.5, 7)").replace("noise=0.5", 'noise="auto"')
     for name in PROBLEMS:
         if name in OWN:
-            scene = f"from rootmatch.warmup.scenes import sample; scene = sample({name!r})"
+            scene = f"from rootmatch.precompile.scenes import sample; scene = sample({name!r})"
             yield (
                 f"match {name}",
                 f"{scene}\n"

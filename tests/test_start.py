@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from rootmatch.errors import RootmatchError
-from rootmatch.warmup import warm_up, workers
-from rootmatch.warmup.steps import STEPS
+from rootmatch.precompile import warm_up, workers
+from rootmatch.precompile.steps import STEPS
 
 CALLS = """
 import json, os, sys

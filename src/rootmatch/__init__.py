@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rootmatch.hypergraph.tensor import AffinityTensor
     from rootmatch.io.calibrations.reading import read_cameras
     from rootmatch.matcher import Matcher
+    from rootmatch.precompile.ahead import warmup
     from rootmatch.problems.base import Problem
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
     from rootmatch.problems.p3p import P3P as P3P
@@ -55,6 +56,7 @@ _LATER = {
     "match": "api",
     "nearest_hyperedges": "hypergraph.invariants",
     "residuals": "api",
+    "warmup": "precompile.ahead",
 }
 """Module of each public name, imported when first asked for: a command that fails early needs none of them, and no
 Numba."""
@@ -99,4 +101,5 @@ __all__ = [
     "nearest_hyperedges",
     "read_cameras",
     "residuals",
+    "warmup",
 ]

@@ -37,7 +37,8 @@ class Matcher:
     """`rootmatch.match` for many images of the same source points.
 
     The source is checked once, the enumerations of a small problem are kept from frame to frame, and nothing waits for
-    other threads where one is enough: five markers against eight detections take a few milliseconds.
+    other threads where one is enough: five markers against eight detections take a few milliseconds. Kernels are
+    compiled when a frame first needs them: call `rootmatch.warmup` before the first frame where none may wait.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def warmup(
     Exit code 0: compiled; 130: interrupted, what is compiled is kept.
     """
     from rootmatch.cli.progress import progress_bar
-    from rootmatch.warmup import warm_up
+    from rootmatch.precompile import warm_up
 
     leaves("what is compiled is kept")
     with progress_bar("kernels", not quiet) as progress:

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 
+SECONDS_PER_ENTRY = 2e-8
+"""To see whether a soft assignment is clear."""
 SECONDS_PER_STEP = 1.7e-9
 """Of the Hungarian method, with n² n' steps at the most, as soft assignments take that are a column times a row."""
 
@@ -31,6 +33,7 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
         If `soft` is not a finite, non-negative matrix.
     """
     value = np.asarray(soft, dtype=np.float64)
+    checkpoint(SECONDS_PER_ENTRY * value.size)
     if value.ndim != 2 or not np.all((value >= 0) & np.isfinite(value)):
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")
     # A common scale changes nothing, and keeps sums of huge values finite.

@@ -108,10 +108,13 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
     The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
     """
     from rootmatch.hypergraph.farthest_first import farthest_first  # takes Numba
+    from rootmatch.jit.threads import in_pieces
 
     order = np.empty(len(points), dtype=np.int64)
     distance = ((points - points.sum(axis=0) / len(points)) ** 2).sum(axis=1)
-    farthest_first(np.ascontiguousarray(points, np.float64), int(distance.argmax()), order)
+    order[0] = distance.argmax()
+    places, nearest = np.ascontiguousarray(points, np.float64), np.full(len(points), np.inf)
+    in_pieces(lambda first, last: farthest_first(places, first, last, order, nearest), len(points))
     return order
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from rootmatch.jit.decorators import driver
 
 
 @driver(nogil=True)
-def farthest_first(points, first, order):  # type: ignore[no-untyped-def]
-    """Fill in the order (n,) of points (n, k) that begins with ``first``: always the one farthest from those before."""
+def farthest_first(points, begin, end, order, nearest):  # type: ignore[no-untyped-def]
+    """Fill in the order (n,) of points (n, k) behind the places ``begin … end − 1``: the farthest from all before.
+
+    ``nearest`` (n,) are squared distances to those before ``begin``: ∞ at first, when ``order[0]`` is given.
+    """
     n = points.shape[0]
-    nearest = np.empty(n)
-    for i in range(n):
-        nearest[i] = np.inf
-    choice = first
-    for place in range(n):
-        order[place] = choice
+    for place in range(begin, end):
+        choice = order[place]
         nearest[choice] = -1.0
         following = 0
         for i in range(n):
@@ -28,4 +25,5 @@ def farthest_first(points, first, order):  # type: ignore[no-untyped-def]
                     nearest[i] = squared
             if nearest[i] > nearest[following]:
                 following = i
-        choice = following
+        if place + 1 < n:
+            order[place + 1] = following

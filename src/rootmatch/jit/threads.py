@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
-from time import perf_counter
 
 import numba
 
@@ -64,9 +63,9 @@ class Ranges:
         """Do pieces until none is left."""
         try:
             while (piece := self._taken()) is not None:
-                started = perf_counter()
+                started = self.deadline.clock()
                 self.work(*piece)
-                self._grow(piece[1] - piece[0], perf_counter() - started)
+                self._grow(piece[1] - piece[0], self.deadline.clock() - started)
         except BaseException:
             self.stop()
             raise

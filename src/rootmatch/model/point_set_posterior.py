@@ -54,14 +54,14 @@ class PointSetPosterior:
     assignments : (K, n) int64 array
     probabilities : (K,) array
         Of each hypothesis; what is missing to one is clutter alone, or a mirror image.
-    chi2, freedom : (K,) arrays
+    chi2, dof : (K,) arrays
         Of each hypothesis about its motion.
     """
 
     assignments: Integers
     probabilities: Floats
     chi2: Floats
-    freedom: Integers
+    dof: Integers
 
     @property
     def present(self) -> float:

@@ -39,7 +39,8 @@ class Tracker:
 
     The first frame is matched as by `rootmatch.Matcher`. From then on a constant velocity predicts a pose with its
     covariance (a Kalman filter), which is the prior of the next match: a frame takes about a millisecond. A body that
-    is not found is predicted further for a while, then lost, and searched for.
+    is not found is predicted further for a while, then lost, and searched for. Kernels are compiled when a frame first
+    needs them: call `rootmatch.warmup` before the first frame where none may wait.
 
     Parameters
     ----------

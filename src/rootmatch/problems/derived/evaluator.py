@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.problems.derived.measurements import Measurement
 
 Floats = NDArray[np.float64]
+ROWS = 64
+"""Rows of a table of pairs that are worked out together."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +69,15 @@ class Evaluator:
         if not self.used(kind):
             return np.zeros((0, 1, 1) if pair else (0, 1))
         out = np.zeros((count, n, n) if pair else (count, n))
-        points = (coordinates[:, None], coordinates[None, :]) if pair else (coordinates,)
-        for k in self.used(kind):
-            out[k] = self.leaf(kind, k, *points)
+        if not pair:
+            for k in self.used(kind):
+                out[k] = self.leaf(kind, k, coordinates)
+            return out
+        for first in range(0, n, ROWS):
+            checkpoint()
+            points = coordinates[first : first + ROWS, None], coordinates[None, :]
+            for k in self.used(kind):
+                out[k, first : first + ROWS] = self.leaf(kind, k, *points)
         return out
 
     def noise_table(self, kind: str, coordinates: Floats, spread: Floats) -> Floats:
@@ -84,11 +93,14 @@ class Evaluator:
                 out[k] = self.leaf_noise(kind, k, [coordinates], [spread])[0].T
             return out.reshape(count * axes, n)
         out = np.zeros((count, 2, axes, n, n))
-        points = [coordinates[:, None], coordinates[None, :]]
-        spreads = [spread[:, None], spread[None, :]]
-        for k in self.used(kind):
-            for end, part in enumerate(self.leaf_noise(kind, k, points, spreads)):
-                out[k, end] = np.moveaxis(part, -1, 0)
+        for first in range(0, n, ROWS):
+            checkpoint()
+            rows = slice(first, first + ROWS)
+            points = [coordinates[rows, None], coordinates[None, :]]
+            spreads = [spread[rows, None], spread[None, :]]
+            for k in self.used(kind):
+                for end, part in enumerate(self.leaf_noise(kind, k, points, spreads)):
+                    out[k, end, :, rows] = np.moveaxis(part, -1, 0)
         return out.reshape(count * 2 * axes, n, n)
 
     def arguments(self, source: Floats, target: Floats) -> list[Floats]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import Deadline
+from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
@@ -26,7 +26,9 @@ Integers = NDArray[np.int64]
 ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
 BLOCK = 64
-"""Motions that are judged together."""
+"""Motions that are judged together, at most."""
+ENTRIES = 2_000_000
+"""Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,9 @@ class MotionSearch:
         self.n, self.n_target = task.shape
         self.dimension = clouds.source.shape[1]
         self.near = _distances(clouds.source)
+        checkpoint()
         self.far = _distances(clouds.target)
+        checkpoint()
         self.allowed = task.candidates
         first, second = np.triu_indices(self.n_target, 1)
         order = np.argsort(self.far[first, second], kind="stable")
@@ -148,9 +152,13 @@ class MotionSearch:
         # an unknown scale has the noise of the side that it is taken from
         of_scale = own / ab**2 if clouds.scaled else np.zeros_like(own)
         third = np.ones((len(k), self.n_target), np.bool_)
-        for corner, image, side in ((a, k, ac), (b, l, bc)):
-            variance = v[image][:, None] + v + scale**2 * (u[corner] + u[c]) + of_scale * side**2
-            third &= (self.far[image] - scale * side) ** 2 <= options.gate**2 * variance
+        step = max(1, ENTRIES // self.n_target)
+        for first in range(0, len(k), step):
+            checkpoint()
+            rows = slice(first, first + step)
+            for corner, image, side in ((a, k[rows], ac), (b, l[rows], bc)):
+                variance = v[image][:, None] + v + scale[rows] ** 2 * (u[corner] + u[c]) + of_scale[rows] * side**2
+                third[rows] &= (self.far[image] - scale[rows] * side) ** 2 <= options.gate**2 * variance
         if self.allowed is not None:
             third &= self.allowed[c]
         row, m = np.nonzero(third)
@@ -170,8 +178,10 @@ class MotionSearch:
         source = np.broadcast_to(clouds.source[triple], (len(images), 3, self.dimension))
         motions = fitted_motions(source, clouds.target[images], clouds.scaled, clouds.mirror)
         counts = np.empty(len(images))
-        for start in range(0, len(images), BLOCK):
-            part = np.arange(start, min(start + BLOCK, len(images)))
+        block = max(1, min(BLOCK, ENTRIES // (self.n * self.n_target)))
+        for start in range(0, len(images), block):
+            checkpoint()
+            part = np.arange(start, min(start + block, len(images)))
             squared, variance = motions.take(part).squares(clouds)
             close = squared <= options.wide_gate**2 * variance
             if self.allowed is not None:
@@ -189,6 +199,7 @@ class MotionSearch:
         clouds, options = self.clouds, self.options
         gates = np.geomspace(options.wide_gate, options.gate, ROUNDS)
         for gate in gates.tolist():
+            checkpoint()
             squared, variance = (part[0] for part in motion.squares(clouds))
             ratios = self._ratios(squared, variance, gate)
             members, images = _mutual(ratios)

@@ -28,6 +28,8 @@ BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise. Not tuned."""
 SOLVED = 0.6
 """Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
+SECONDS_PER_RATIO = 2e-7
+"""To work one out in each step of a refinement."""
 REFINED = 4_000_000
 """Likelihood ratios of the poses that are refined together: 32 MB."""
 RARE = 0.1
@@ -153,6 +155,7 @@ class PoseSearch:
         """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
         step = max(1, REFINED // (self.n * self.n_target))
         for first in range(0, len(poses), step):
+            checkpoint(SECONDS_PER_RATIO * step * self.n * self.n_target)
             refined = self._refined(poses[first : first + step])
             for ratios, number in zip(refined, which[first : first + step].tolist(), strict=True):
                 checkpoint()

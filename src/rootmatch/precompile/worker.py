@@ -1,4 +1,4 @@
-"""A process that compiles: ``python -m rootmatch.warmup.worker SET [FOLDER]`` runs the steps named on its input.
+"""A process that compiles: ``python -m rootmatch.precompile.worker SET [FOLDER]`` runs the steps named on its input.
 
 It answers each with a line. With a folder, kernels for a generic processor are left there, else those for this machine
 in the user's cache.
@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from rootmatch.jit import cache
-from rootmatch.warmup.steps import STEPS
+from rootmatch.precompile.steps import STEPS
 
 
 def work(chosen: str, folder: str | None = None) -> None:

@@ -17,10 +17,10 @@ from rootmatch.hypergraph.affinity import KINDS
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.matcher import Matcher
+from rootmatch.precompile.scenes import Sample, sample, simulated
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.solvers import SOLVERS
-from rootmatch.warmup.scenes import Sample, sample, simulated
 
 Step = Callable[[], object]
 PAPER = ("p3p", "up2p", "3p1")

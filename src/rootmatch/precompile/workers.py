@@ -14,7 +14,7 @@ from typing import Any
 
 from rootmatch.errors import RootmatchError
 from rootmatch.jit import prebuilt
-from rootmatch.warmup.steps import STEPS
+from rootmatch.precompile.steps import STEPS
 
 MOST_WORKERS = 8
 """A worker takes 300 MB and works for a minute."""
@@ -27,7 +27,7 @@ def warm_up(chosen: str = "first", progress: Progress | None = None, workers: in
     Parameters
     ----------
     chosen : str
-        A name of `rootmatch.warmup.steps.STEPS`.
+        A name of `rootmatch.precompile.steps.STEPS`.
     progress : callable, optional
         Called with (done, total) after each step.
     workers : int, optional
@@ -76,7 +76,7 @@ def _run(
             if progress is not None:
                 progress(done[0], len(names))
 
-    command = [sys.executable, "-m", "rootmatch.warmup.worker", chosen, *arguments]
+    command = [sys.executable, "-m", "rootmatch.precompile.worker", chosen, *arguments]
     processes = [_started(command, environment) for _ in range(workers or min(os.cpu_count() or 1, MOST_WORKERS))]
     try:
         with ThreadPoolExecutor(len(processes)) as pool:

@@ -1,0 +1,224 @@
+"""What a matcher or a tracker of some problem may need, compiled before its first frame: `rootmatch.warmup`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.algebra.rotation import one_rotation_matrix
+from rootmatch.backends.strongest import Progress
+from rootmatch.cameras.rig import Rig
+from rootmatch.errors import InputError
+from rootmatch.matcher import Matcher
+from rootmatch.pipeline.validation import check_problem
+from rootmatch.precompile.scenes import Sample, sample
+from rootmatch.problems import PROBLEMS
+from rootmatch.problems.base import Problem
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.samplers.guided.sampler import Guided
+from rootmatch.tracker import Tracker
+
+Floats = NDArray[np.float64]
+Step = Callable[[], object]
+SIGMA, SIGMA_RADIANS = 0.5, 5e-4
+"""Of detections, in pixels or as unit rays."""
+DISTANCE = 5.0
+"""Of a body from the camera, over its radius."""
+SMALL, LARGE = 12, 60
+"""Points up to which few detections make a quick sweep; of a body whose neighbours are matched first."""
+BUDGET = 100_000
+"""Evaluations of a search: all its kernels are met long before."""
+
+
+def warmup(
+    problem: Problem, source: ArrayLike | None = None, *, progress: Progress | None = None, **options: Any
+) -> None:
+    """Compile the kernels that a `Matcher` or `Tracker` of a problem may need, so that no frame waits for a compiler.
+
+    What is compiled depends on the problem and on how a search goes, not on the points. So this matches and tracks a
+    few bodies that are made up, through all that may befall them: clutter, occlusion, a wrong prediction, few points, a
+    body that looks the same from two sides. Compiled code is kept on disk: the first call on a machine takes up to some
+    minutes where no kernels came with the package, every later one a few seconds a process.
+
+    Call it before the first frame of anything that must not stop. `Matcher` and `Tracker` do not, as a process with one
+    image would wait for what it never needs.
+
+    Parameters
+    ----------
+    problem : Problem
+    source : (n, 3) or (n, 2) array, optional
+        The points that will be matched, beside those made up. Needed with ``bodies`` or ``normals``.
+    progress : callable, optional
+        Called with (done, total) after each step.
+    **options
+        Of the `Matcher` or `Tracker`.
+
+    Raises
+    ------
+    InputError
+        If the arguments cannot be used, or there are no scenes of the problem, as of one of your own: match a few of
+        its images instead.
+    """
+    check_problem(problem)
+    if source is None and options.keys() & {"normals", "bodies", "view_angle"}:
+        raise InputError("warmup: normals, view_angle and bodies are of source points; give source as well")
+    steps = list(_of_one_camera(problem, source, options) if problem.takes_prior else _of_scenes(problem, options))
+    if progress is not None:
+        progress(0, len(steps))
+    for done, step in enumerate(steps):
+        step()
+        if progress is not None:
+            progress(done + 1, len(steps))
+
+
+def _of_scenes(problem: Problem, options: dict[str, Any]) -> Iterator[Step]:
+    """Matches of a problem that nothing is predicted for."""
+    if problem.name not in PROBLEMS:
+        raise InputError(f"warmup: no scenes of {problem.name} are known; match a few of its images instead")
+    scene = sample(problem.name)
+    for kept in (len(scene.source), problem.order + 1):
+        yield partial(_matched, scene, kept, options)
+    yield partial(_matched, _cluttered(scene), len(scene.source), options)
+
+
+def _matched(scene: Sample, kept: int, options: dict[str, Any]) -> None:
+    """A frame of a scene, read as a user may."""
+    matcher = Matcher(scene.source[:kept], scene.problem, noise=scene.noise, **options)
+    found = matcher.match(scene.target)
+    _ = found.score, found.confidence, found.pose
+
+
+def _cluttered(scene: Sample) -> Sample:
+    """A scene whose hyper-edges are too many for a sweep."""
+    rng = np.random.default_rng(0)
+    low, high = scene.target.min(axis=0), scene.target.max(axis=0)
+    clutter = rng.uniform(low, high, (60, scene.target.shape[1]))
+    return Sample(scene.source, np.concatenate([scene.target, clutter]), scene.problem, scene.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Points (n, 3), and the options that belong to them."""
+
+    points: Floats
+    options: dict[str, Any]
+
+
+def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str, Any]) -> Iterator[Step]:
+    """Flights of bodies before the camera of a problem."""
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(LARGE, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    half = ball[:5] * [0.8, 1.0, 1.0] + [0.5, 0.0, 0.0]
+    clone = np.concatenate([half, half * [-1.0, 1.0, -1.0], ball[5:7]])
+    of_points = {key: options[key] for key in ("normals", "view_angle", "bodies") if key in options}
+    others = {key: value for key, value in options.items() if key not in of_points}
+    bodies = [Body(ball[:7], others), Body(clone, others), Body(ball, others)]
+    if source is None or "normals" in of_points:
+        bodies.append(Body(ball[:20], {**others, "normals": ball[:20]}))
+    if source is not None:
+        bodies.append(Body(np.asarray(source, np.float64), {**others, **of_points}))
+    for body in bodies:
+        yield partial(_flown, problem, body)
+        yield partial(_searched, problem, body)
+
+
+def _searched(problem: Problem, body: Body) -> None:
+    """Matches of frames by themselves: all points, few, and crowded ones."""
+    view = _View(problem, body.points)
+    n = len(body.points)
+    for shown, clutter in ((n, 2), (n, 60)) if n > SMALL else ((n, 2), (6, 1), (n, 60)):
+        options = {"hyperedges": Guided(budget=BUDGET), **body.options} if clutter > 2 else body.options
+        matcher = Matcher(body.points, problem, noise=view.sigma, **options)
+        found = matcher.match(view.frame(0, shown, clutter))
+        _ = found.score, found.confidence, found.pose
+
+
+def _flown(problem: Problem, body: Body) -> None:
+    """A flight with every kind of loss."""
+    view, n = _View(problem, body.points), len(body.points)
+    tracker = Tracker(body.points, problem, noise=view.sigma, **{"hyperedges": Guided(budget=BUDGET), **body.options})
+    kinds = [(0, n, 2), (1, n, 2), (2, n, 2), (3, 4, 1), (4, 3, 0), (5, 0, 3), (6, 0, 3), (7, n, 30)]
+    kinds += [(100 + k, n, 4) for k in range(4)]  # as if it had jumped
+    kinds += [(104 + k, max(n // 2, 4), 25) for k in range(4)]
+    for number, shown, clutter in kinds:
+        found = tracker.match(view.frame(number, shown, clutter))
+        _ = found.confidence, found.pose
+    if "bodies" not in body.options:
+        wrong = Pose(view.R, view.t + 0.5 * view.radius, 1e-4 * np.eye(6))
+        tracker.match(view.frame(108, n, 4), prior=wrong)
+    tracker.reset()
+    tracker.match(view.frame(200, max(n // 2, 4), 8))
+
+
+class _View:
+    """Images of a body that moves before a camera, or a rig, of a problem."""
+
+    def __init__(self, problem: Problem, points: Floats) -> None:
+        self.points = points
+        self.centre = points.mean(axis=0)
+        self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
+        camera = problem.camera  # type: ignore[attr-defined]
+        rig = isinstance(camera, Rig)
+        self.cameras = [
+            (each, rotation, translation)
+            for each, rotation, translation in (
+                zip(camera.cameras, camera.rotations, camera.translations, strict=True)
+                if rig
+                else [(camera, np.eye(3), np.zeros(3))]
+            )
+        ]
+        self.rig = rig
+        self.of_rays = problem.noise_is_angular
+        self.sigma = SIGMA_RADIANS if self.of_rays else SIGMA
+        self.axis = np.array(getattr(problem, "vertical_world", (0.3, 1.0, 0.2)), np.float64)
+        self.axis /= np.linalg.norm(self.axis)
+        self.upright = _between(self.axis, np.array(getattr(problem, "vertical_camera", self.axis), np.float64))
+        self.R, self.t = np.eye(3), np.zeros(3)
+
+    def frame(self, number: int, shown: int, clutter: int) -> Any:
+        """Detections of a frame: so many of the points, in each camera, and so much clutter."""
+        rng = np.random.default_rng(number)
+        self.R = self.upright @ one_rotation_matrix(self.axis * 0.02 * number)
+        _, rotation, translation = self.cameras[0]
+        ahead = np.array([0.002 * number, 0.0, DISTANCE]) * self.radius
+        self.t = rotation.T @ (ahead - translation) - self.R @ self.centre
+        rows, index = [], []
+        for k, (camera, turn, move) in enumerate(self.cameras):
+            places = (self.points @ self.R.T + self.t) @ turn.T + move
+            seen = np.flatnonzero(camera.sees(places))[:shown]
+            with np.errstate(all="ignore"):
+                pixels = places / places[:, 2:] if self.of_rays else camera.project(places)
+            known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
+            noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
+            around = [known.min(axis=0) - 9 * self.sigma, known.max(axis=0) + 9 * self.sigma] if len(known) else None
+            many = (0 if around is None else clutter, pixels.shape[1])
+            rows.append(np.concatenate([noisy, rng.uniform(*(around or (0.0, 1.0)), many)]))
+            index.append(np.full(len(rows[-1]), k))
+        target = np.concatenate(rows)
+        if self.of_rays:
+            return target / np.linalg.norm(target, axis=1, keepdims=True)
+        return (target, np.concatenate(index)) if self.rig else target
+
+
+def _between(first: Floats, second: Floats) -> Floats:
+    """A rotation that takes one direction to another."""
+    second = second / np.linalg.norm(second)
+    axis, cosine = np.cross(first, second), float(first @ second)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.eye(3) if cosine > 0.0 else one_rotation_matrix(_across(first) * math.pi)
+    return one_rotation_matrix(axis / sine * math.atan2(sine, cosine))
+
+
+def _across(direction: Floats) -> Floats:
+    """A unit vector across a direction."""
+    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    across = np.cross(direction, other)
+    return np.asarray(across / np.linalg.norm(across))
