@@ -17,8 +17,8 @@ SOURCES := $(shell find src -name '*.py')
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
-	@echo "make fuzz    try ten thousand calls and a hundred thousand files; goes on where it was stopped"
-	@echo "make torture kill a sweep a hundred times, and whatever else takes long to break"
+	@echo "make fuzz    try ten thousand calls, twenty thousand command lines and a hundred thousand files; goes on where it stopped"
+	@echo "make torture kill sweeps and runs of frames a hundred times each, and whatever else takes long to break"
 	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist; both checked"
 	@echo "make smoke-wheel  what the README shows, from that wheel in an environment of its own, compiling nothing"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"

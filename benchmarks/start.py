@@ -24,7 +24,7 @@ from pathlib import Path
 IMPORTED = {
     "import numba": "import numba",
     "import numba, rootmatch": "import numba, rootmatch",
-    "... and all that match() needs": "import numba, rootmatch.match",
+    "... and all that match() needs": "import numba, rootmatch.api",
 }
 COMPILES = 10.0
 """Seconds of processor time beyond which a first match is taken to compile."""

@@ -1,7 +1,9 @@
 """What all tests share: a place for compiled kernels, and the measured data sets."""
 
 import gc
+import inspect
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -39,6 +41,31 @@ _use_kernel_cache_of_these_sources()
 
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
+
+NUMERICS = re.compile(r"multivariate_normal|linalg\.(qr|svd|eigh?|lstsq)\b|\b1e-(0?[7-9]|1\d)\b")
+"""In the source of a test: it draws by LAPACK, whose signs are the processor's, or compares to better than 1e-6."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark ``numerics`` on each test that matches `NUMERICS`, itself or in what it calls of its own file."""
+    if "numerics" not in config.option.markexpr:
+        return
+    found: dict[object, bool] = {}
+    for item in items:
+        function = getattr(item, "function", None)
+        if inspect.isfunction(function) and _matches(inspect.unwrap(function), found):
+            item.add_marker("numerics")
+
+
+def _matches(function: Callable[..., object], found: dict[object, bool]) -> bool:
+    if function not in found:
+        found[function] = False  # where functions call each other
+        called = [function.__globals__.get(name) for name in function.__code__.co_names]
+        found[function] = bool(NUMERICS.search(inspect.getsource(function))) or any(
+            _matches(one, found) for one in called if inspect.isfunction(one) and one.__module__ == function.__module__
+        )
+    return found[function]
 
 
 def pytest_collection_finish() -> None:

@@ -113,6 +113,19 @@ PAIRS_ALLOWED = {
 }
 
 
+@pytest.mark.parametrize("weight", [5e-324, 1e-30, 1e9])
+def test_uniform_prior_weights_change_nothing(weight: float) -> None:
+    uniform = np.full((len(SCENE.source), len(SCENE.target)), weight)
+    found = rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=0.5, candidates=uniform)
+    assert np.array_equal(found.assignment, SCENE.truth)
+
+
+@pytest.mark.parametrize("weight", [1.1e9, 1e15, 1e100, 1e308])
+def test_prior_weights_beside_which_points_count_for_nothing_are_refused(weight: float) -> None:
+    with pytest.raises(InputError, match="at most 1e"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=0.5, candidates=np.full((6, 7), weight))
+
+
 @pytest.mark.parametrize("pairs", PAIRS_ALLOWED.values(), ids=PAIRS_ALLOWED)
 @pytest.mark.parametrize("weight", [True, 3])
 def test_candidates_without_a_single_hyperedge(pairs: list[tuple[int, int]], weight: Any) -> None:

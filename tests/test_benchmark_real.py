@@ -100,6 +100,14 @@ def test_a_program_is_measured_and_a_run_resumes(data: Path, tmp_path: Path) -> 
         ("time.sleep(60)", "no reply within"),
         ("sys.exit(3)", "ended"),
         ('print("hello", flush=True)', "no reply in JSON"),
+        ('sys.stdout.buffer.write(b"\\xff\\xfe{}\\n"); sys.stdout.flush()', "no reply in JSON: '\ufffd\ufffd{}'"),
+        ('print("[" * 100000, flush=True)', "no reply in JSON"),
+        ('print("{\\"error\\": \\"\\"}", flush=True)', "an error without words"),
+        ('print("{\\"error\\": [1]}", flush=True)', "[1]"),
+        *(
+            (f'print(json.dumps({{"assignment": [-1] * 8, "seconds": {given}}}), flush=True)', "which is no time")
+            for given in ('"abc"', "None", "float('nan')", "1e999", "-1.0", "True", "[]")
+        ),
     ],
 )
 def test_a_program_that_fails_counts_as_failed(data: Path, tmp_path: Path, body: str, says: str) -> None:
@@ -119,9 +127,47 @@ def test_bad_input_is_refused(data: Path, tmp_path: Path) -> None:
         run_real(data, tmp_path / "out", ["rootmatch"], only=["x"])
     with pytest.raises(InputError, match="cannot be started"):
         run_real(data, tmp_path / "out", ["/no/such/program"])
-    (data / "tears_of_steel_01.npz").write_bytes(b"no zip")
-    with pytest.raises(InputError, match="cannot be read"):
+    for method in ("", " ", "program 'x", "pro\0gram", "x" * 5000):
+        with pytest.raises(InputError, match="method: ") as caught:
+            run_real(data, tmp_path / "out", ["rootmatch", method])
+        assert len(str(caught.value)) < 200
+    for timeout in (0.0, -1.0, np.inf, np.nan, 1e300):
+        with pytest.raises(InputError, match=r"timeout: .* given; give a number of seconds above 0"):
+            run_real(data, tmp_path / "out", ["rootmatch"], timeout=timeout)
+
+
+def test_damaged_data_are_one_error(data: Path, tmp_path: Path) -> None:
+    file = data / "tears_of_steel_01.npz"
+    whole = file.read_bytes()
+    middle = len(whole) // 3
+    flipped = whole[:middle] + bytes(255 - b for b in whole[middle : middle + 40]) + whole[middle + 40 :]
+    for content in (b"", b"no zip", whole[:200], whole[:-30], flipped, b"PK\x03\x04" + b"\0" * 100):
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=r"data: .*(cannot be read|does not hold)") as caught:
+            run_real(data, tmp_path / "out", ["rootmatch"])
+        assert len(str(caught.value)) < 300
+    np.savez(file, points3d=np.array(3))
+    with pytest.raises(InputError, match="does not hold what film needs"):
         run_real(data, tmp_path / "out", ["rootmatch"])
+
+
+def test_methods_that_begin_alike_have_rows_of_their_own(data: Path, tmp_path: Path) -> None:
+    method = answering(tmp_path, 'print(json.dumps({"assignment": [-1] * len(request["source"])}), flush=True)')
+    alike = [f"{method} {'x' * 100} {k}" for k in range(2)]
+    table = run_real(data, tmp_path / "out", alike)
+    assert sorted((entry["method"], entry["scenes"]) for entry in table) == [(one, 16) for one in alike]
+    assert len({leaderboard.rows_file(tmp_path, name) for name in ("a b", "a-b", "a  b", "é", "è", "rootmatch")}) == 6
+    assert leaderboard.rows_file(tmp_path, "rootmatch").name == "rootmatch.jsonl"
+
+
+@pytest.mark.parametrize("line", [b"{", b"\xff\xff", b"{}", b"[]", b"null", b"[" * 100_000, b'{"method": 1}'])
+def test_a_damaged_row_is_named(tmp_path: Path, line: bytes) -> None:
+    path = tmp_path / "rows.jsonl"
+    path.write_bytes(line + b"\n")
+    with pytest.raises(InputError, match=r"rows\.jsonl, line 1: damaged; remove the file"):
+        leaderboard.read_rows(path)
+    path.write_bytes(line)  # cut off, and so left out
+    assert leaderboard.read_rows(path) == []
 
 
 def test_every_protocol_has_a_scene(load_shared: Any) -> None:

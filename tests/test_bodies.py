@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.pipeline.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
-from rootmatch.pipeline.body_labels import twin_points
-from rootmatch.pipeline.body_options import OPTIONS
-from rootmatch.pipeline.decide import Facts
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.finding import Finding
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
+from rootmatch.explain.body_labels import twin_points
+from rootmatch.explain.body_options import OPTIONS
+from rootmatch.explain.decide import Facts
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -26,7 +26,7 @@ def judged(found: Finding, status: rm.Status, probability: float | None = None) 
     """A finding with facts from which a status follows."""
     facts = {
         rm.Status.MATCHED: Facts(sure_of_its_detections=True),
-        rm.Status.AMBIGUOUS: Facts(contested=True),
+        rm.Status.AMBIGUOUS: Facts(missed=1.0),
         rm.Status.UNTRUSTED: Facts(confirmed=False),
     }[status]
     one = replace(found, facts=replace(facts, probability=probability))

@@ -73,7 +73,7 @@ class TestMatch:
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
-            "assignment", "score", "margin", "probability", "confidence", "motions", "alternatives",
+            "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
             "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]

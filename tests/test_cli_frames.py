@@ -4,6 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +19,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import rootmatch as rm
 from rootmatch.cli import app
+from rootmatch.errors import InputError
+from rootmatch.io.frame_files import Frame, read_frames
 from test_tracker import BODY, frame
+from test_worker_lifetime import running
 
 OPTIONS = ("--problem", "p3p", "--camera", "800,780,320,240", "--noise", "0.2")
 FRAMES, HIDDEN = 8, (5,)
@@ -69,6 +81,140 @@ def test_every_frame_is_matched_for_itself_and_a_run_is_continued(folder: Path, 
     again = run("match", *files, *OPTIONS, "--output", output, "--resume")
     assert "2 done before" in again.stdout
     assert output.read_text() == whole
+
+
+def test_a_last_frame_that_ends_at_a_line_is_not_taken_for_whole(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "matches.csv"
+    command = "match", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--output", output
+    run(*command)
+    whole = output.read_text()
+    output.write_text("".join(whole.splitlines(keepends=True)[:20]))
+    again = run(*command, "--resume")
+    assert "2 done before" in again.stdout
+    assert output.read_text() == whole
+    refused = run(*command, "--resume", "--noise", "0.3")
+    assert refused.exit_code == 2
+    assert "--noise: '0.3' given, and it was begun with '0.2'" in refused.stderr
+    assert output.read_text() == whole
+
+
+def test_a_run_that_is_refused_leaves_nothing(folder: Path, tmp_path: Path) -> None:
+    bad = write(tmp_path / "bad.csv", "frame,x,y", [[0, 1, "a"]])
+    for command in ("match", "track"):
+        files = "--output", tmp_path / "matches.csv", "--poses", tmp_path / "poses.csv"
+        assert run(command, folder / "model.csv", bad, *OPTIONS, *files).exit_code == 2
+        assert list(tmp_path.iterdir()) == [bad]
+
+
+@pytest.mark.parametrize("jobs", [0, -2000, 2000])
+def test_numbers_of_processes_that_mean_nothing(folder: Path, jobs: int) -> None:
+    result = run("match", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--jobs", jobs)
+    assert result.exit_code == 2
+    assert f"jobs: {jobs} given" in result.stderr
+
+
+def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first match of the process is made one that was cut off while it loaded."""
+    from rootmatch.cli import frames
+    from rootmatch.io import read_points
+
+    loaded: list[int] = []
+    true = rm.Matcher.match
+
+    def slow(self: rm.Matcher, *args: Any, **options: Any) -> Any:
+        found = true(self, *args, **options)
+        if loaded:
+            return found
+        loaded.append(1)
+        return replace(found, limited=True)
+
+    monkeypatch.setattr(rm.Matcher, "match", slow)
+    source = read_points(folder / "model.csv", 3)
+    problem = rm.P3P(rm.Camera(800.0, 780.0, 320.0, 240.0))
+    job = frames.Job(source, problem, {"noise": 0.2, "max_seconds": 2.0})
+    (result,) = frames._matched(pickle.dumps(job), (Frame(0, frame(0)[0], np.arange(9)),))
+    assert loaded
+    assert result[1] == "matched"
+    assert not result[3]["limited"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+@pytest.mark.parametrize("victim", ["worker", "parent"])
+def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -> None:
+    many = tmp_path / "many.csv"
+    body = (folder / "frames.csv").read_text().splitlines()[1:9]
+    rows = [line.split(",", 1)[1] for line in body]
+    many.write_text("frame,x,y\n" + "".join(f"{k},{row}\n" for k in range(20_000) for row in rows))
+    output = tmp_path / "m.csv"
+    command = [sys.executable, "-m", "rootmatch", "match", str(folder / "model.csv"), str(many), *OPTIONS]
+    command += ["--jobs", "2", "--output", str(output)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    deadline = time.monotonic() + 120
+    while not output.exists() or not output.stat().st_size:
+        assert process.poll() is None, process.stderr.read() if process.stderr else ""
+        assert time.monotonic() < deadline, "no frame is matched"
+        time.sleep(0.1)
+    children = descendants(process.pid)
+    assert len(children) >= 2
+    workers = [pid for pid in children if b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(workers[0] if victim == "worker" else process.pid, signal.SIGKILL)
+    stderr = process.communicate(timeout=60)[1]
+    if victim == "worker":
+        assert process.returncode == 2
+        assert stderr.startswith("rootmatch: a worker process died")
+        assert len(stderr.splitlines()) == 1
+    deadline = time.monotonic() + 30
+    while any(map(running, children)):
+        assert time.monotonic() < deadline, "a process is left"
+        time.sleep(0.1)
+    assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json"}
+
+
+def descendants(pid: int) -> list[int]:
+    """Children of a process, and theirs."""
+    found = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        found += [int(word) for word in path.read_text().split()]
+    return found + [one for child in found for one in descendants(child)]
+
+
+def test_standard_input_closed_or_with_a_byte_order_mark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (folder / "frames.csv").read_text()
+    plain = run("track", folder / "model.csv", "-", *OPTIONS, text=text)
+    marked = run("track", folder / "model.csv", "-", *OPTIONS, text="\ufeff" + text)
+    assert marked.exit_code == 0
+    assert marked.stdout == plain.stdout
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(InputError, match="standard input: it is closed"):
+        next(read_frames(Path("-")))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no pipes by name there")
+@pytest.mark.parametrize("image", ["image.csv", "frames.csv"])
+def test_an_image_that_is_a_pipe(folder: Path, tmp_path: Path, image: str) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=lambda: pipe.write_bytes((folder / image).read_bytes()))
+    writer.start()
+    piped = run("match", folder / "model.csv", pipe, *OPTIONS, "--json")
+    writer.join(10)
+    plain = run("match", folder / "model.csv", folder / image, *OPTIONS, "--json")
+    assert piped.exit_code == plain.exit_code
+    assert [json.loads(line)["assignment"] for line in piped.stdout.splitlines()] == [
+        json.loads(line)["assignment"] for line in plain.stdout.splitlines()
+    ]
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero")
+@pytest.mark.parametrize("command", ["match", "track"])
+def test_a_device_without_end_is_refused(folder: Path, command: str) -> None:
+    for files in ((folder / "model.csv", "/dev/zero"), ("/dev/zero", folder / "frames.csv")):
+        result = run(command, *files, *OPTIONS)
+        assert result.exit_code == 2
+        assert "/dev/zero: " in result.stderr
+    result = run(command, folder / "model.csv", folder / "frames.csv", "--problem", "p3p", "--camera", "/dev/zero")
+    assert result.exit_code == 2
+    assert "/dev/zero: more than" in result.stderr
 
 
 def test_frames_in_order_from_a_pipe(folder: Path, tmp_path: Path) -> None:

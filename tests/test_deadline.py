@@ -7,9 +7,9 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
 from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, PowerIteration

@@ -115,7 +115,7 @@ builtins.__import__ = importing
 found = {}
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    import rootmatch as rm, rootmatch.match
+    import rootmatch as rm, rootmatch.api
     from rootmatch.hypergraph.affinity import Affinity, Residual
     from rootmatch.problems.residual_kinds import Joint
     from rootmatch.samplers.exhaustive import exhaustive_tensor

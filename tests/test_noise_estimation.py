@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.pipeline.noise_estimation import mean_cut, scale_of
+from rootmatch.explain.noise_estimation import mean_cut, scale_of
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 

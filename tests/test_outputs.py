@@ -5,11 +5,17 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import resource
 import signal
+import socket
+import stat
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +23,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import rootmatch
 from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.cli.app import app
 from rootmatch.errors import MOST_QUOTED, InputError, printable, quoted
-from rootmatch.io import folder_written_whole, write_table, written_whole
+from rootmatch.io import check_output, folder_written_whole, write_table, written_whole
 from rootmatch.report.pictures import match_figure, save_figure
 
 PROGRAM = [sys.executable, "-c", "from rootmatch.cli import main; main()"]
@@ -77,6 +84,10 @@ def test_an_error_quotes_without_obeying() -> None:
     assert len(quoted("x" * 10_000)) == MOST_QUOTED
     assert quoted(list(range(100))) == "a list of 100"
     assert quoted(10**10_000) == "a number of thousands of digits"
+    bomb: list[Any] = ["lol"]
+    for _ in range(30):
+        bomb = [bomb] * 8
+    assert len(quoted(bomb)) <= MOST_QUOTED
 
 
 @UNIX
@@ -184,13 +195,13 @@ def test_ctrl_c_at_any_statement_of_writing(tmp_path: Path, times: int) -> None:
 
     def trace(frame: Any, event: str, argument: Any) -> Any:
         nonlocal steps
-        if frame.f_code.co_filename.endswith("atomic_output.py") and event == "line":
+        if frame.f_code.co_filename.endswith("outputs.py") and event == "line":
             steps += 1
             if steps == stop:
                 raise KeyboardInterrupt
         return trace
 
-    for stop in range(1 + times, 60, 6):
+    for stop in range(1 + times, 120, 6):
         steps = 0
         sys.settrace(trace)
         try:
@@ -209,6 +220,222 @@ def test_ctrl_c_at_any_statement_of_writing(tmp_path: Path, times: int) -> None:
         if folder.exists():
             (folder / "model.csv").unlink()
             folder.rmdir()
+
+
+def in_child(user: int, work: Callable[[], None]) -> None:
+    """Do something as a user, in a child process: only the administrator can become another one."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            os.setgid(user)
+            os.setuid(user)
+            work()
+            code = 0
+        except BaseException as error:
+            os.write(2, f"{error!r}\n".encode())
+        finally:
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that every user can get at and write in."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o777)
+        yield Path(folder)
+
+
+def put(path: Path, content: str = "new") -> None:
+    with written_whole(path) as temporary:
+        temporary.write_text(content)
+
+
+NOBODY, SOMEBODY = 65534, 12345
+USERS = [0, NOBODY] if os.getuid() == 0 else [os.getuid()]
+
+
+@pytest.mark.parametrize("user", USERS)
+def test_a_file_is_replaced_through_links_and_keeps_its_mode(open_folder: Path, user: int) -> None:
+    def work() -> None:
+        file, link = open_folder / "real.csv", open_folder / "link.csv"
+        link.symlink_to("other.csv")
+        (open_folder / "other.csv").symlink_to(file)
+        put(link)  # to a file that is not there yet
+        assert file.read_text() == "new"
+        file.chmod(0o640)
+        with file.open() as before:
+            put(link, "newer")
+            assert before.read() == "new"  # who reads it keeps what was there
+        assert (file.read_text(), stat.S_IMODE(file.stat().st_mode)) == ("newer", 0o640)
+        assert link.is_symlink()
+        assert {path.name for path in open_folder.iterdir()} == {"real.csv", "link.csv", "other.csv"}
+
+    in_child(user, work)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="files of other users need the administrator")
+@pytest.mark.parametrize("user", [0, NOBODY])
+def test_a_file_of_another_user_stays_his(open_folder: Path, user: int) -> None:
+    file = open_folder / "real.csv"
+    file.write_text("as before")
+    os.chown(file, SOMEBODY, SOMEBODY)
+    file.chmod(0o666)
+    in_child(user, lambda: put(file))
+    found = file.stat()
+    assert (found.st_uid, found.st_gid, stat.S_IMODE(found.st_mode)) == (SOMEBODY, SOMEBODY, 0o666)
+    assert file.read_text() == "new"
+    file.chmod(0o644)
+    if user:
+        with pytest.raises(AssertionError):
+            in_child(user, lambda: put(file, "by nobody"))
+        assert file.read_text() == "new"
+    assert list(open_folder.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("user", USERS)
+def test_devices_and_pipes_are_written_through(open_folder: Path, user: int) -> None:
+    def work() -> None:
+        before = os.stat("/dev/null")
+        for name in ("/dev/null", str(open_folder / "null")):
+            if not os.path.lexists(name):
+                os.symlink("/dev/null", name)
+            check_output(Path(name), "--output")
+            put(Path(name))
+        assert os.path.samestat(before, os.stat("/dev/null"))
+        assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+        pipe = open_folder / "pipe"
+        os.mkfifo(pipe)
+        reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+        put(pipe)
+        assert os.read(reader, 100) == b"new"
+        assert stat.S_ISFIFO(pipe.stat().st_mode)
+        with pytest.raises(UnicodeEncodeError):
+            put(pipe, "half of it, \ud800")
+        assert os.read(reader, 100) == b""  # nothing of a content that never became whole
+        shared, other = os.pipe()
+        put(Path(f"/dev/fd/{other}"))
+        assert os.read(shared, 100) == b"new"
+        assert {path.name for path in open_folder.iterdir()} == {"null", "pipe"}
+
+    in_child(user, work)
+
+
+@pytest.mark.parametrize("user", USERS)
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("folder", "is a folder"),
+        ("socket", "is a socket"),
+        ("loop", "cannot be written (Too many levels"),
+        ("long", "cannot be written (File name too long"),
+        ("nowhere", "does not exist"),
+        ("file", "does not exist"),
+    ],
+)
+def test_what_takes_no_output_is_refused_before_the_work(open_folder: Path, user: int, kind: str, says: str) -> None:
+    def work() -> None:
+        path = open_folder / "place"
+        if kind == "folder":
+            path.mkdir()
+        elif kind == "socket":
+            socket.socket(socket.AF_UNIX).bind(str(path))
+        elif kind == "loop":
+            path.symlink_to(path)
+        elif kind == "long":
+            path = open_folder / ("x" * 5000)
+        else:
+            if kind == "file":
+                path.write_text("")
+            path /= "m.csv"
+        there = sorted(open_folder.iterdir())
+        with pytest.raises(InputError):
+            put(path)
+        with pytest.raises(InputError) as caught:
+            check_output(path, "--output")
+        assert str(caught.value).startswith("--output: ")
+        assert says in str(caught.value)
+        assert sorted(open_folder.iterdir()) == there
+
+    in_child(user, work)
+
+
+@UNIX
+def test_one_file_in_two_roles_is_refused_whatever_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "camera.json"
+    file.write_text("{}")
+    (tmp_path / "link").symlink_to(file)
+    os.link(file, tmp_path / "hard")
+    for name in ("camera.json", "link", "hard", "../" + tmp_path.name + "/camera.json"):
+        with pytest.raises(InputError, match="also an input or another output"):
+            check_output(tmp_path / name, "--output", [file])
+    for same in (Path("-"), Path("/dev/stdout")):
+        with pytest.raises(InputError, match="also an input or another output"):
+            check_output(same, "--poses", [Path("-")])
+    check_output(Path("/dev/null"), "--poses", [Path("/dev/null")])
+
+
+@UNIX
+@pytest.mark.parametrize("place", ["-", "/dev/stdout", "out.csv"])
+def test_standard_output_as_a_file(scene: Path, tmp_path: Path, place: str) -> None:
+    with (tmp_path / "out.csv").open("w") as out:
+        found = run(arguments(scene, "--output", place), stdout=out, cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert len((tmp_path / "out.csv").read_text().splitlines()) == 7
+    assert "6 of 6 matched" in found.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
+    refused = run(arguments(scene, "--output", "-", "--json"))
+    assert refused.returncode == 2
+    assert refused.stderr == "rootmatch: --json: one of the files is standard output too; give another\n"
+
+
+@UNIX
+@pytest.mark.parametrize("option", ["--output", "--poses"])
+@pytest.mark.parametrize("name", ["camera.json", "camera2.json", "model.csv"])
+def test_no_input_is_written_over(scene: Path, tmp_path: Path, option: str, name: str) -> None:
+    (tmp_path / "model.csv").write_text("x,y\n0,0\n1,0\n0,1\n1,1\n")
+    for camera in ("camera.json", "camera2.json"):
+        (tmp_path / camera).write_text('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}')
+    before = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    command = ["match", "model.csv", "model.csv", "--problem", "3p1", "--camera", "camera.json"]
+    command += ["--camera2", "camera2.json", option, name, "--pose-format", "csv"]
+    with chdir(tmp_path):
+        found = CliRunner().invoke(app, command)
+    assert found.exit_code == 2
+    assert "is also an input or another output" in found.stderr
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
+
+
+@UNIX
+def test_a_scene_is_not_written_over_its_own_camera(tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text('{"fx": 900, "fy": 900, "cx": 320, "cy": 240}')
+    command = ["simulate", "p3p", "--camera", str(tmp_path / "camera.json"), "--output", str(tmp_path), "--force"]
+    found = CliRunner().invoke(app, command)
+    assert found.exit_code == 2
+    assert "camera.json is also an input" in found.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["camera.json"]
+
+
+def test_an_overlong_word_is_shortened_in_an_error() -> None:
+    found = CliRunner().invoke(app, ["match", "x" * 5000, "y", "--problem", "p3p", "--camera", "1000,1000,320,240"])
+    assert found.exit_code == 2
+    assert len(found.stderr) < 400
+    assert found.stderr.startswith("rootmatch: xxx")
+
+
+def test_nothing_is_written_but_through_one_function() -> None:
+    """Every module that writes a file does so within `written_whole`, or is of the caches and stores named here."""
+    package = Path(rootmatch.__file__).parent
+    others = {
+        "benchmark/real/leaderboard.py", "cli/surroundings.py", "derivation/shipped.py", "io/appended_table.py",
+        "io/inputs.py", "jit/cache.py", "jit/locks.py", "jit/prebuilt.py", "problems/derived/store.py",
+    }  # fmt: skip
+    writes = re.compile(r"write_text\(|write_bytes\(|savefig\(|os\.replace\(|open\([^)]*[\"'][rwax]?[wax+]b?\+?[\"']")
+    found = {str(path.relative_to(package)) for path in package.rglob("*.py") if writes.search(path.read_text("utf-8"))}
+    found -= {name for name in found if "written_whole(" in (package / name).read_text("utf-8")}
+    found -= {name for name in found if "BytesIO" in (package / name).read_text("utf-8")}
+    assert found - others == set()
 
 
 @UNIX

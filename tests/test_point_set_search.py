@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.point_sets.motions import fitted_motions
 from rootmatch.samplers.point_sets.options import PointSetOptions
 from rootmatch.samplers.point_sets.search import MotionSearch

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain import explain, pose_decision, sampling
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline import explain, pose_decision, sampling
-from rootmatch.pipeline.task import MatchingTask
 from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.pipeline import assessment
-from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain import assessment
+from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.task import MatchingTask
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 

@@ -239,7 +239,7 @@ def test_matcher_takes_frames_of_any_size(name: str, case: Case) -> None:
 def test_poses(name: str, case: Case) -> None:
     match = plain_match(name)
     if not case.problem.least_for_pose:
-        refused("pose", case, match.pose)
+        refused("pose", case, lambda: match.pose)
         refused("pose", case, lambda: match.poses)
         refused("pose", case, lambda: match.alternative_poses)
         return
@@ -379,13 +379,13 @@ def test_paper_preset(case: Case) -> None:
 def test_guided(case: Case) -> None:
     searched = case.problem.point_clouds(case.problem.validated(case.source, case.target)) or case.views
     declared = case.kernels.hypotheses or searched
-    works_or_is_refused(declared, "hyperedges", case, lambda: case.match(sampler="guided"))
+    works_or_is_refused(declared, "sampler", case, lambda: case.match(sampler="guided"))
     if not declared:
-        refused("hyperedges", case, lambda: case.match(sampler=rm.Guided()))
+        refused("sampler", case, lambda: case.match(sampler=rm.Guided()))
 
 
 def test_completion(case: Case) -> None:
-    works_or_is_refused(case.kernels.completion, "hyperedges", case, lambda: case.match(sampler=Completion()))
+    works_or_is_refused(case.kernels.completion, "sampler", case, lambda: case.match(sampler=Completion()))
 
 
 def test_scheduler(name: str, case: Case, scheduler: str) -> None:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.poses import poses_of
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.poses import poses_of
+from rootmatch.explain.task import MatchingTask
 
 Load = Callable[[str], dict[str, NDArray]]
 

@@ -131,6 +131,32 @@ def test_what_is_no_photograph_is_refused(
     assert not (tmp_path / "report.html").exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("truth", "x", "truth: 'x' given; give the index"),
+        ("truth", [0.5] * 3, "truth: .* given; give the index"),
+        ("truth", None, "truth: an index beyond"),
+        ("truth", [[1], [2, 3]], "truth: .* given; give the index"),
+        ("source_names", ["a"], "source_names: 1 given; give the names of all"),
+        ("target_names", [], "target_names: 0 given"),
+    ],
+)
+def test_what_is_said_of_the_points_is_checked(
+    match: rm.Match, tmp_path: Path, option: str, value: Any, says: str
+) -> None:
+    if value is None:
+        value = [len(match.target)] * len(match.source)
+    with pytest.raises(InputError, match=says):
+        match.report(tmp_path / "report.html", **{option: value})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_title_that_is_no_text_is_shown_as_its_escape(match: rm.Match, tmp_path: Path) -> None:
+    match.report(tmp_path / "report.html", title="a \udcff b")
+    assert "a \\udcff b" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_what_is_no_page_is_refused(match: rm.Match, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"name it \.html"):
         match.report(tmp_path / "report.pdf")

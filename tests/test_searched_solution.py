@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rootmatch.pipeline.sampling import sample
-from rootmatch.pipeline.searched_solution import completed, searched_solution
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.explain.sampling import sample
+from rootmatch.explain.searched_solution import completed, searched_solution
+from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.simulation import up2p_scene
 from rootmatch.solvers import MultiStartAscent

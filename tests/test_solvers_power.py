@@ -110,10 +110,10 @@ def test_the_preset_of_the_paper_has_its_rows_and_the_balanced_solver_a_name():
         for name in (None, "power-l1", "power-l1-balanced")
     }
     tensor = found[None].tensor
-    np.testing.assert_array_equal(found[None].soft, found["power-l1"].soft)
-    np.testing.assert_array_equal(found[None].soft, PowerIteration("l1", normalise="rows")(tensor).soft)
-    np.testing.assert_allclose(found["power-l1-balanced"].soft.sum(axis=0), 1.0, rtol=1e-12)
-    assert np.abs(found[None].soft.sum(axis=0) - 1.0).max() > 0.5
+    np.testing.assert_array_equal(found[None].soft_assignment, found["power-l1"].soft_assignment)
+    np.testing.assert_array_equal(found[None].soft_assignment, PowerIteration("l1", normalise="rows")(tensor).soft)
+    np.testing.assert_allclose(found["power-l1-balanced"].soft_assignment.sum(axis=0), 1.0, rtol=1e-12)
+    assert np.abs(found[None].soft_assignment.sum(axis=0) - 1.0).max() > 0.5
 
 
 @pytest.mark.parametrize("name", ["power-l1", "power-l1-balanced", "power-dense"])

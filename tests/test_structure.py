@@ -27,21 +27,35 @@ def callers(name: str) -> set[str]:
 
 def test_noise_is_parsed_in_one_place() -> None:
     assert callers("check_noise") == {"problems/noise.py"}
-    assert callers("parse_noise") == {"problems/base.py", "pipeline/task.py"}  # as given, and as estimated
+    assert callers("parse_noise") == {"problems/base.py", "explain/task.py"}  # as given, and as estimated
 
 
 def test_points_are_validated_by_the_problem_alone() -> None:
-    assert callers("validated") == {"pipeline/task.py", "problems/base.py"}
+    assert callers("validated") == {"explain/task.py", "problems/base.py"}
     # a matcher checks its source once; invariants are no problem
     assert callers("check_points") == {"problems/base.py", "matcher.py", "hypergraph/invariants.py"}
 
 
 def test_the_pipeline_fits_on_a_screen() -> None:
-    tree = ast.parse((SOURCES / "match.py").read_text(encoding="utf-8"))
-    bodies = {node.name: node.body for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for name in ("match", "solve", "_solve"):
-        first, last = bodies[name][1], bodies[name][-1]  # without the docstring
-        assert (last.end_lineno or 0) - first.lineno < 40
+    for file, names in (("api.py", ["match"]), ("explain/explain.py", ["explain", "_explained", "_one_motion"])):
+        tree = ast.parse((SOURCES / file).read_text(encoding="utf-8"))
+        bodies = {node.name: node.body for node in tree.body if isinstance(node, ast.FunctionDef)}
+        for name in names:
+            first, last = bodies[name][1], bodies[name][-1]  # without the docstring
+            assert (last.end_lineno or 0) - first.lineno < 40
+
+
+def test_one_function_decides_and_one_reports() -> None:
+    """Stages state facts: nobody else makes a status of them, or a match of what was found."""
+    assert callers("Match") == {"result.py"}
+    assert callers("decide") == {"explain/finding.py"}
+    made = {
+        path.relative_to(SOURCES).as_posix()
+        for path in SOURCES.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.keyword) and node.arg == "status" and path.name != "store.py"
+    }
+    assert made == set()
 
 
 JITTED = {"driver", "kernel", "part", "scalar", "internal", "njit", "kept_on_disk"}

@@ -259,6 +259,9 @@ def test_dense_must_be_symmetric_and_square():
         AffinityTensor.from_dense(dense, (3, 3))
     with pytest.raises(InputError, match="along each"):
         AffinityTensor.from_dense(np.zeros((9, 8)), (3, 3))
+    dense[4, 0] = dense[0, 4] = np.nan
+    with pytest.raises(InputError, match="NaN or infinity in 2 entries"):
+        AffinityTensor.from_dense(dense, (3, 3))
 
 
 def test_coordinates_once_or_in_all_orders():

@@ -32,10 +32,10 @@ assert found.assignment.tolist() == again.assignment.tolist() == list(range(5, -
 assert found.status is rm.Status.MATCHED
 assert pickle.loads(pickle.dumps(problem)) == problem
 for argument, use in (
-    ("pose", found.pose),
+    ("pose", lambda: found.pose),
     ("normals", lambda: rm.match(source, target, problem, normals=np.ones((6, 3)))),
     ("noise", lambda: rm.match(source, target, problem, noise=(0.1, 0.1))),
-    ("hyperedges", lambda: rm.match(source, target, problem, sampler="guided")),
+    ("sampler", lambda: rm.match(source, target, problem, sampler="guided")),
     ("residual", lambda: rm.match(source, target, problem, residual="qr")),
     ("residual", lambda: rm.residuals(source, target, problem, [[0, 1, 2]], [[0, 1, 2]], "svd")),
 ):

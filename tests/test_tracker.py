@@ -13,15 +13,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
-from rootmatch.pipeline.near_symmetries import near_symmetries
-from rootmatch.pipeline.pose_flip import flipped_pose
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.prior_frame import PriorFrame, unbiased_frame
-from rootmatch.pipeline.task import MatchingTask
-from rootmatch.rival_poses import TEMPER, RivalPose, Shape, decided
-from rootmatch.rival_search import challengers
-from rootmatch.tracker import TrackingOptions
+from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_likelihood import PriorFrame, unbiased_frame
+from rootmatch.explain.task import MatchingTask
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+from rootmatch.tracking.pose_flip import flipped_pose
+from rootmatch.tracking.rival_poses import TEMPER, RivalPose, Shape, decided
+from rootmatch.tracking.searched_poses import challengers
+from rootmatch.tracking.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 BODY = np.random.default_rng(4).uniform(-0.3, 0.3, (7, 3)) + np.array([1.0, 0.0, 0.0])
@@ -58,7 +58,7 @@ def test_a_flight_with_an_occlusion() -> None:
     for k in range(60):
         hidden = 30 <= k < 40
         target, truth = frame(k, hidden)
-        match = one.match(target)
+        match = one.update(target)
         searched += match.evaluated > 0
         if hidden:
             assert one.state is rm.TrackingState.COASTING
@@ -77,20 +77,20 @@ def test_a_flight_with_an_occlusion() -> None:
 def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
     one = tracker(tracking=TrackingOptions(coasting=0.1))
     for k in range(5):
-        one.match(frame(k)[0])
+        one.update(frame(k)[0])
     states = []
     for k in range(70, 74):  # as if a second were missing
         target, truth = frame(k)
-        match = one.match(target)
+        match = one.update(target)
         states.append(one.state)
     assert states[-1] is rm.TrackingState.TRACKING
     assert np.array_equal(match.assignment, truth)
     for k in range(74, 84):
-        one.match(frame(k, hidden=True)[0])
+        one.update(frame(k, hidden=True)[0])
     assert one.state is rm.TrackingState.LOST
     assert str(one.state).startswith("lost")
-    assert one.match(np.empty((0, 2))).finding.reason is not None
-    one.match(frame(90)[0])
+    assert one.update(np.empty((0, 2))).finding.reason is not None
+    one.update(frame(90)[0])
     assert one.state is rm.TrackingState.TRACKING
     one.reset()
     assert one.state is rm.TrackingState.LOST
@@ -148,7 +148,7 @@ def test_the_evidence_of_frames_adds_up() -> None:
 
 def test_a_pose_that_explains_more_challenges_the_one_that_is_followed() -> None:
     target, truth = frame(0)
-    right = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2).match(target)
+    right = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2).explained(target)
     wrong = truth.copy()
     wrong[[0, 1, 2, 3]] = truth[[1, 0, 3, 2]]
     wrong[4:6] = -1
@@ -198,7 +198,7 @@ def test_a_scant_body_is_searched_for_now_and_then() -> None:
             kept = truth[:3]
             clutter = np.random.default_rng(k).uniform((0.0, 0.0), (640.0, 480.0), (5, 2))
             target = np.concatenate([target[kept], clutter])
-        searched.append(one.match(target).evaluated > 0)
+        searched.append(one.update(target).evaluated > 0)
     assert searched[0]
     assert not any(searched[1:3])
     assert 1 <= sum(searched[3:]) <= 3
@@ -213,7 +213,7 @@ def test_two_visible_points_keep_a_body_that_is_followed() -> None:
             target, truth = frame(k)
             if 6 <= k < 22:
                 target = np.concatenate([target[truth[:seen]], [[20.0, 30.0], [600.0, 470.0]]])
-            match = one.match(target)
+            match = one.update(target)
             searched.append(match.evaluated > 0)
             if 6 <= k < 22:
                 assert match.status is rm.Status.UNTRUSTED
@@ -321,8 +321,8 @@ def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
 
     rng = np.random.default_rng(3)
     taken = rng.random(100_000) < 0.7
-    first = rng.multivariate_normal(np.zeros(12), P0, len(taken))
-    second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken))
+    first = rng.multivariate_normal(np.zeros(12), P0, len(taken), method="cholesky")
+    second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken), method="cholesky")
     samples = np.where(taken[:, None], second, first)
     spread = np.sqrt(np.diag(some.P))
     assert np.abs((samples.mean(axis=0) - from_prediction(some)) / spread).max() < 0.02
@@ -335,12 +335,12 @@ def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
 
 def test_times_go_forward() -> None:
     one = tracker()
-    one.match(frame(0)[0], time=2.0)
-    one.match(frame(3)[0], time=2.0 + 3 * INTERVAL)
+    one.update(frame(0)[0], time=2.0)
+    one.update(frame(3)[0], time=2.0 + 3 * INTERVAL)
     with pytest.raises(rm.InputError, match="give frames in order"):
-        one.match(frame(4)[0], time=2.0)
+        one.update(frame(4)[0], time=2.0)
     with pytest.raises(rm.InputError, match="time: nan given"):
-        one.match(frame(4)[0], time=float("nan"))
+        one.update(frame(4)[0], time=float("nan"))
     with pytest.raises(rm.InputError, match="noise: 'auto'"):
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
     with pytest.raises(rm.InputError, match="prior: similarity"):
@@ -351,7 +351,7 @@ def test_a_callers_prior_counts_instead() -> None:
     one = tracker()
     R, t = pose(0.0)
     known = rm.Pose(R, t, np.diag([1e-3] * 6))
-    match = one.match(frame(0)[0], prior=known)
+    match = one.update(frame(0)[0], prior=known)
     assert match.prior_holds
     assert match.evaluated == 0
     assert one.state is rm.TrackingState.TRACKING
@@ -366,7 +366,7 @@ def test_several_bodies() -> None:
     for k in range(4):
         target, truth = frame(k)
         there = k != 2
-        match = one.match(np.concatenate([target, second]) if there else target)
+        match = one.update(np.concatenate([target, second]) if there else target)
         assert match.bodies is not None
         assert np.array_equal(match.bodies["hmd"].assignment, truth)
         if there:
@@ -382,7 +382,7 @@ def test_a_frame_that_the_lens_cannot_show_is_reported_and_the_flight_goes_on() 
     for k in range(4):
         R, t = pose(k * INTERVAL)
         target = lens.project(BODY @ R.T + t)
-        match = one.match(np.concatenate([target, beyond]) if k in (0, 2) else target)
+        match = one.update(np.concatenate([target, beyond]) if k in (0, 2) else target)
         if k == 0:  # a search needs the ray of each pixel
             assert match.status is rm.Status.UNTRUSTED
             assert "folds over" in match.advice
@@ -413,11 +413,11 @@ def test_the_filter_is_that_of_kalman() -> None:
 
 def test_nothing_is_kept_from_frame_to_frame() -> None:
     one = tracker()
-    one.match(frame(0)[0])
+    one.update(frame(0)[0])
 
     def objects(frames: range) -> int:
         for k in frames:
-            one.match(frame(k)[0])
+            one.update(frame(k)[0])
         gc.collect()
         return len(gc.get_objects())
 

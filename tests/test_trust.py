@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import rootmatch as rm
-from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
-from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.assessment import rivals_beyond_chance
+from rootmatch.explain.assignment_posterior import Misfit, Ranked
+from rootmatch.explain.confidence import Marginals
+from rootmatch.explain.decide import TRUST
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.twin_poses import twins_of
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import rivals_beyond_chance
-from rootmatch.pipeline.confidence import Marginals
-from rootmatch.pipeline.decide import TRUST
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.posterior import Misfit, Ranked
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
-from rootmatch.pipeline.twin_poses import twins_of
 from rootmatch.result import report
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 
@@ -61,7 +61,7 @@ def twin(truth: Integers) -> Integers:
 
 def found_alone(task: MatchingTask, assignment: Integers) -> MatchingTask:
     """The task with a search that finds one assignment, and thinks that it has seen everything."""
-    there = assignment[task.order]
+    there = assignment[task.permutation]
     groups = np.array(list(itertools.combinations(np.flatnonzero(there >= 0), 4)))
 
     def sampler(sampling: SamplingTask) -> SampledTensor:

@@ -104,6 +104,9 @@ def test_the_truth_is_a_root_of_all_triples() -> None:
 
 def test_shipped_formulas_are_those_of_the_equations() -> None:
     fresh = up2pf()
+    # three points give six equations for the five unknowns, and the polynomial is that of five
+    assert (fresh.surplus_constraints, fresh.stated_constraints, fresh.constraints) == (1, 3, 3)
+    assert "A minimal set is over-determined; constraints that the polynomial lacks: 1." in fresh.code
     scene = robot_scenes.zoomed(6, noise=1.0, seed=1)
     rng = np.random.default_rng(0)
     sets = np.array([rng.permutation(6)[:3] for _ in range(30)])

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.up2pf import UP2PF as UP2PF
     from rootmatch.result import Match, Status
     from rootmatch.samplers.guided.sampler import Guided
-    from rootmatch.tracker import Tracker, TrackingState
+    from rootmatch.tracking.tracker import Tracker, TrackingState
 
 _LATER = {
     **MODULES,
@@ -46,8 +46,8 @@ _LATER = {
     "Residual": "hypergraph.affinity",
     "Rig": "cameras.rig",
     "Status": "result",
-    "Tracker": "tracker",
-    "TrackingState": "tracker",
+    "Tracker": "tracking.tracker",
+    "TrackingState": "tracking.tracker",
     "Uncalibrated": "problems.derived.measurements",
     "derive": "derivation.derive",
     "read_cameras": "io.calibrations.reading",

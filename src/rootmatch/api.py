@@ -14,11 +14,11 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions, SamplerName
+from rootmatch.explain.validation import checked_indices
 from rootmatch.hypergraph.affinity import Residual
-from rootmatch.pipeline.body_labels import Label
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.task import MatchingTask, MatchOptions, SamplerName
-from rootmatch.pipeline.validation import checked_indices
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose

@@ -6,46 +6,31 @@ import copy
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.rig import rig_of
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError, UnseenPixelError
+from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.body_labels import Label, check_bodies
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
+from rootmatch.explain.rig_copies import copies_task, is_rig
+from rootmatch.explain.task import OPTIONS, MatchingTask, MatchOptions
+from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
-from rootmatch.pipeline.bodies import match_bodies
-from rootmatch.pipeline.body_labels import Label, check_bodies
-from rootmatch.pipeline.explain import explain
-from rootmatch.pipeline.finding import Finding, nothing_found
-from rootmatch.pipeline.predicted import UNCONFIRMED, tried
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.rig_task import copies_task, is_rig
-from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
-from rootmatch.pipeline.validation import check_problem
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
-from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
-
-
-@dataclass(frozen=True)
-class BoundedSearch:
-    """A sampler that spends a bounded number of evaluations, or sweeps where that is cheaper."""
-
-    budget: int
-    sweep: SmallSweep
-
-    def __call__(self, task: SamplingTask) -> SampledTensor:
-        """See `rootmatch.samplers.base.Sampler`."""
-        return Guided(budget=self.budget)(task) if pays(task) else self.sweep(task)
 
 
 class Matcher:
@@ -154,6 +139,7 @@ class Matcher:
         prior: Pose | Mapping[Label, Pose] | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
+        budget: int | None = None,
         find: Callable[[MatchingTask], Finding] | None = None,
     ) -> Finding:
         """What is found of a frame; that of the copies of its points where the camera is a rig.
@@ -165,6 +151,8 @@ class Matcher:
         options : MatchOptions, optional
             In the place of the matcher's own.
         deadline : Deadline
+        budget : int, optional
+            Evaluations of a guided search.
         find : callable, optional
             Other than a search, say with a prediction alone.
         """
@@ -187,8 +175,10 @@ class Matcher:
             options=options,
             deadline=deadline,
         )
-        if find is None and self.bodies is None and self._sweeps(task):
+        if find is None and self._sweeps(task):
             task = replace(task, options=replace(options, sampler=self._sweep))
+        elif budget is not None and options.scheduler is None:
+            task = replace(task, budget=budget)
         try:
             return explain(task) if find is None else find(copies_task(task) if is_rig(task) else task)
         except UnseenPixelError as error:
@@ -208,15 +198,8 @@ class Matcher:
         Unless ``searching``, a prediction that does not decide leaves nothing. ``budget``: evaluations of a guided
         search.
         """
-        options = self.options
         if searching:
-            if budget is not None and options.chosen_sampler == "auto" and options.scheduler is None:
-                # a rig searches each of its cameras
-                of_rig = rig_of(self.problem) is not None
-                options = replace(
-                    options, sampler=Guided(budget=budget) if of_rig else BoundedSearch(budget, self._sweep)
-                )
-            return self.explained(target, noise=noise, prior=prior, options=options, deadline=deadline)
+            return self.explained(target, noise=noise, prior=prior, deadline=deadline, budget=budget)
         return self.explained(target, noise=noise, prior=prior, find=_bodies_not_searched)
 
     def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Finding, Found | None]:
@@ -259,10 +242,10 @@ class Matcher:
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
-        if is_rig(task):
-            return False  # cameras are swept one by one
+        if is_rig(task) or self.bodies is not None:
+            return False  # cameras are swept one by one, and so are bodies
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
-        return self.options.chosen_sampler == "auto" and self.options.scheduler is None and count <= SMALL
+        return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL
 
 
 def _not_searched(task: MatchingTask) -> Finding:

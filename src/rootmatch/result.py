@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,23 +12,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.assessment import (
+from rootmatch.explain.advice import advice
+from rootmatch.explain.assessment import (
     confidence_against_chance,
     confidence_in,
     confidence_of_motions,
     weighed,
 )
-from rootmatch.pipeline.body_labels import Label
-from rootmatch.pipeline.decide import TRUST, Status, advice
-from rootmatch.pipeline.finding import Finding
-from rootmatch.pipeline.poses import Pose, poses_of
-from rootmatch.pipeline.posterior import Ranked
-from rootmatch.pipeline.prior import fused_pose
-from rootmatch.pipeline.rig_task import RigCopies
-from rootmatch.pipeline.task import MatchingTask
-from rootmatch.pipeline.validation import check_assignment
+from rootmatch.explain.assignment_posterior import Ranked
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.poses import Pose, poses_of
+from rootmatch.explain.predicted_assignment import fused_pose
+from rootmatch.explain.rig_copies import RigCopies, of_points
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.validation import check_assignment
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
+from rootmatch.sightings import Sightings
 
 __all__ = ["Match", "Status", "report"]
 
@@ -36,119 +38,28 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Sightings:
-    """What each camera of a rig sees.
-
-    Attributes
-    ----------
-    assignment : (C, n) int64
-        Index into the target of each source point in each camera; −1 where it is not seen.
-    alternatives : list of (C, n) int64
-        The next probable ones.
-    poses : list of Pose or None
-        Of the rig, one for each body, by all sightings; their ``points`` are camera · n + point.
-    confidence : (n,) float64
-        Of each point: of its surest sighting, or the least of those that an unseen point lacks.
-    """
-
-    copies: Match
-
-    @property
-    def cameras(self) -> int:
-        """Number of cameras."""
-        problem = self.copies.task.problem
-        assert isinstance(problem, RigCopies)
-        return len(problem.copies.offsets)
-
-    @property
-    def assignment(self) -> Integers:
-        """Index into the target of each source point in each camera, (C, n); −1 where it is not seen."""
-        return self.copies.assignment.reshape(self.cameras, -1)
-
-    @property
-    def alternatives(self) -> list[Integers]:
-        """The next probable ones."""
-        return [other.reshape(self.cameras, -1) for other, _ in self.copies.alternatives]
-
-    @property
-    def poses(self) -> list[Pose | None]:
-        """Of the rig, one for each body, by all sightings; their ``points`` are camera · n + point."""
-        return self.copies.poses
-
-    @property
-    def pose(self) -> Pose | None:
-        """The first of them."""
-        return self.poses[0] if self.poses else None
-
-    @cached_property
-    def confidence(self) -> Floats:
-        """Of each point (n,): of its surest sighting, or the least of those that an unseen point lacks."""
-        each = self.copies.confidence.reshape(self.assignment.shape)
-        surest = np.where(self.assignment >= 0, each, -1.0).max(axis=0)
-        return np.asarray(np.where((self.assignment >= 0).any(axis=0), surest, each.min(axis=0)))
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
-    A match is true in a condition only if it can be believed: ``if match:``.
+    A match is true in a condition only if it can be believed: ``if match:``. What is not told by `finding`, which is
+    the package's own, is computed when it is first read.
 
     Attributes
     ----------
-    task : MatchingTask
-        The validated input: problem, points with their noise, options.
-    assignment : (n,) int64
-        Index into the target points; −1 where unmatched.
-    pairs : (k, 2) int64
-        The same as pairs of a source and a target index.
-    status : Status
-        Whether to trust the assignment, by one rule (`rootmatch.pipeline.decide.decide`); see `advice`.
-    probability : float or None
-        Posterior probability that the assignment is right, given that one of those considered is; each is fitted by
-        its best pose. None where the problem cannot fit poses, for the paper's residuals and with several motions.
-        Computed on first access where the status did not need it.
-    log_odds : float or None
-        Logarithm of the odds of the assignment and its pose against clutter alone; None where ``probability`` is.
-    score : float or None
-        Total weight of the hyper-edges inside the assignment; of several bodies the sum, of several motions the
-        evidence of the packing. None where a predicted pose decided and no hyper-edge was evaluated.
-    margin : float
-        Lead in score over the best different assignment: 1 − second / best, 0 for a tie (or where another one scores
-        more, but is less probable), 1 where no other scores. With several motions it is the lead over the best packing
-        without one of its groups; where a predicted pose decided, the lead in the odds against clutter.
-    alternatives : list of ((n,) int64, float or None)
-        The best different assignments and their scores, the most probable first where probabilities are known.
-    soft_assignment : (n, n') float64
-        That of the solver.
-    tensor : AffinityTensor
-        The affinities that were solved.
-    motion_labels : (n,) int64
-        Label of the rigid motion, −1 where unmatched.
-    converged : bool
-        Whether the solver stopped by its own criterion rather than at a limit.
-    evaluated : int
-        Number of hyper-edges evaluated.
+    finding : Finding
+        What the last stage of the pipeline found.
     seconds : float
         Wall-clock time.
     stopped_early : bool
         Whether ``max_seconds`` ended it before it was done.
-    noise_factor : float or None
-        How many times larger than ``noise`` the noise looks, by the residuals about the best pose: near 1 where σ is
-        right. None where no pose was fitted.
+    sightings : Sightings or None
+        With a `rootmatch.Rig` what each camera sees; ``assignment`` then holds the sighting of the first camera that
+        has one, and ``poses`` the pose of the rig by all of them.
     bodies : dict or None
         With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole,
         margin and status are those of the least trusted body, probability is the product, and ``motion_labels`` numbers
         the bodies in the order in which their labels appear.
-    prior_holds : bool or None
-        With ``prior=`` whether it held: False where another pose was found without it; None where neither is trusted,
-        or without a prior.
-    fused_pose : Pose or None
-        Pose of the matches and the prior together, where that held.
-    sightings : Sightings or None
-        With a `rootmatch.Rig` what each camera sees; ``assignment`` then holds the sighting of the first camera that
-        has one, and ``poses`` the pose of the rig by all of them.
     """
 
     finding: Finding
@@ -162,7 +73,7 @@ class Match:
 
     @property
     def task(self) -> MatchingTask:
-        """The validated input."""
+        """The validated input: problem, points with their noise, options."""
         return self.finding.task
 
     @property
@@ -178,22 +89,31 @@ class Match:
 
     @property
     def status(self) -> Status:
-        """Whether to trust the assignment."""
+        """Whether to trust the assignment, by one rule (`rootmatch.explain.decide.decide`); see `advice`."""
         return self.finding.status
 
     @cached_property
     def score(self) -> float | None:
-        """Total weight of the hyper-edges inside the assignment; see `Match`."""
+        """Total weight of the hyper-edges inside the assignment.
+
+        Of several bodies the sum, of several motions the evidence of the packing. None if a predicted pose decided and
+        no hyper-edge was evaluated.
+        """
         return _score(self.finding.every_score[0])
 
     @property
     def margin(self) -> float:
-        """Lead over the best different assignment; see `Match`."""
+        """Lead in score over the best different assignment: 1 − second / best.
+
+        It is 0 for a tie, or if another one scores more but is less probable, and 1 if no other scores. With several
+        motions it is the lead over the best packing without one of its groups; if a predicted pose decided, the lead in
+        the odds against clutter.
+        """
         return self.finding.margin
 
     @cached_property
     def alternatives(self) -> list[tuple[Integers, float | None]]:
-        """The best different assignments and their scores; see `Match`."""
+        """The best different assignments and their scores, the most probable first if probabilities are known."""
         return [(other, _score(score)) for other, score in self.finding.alternatives]
 
     @property
@@ -223,12 +143,18 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """How many times larger than ``noise`` the noise looks; see `Match`."""
+        """How many times larger than ``noise`` the noise looks, by the residuals about the best pose.
+
+        It is near 1 if σ is right; None if no pose was fitted.
+        """
         return self.finding.noise_factor
 
     @property
     def prior_holds(self) -> bool | None:
-        """Whether the prior held; see `Match`."""
+        """With ``prior=`` whether it held.
+
+        False if another pose was found without it; None if neither is trusted, or without a prior.
+        """
         return self.finding.prior_holds
 
     @property
@@ -238,7 +164,11 @@ class Match:
 
     @cached_property
     def probability(self) -> float | None:
-        """Posterior probability that the assignment is right; see `Match`."""
+        """Posterior probability that the assignment is right, given that one of those considered is.
+
+        Each is fitted by its best pose. None if the problem cannot fit poses, for the paper's residuals and with
+        several motions.
+        """
         if self.finding.probability is not None:
             return self.finding.probability
         if self.sightings is not None:
@@ -254,10 +184,9 @@ class Match:
         """Posterior probability (n,) that each point's match, or its being unmatched, is right.
 
         Summed over the assignments that were weighed and their local changes (a point left out, moved to another
-        detection or exchanged with another point). Where the status is MATCHED the pose is sure, and the matches that
-        are not are left out, so that at most a hundredth of those of a large assignment, or a tenth of one match, is
-        expected to be wrong; the assignment with them is then the first alternative. NaN where the problem fits no
-        poses, and for the paper's residuals. Computed on first access where the status did not need it.
+        detection or exchanged with another point). If the status is MATCHED the pose is sure, and matches that are not
+        are left out: at most a hundredth of those of a large assignment, or a tenth of one match, is expected to be
+        wrong. NaN if the problem fits no poses, and for the paper's residuals.
         """
         if self.sightings is not None:
             return self.sightings.confidence
@@ -281,7 +210,7 @@ class Match:
 
     @cached_property
     def log_odds(self) -> float | None:
-        """Logarithm of the odds of the assignment and its pose against clutter alone; see `Match`."""
+        """Logarithm of the odds of the assignment and its pose against clutter alone; None if `probability` is."""
         if self.finding.log_odds is not None:
             return self.finding.log_odds
         if self.sightings is not None:
@@ -293,12 +222,12 @@ class Match:
         return None if found is None else found.beyond_chance
 
     @property
-    def source(self) -> NDArray[np.float64]:
+    def source(self) -> Floats:
         """The source points, (n, 3) or (n, 2)."""
         return self.task.points.source
 
     @property
-    def target(self) -> NDArray[np.float64]:
+    def target(self) -> Floats:
         """The target points, (n', 2) or (n', 3)."""
         return self.task.points.target
 
@@ -315,28 +244,8 @@ class Match:
     @property
     def advice(self) -> str:
         """The status as a sentence, with what can be done about it for this problem."""
-        if self.finding.reason is not None:
-            return f"no trustworthy match: {self.finding.reason}"
-        problem, factor = self.problem, self.noise_factor
-        text = advice(self.status, problem)
-        blamed = factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named
-        if blamed and self.status is Status.UNTRUSTED:
-            assert factor is not None
-            told = f"noise={factor * self.noise:.2g}" if isinstance(self.noise, int | float) else "a larger noise="
-            text = (
-                f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
-                f'give {told}, or noise="auto", and check {problem.to_check}'
-            )
-        if self.status is Status.MATCHED and self.finding.confidence is not None:
-            unsure = int((self.confidence < TRUST.probability).sum())
-            text += (
-                f"; whether {unsure} of the points have an image, or which, is not sure: see `confidence`"
-                if unsure
-                else ""
-            )
-        if self.prior_holds is False:
-            text += "; the prior pose was wrong, this one was found without it"
-        return f"{text}; max_seconds ended it before it was done" if self.stopped_early else text
+        confidence = None if self.finding.confidence is None else self.confidence
+        return advice(self.finding, confidence, self.stopped_early)
 
     @cached_property
     def poses(self) -> list[Pose | None]:
@@ -354,17 +263,17 @@ class Match:
         """
         if self.sightings is not None:
             return self.sightings.poses
-        if self.prior_holds and self.task.predicted is not None:
+        if self.prior_holds and self.task.prior_pose is not None:
             return [fused_pose(self.task, self.assignment)]
         return self.poses_of(self.assignment)
 
     @cached_property
     def alternative_poses(self) -> list[list[Pose | None]]:
-        """The same of each of `alternatives`. With several motions, points keep the motion that they have here."""
+        """Poses of each of `alternatives`. With several motions, points keep the motion that they have here."""
         return poses_of(self.task, [other for other, _ in self.alternatives], self.motion_labels)
 
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
-        """The same of any assignment (n,) between these points, −1 where unmatched.
+        """Poses of any assignment (n,) between these points, −1 where unmatched.
 
         Raises
         ------
@@ -388,20 +297,15 @@ class Match:
     def report(self, path: str | Path, **options: Any) -> None:
         """Write the match as one self-contained page for the browser, which needs no network.
 
-        It shows the points and the camera in 3D, the image with reprojections and residuals to scale, the alternatives,
-        residuals against χ², support, poses, settings and versions. It needs the extra ``report``.
+        It shows points and camera in 3D, the image with reprojections and residuals, the alternatives, poses, settings
+        and versions. It needs the extra ``report``.
 
         Parameters
         ----------
         path : path
             Of the file, ``.html``.
-        source_names, target_names : sequences of str, optional
-            Of the points; by default their indices.
-        truth : (n,) array, optional
-            The true assignment: wrong matches are marked.
-        photo : path, optional
-            A PNG or JPEG that was detected in, drawn behind the target points.
-        title : str, optional
+        source_names, target_names, truth, photo, title
+            See `rootmatch.report.html.write_report`.
 
         Raises
         ------
@@ -427,12 +331,7 @@ def _score(value: float) -> float | None:
 def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:
     """The public result of what was found: the only place that makes a `Match`.
 
-    Parameters
-    ----------
-    finding : Finding
-    seconds : float
-        Wall-clock time that it took.
-    stopped_early : bool
+    ``seconds``: wall-clock time that it took.
     """
 
     def one(part: Finding, task: MatchingTask | None = None) -> Match:
@@ -444,61 +343,8 @@ def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> 
             bodies = {label: one(body, own(k)) for k, (label, body) in enumerate(part.parts.items())}
         sightings = None
         if copies:
-            every = None if bodies is None else {k: _copies(body) for k, body in bodies.items()}
+            every = bodies and {k: body.sightings.copies for k, body in bodies.items() if body.sightings is not None}
             sightings = Sightings(Match(finding=part, seconds=seconds, stopped_early=stopped_early, bodies=every))
         return Match(finding=shown, seconds=seconds, stopped_early=stopped_early, sightings=sightings, bodies=bodies)
 
     return one(finding)
-
-
-def _copies(match: Match) -> Match:
-    """The match of the copies of a rig's points."""
-    assert match.sightings is not None
-    return match.sightings.copies
-
-
-def of_points(finding: Finding, task: MatchingTask | None = None) -> Finding:
-    """The finding of a rig's points by that of their copies: one detection for each point.
-
-    Parameters
-    ----------
-    finding : Finding
-        Of a task of copies.
-    task : MatchingTask, optional
-        That of the points and the rig, if it is another one than the copies were made of.
-    """
-    problem = finding.task.problem
-    assert isinstance(problem, RigCopies)
-    task = task or problem.task
-    n, n_target = task.shape
-    first, camera = _first_of(finding.assignment.reshape(-1, n))
-    others, scores = [], [finding.every_score[0]]
-    for other, score in finding.alternatives:
-        seen = _first_of(other.reshape(-1, n))[0]
-        if not np.array_equal(seen, first):
-            others.append(seen)
-            scores.append(score)
-    points = np.flatnonzero(first >= 0)
-    copies = camera[points] * n + points
-    soft, labels = np.zeros((n, n_target)), np.full(n, -1, np.int64)
-    soft[points, first[points]] = finding.soft_assignment[copies, first[points]]
-    labels[points] = finding.motion_labels[copies]
-    i, j = np.divmod(finding.tensor.indices.astype(np.int64), max(n_target, 1))
-    indices = (i % n * n_target + j).astype(np.int32)
-    return replace(
-        finding,
-        task=task,
-        assignment=first,
-        others=others,
-        scores=scores,
-        soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.prior),
-        labels=labels,
-    )
-
-
-def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
-    """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
-    seen = sightings >= 0
-    camera = seen.argmax(axis=0)
-    return np.where(seen.any(axis=0), sightings[camera, np.arange(sightings.shape[1])], -1), camera

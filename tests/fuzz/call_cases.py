@@ -380,9 +380,11 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     check_assignment(match.assignment, n, n_target)
     for other, score in match.alternatives:
         check_assignment(np.asarray(other), n, n_target)
-        assert math.isfinite(score)
-    assert math.isfinite(match.score)
-    assert match.score >= 0.0
+        assert score is None or math.isfinite(score)
+    assert match.score is not None or match.prior_holds is not None or match.bodies is not None
+    assert match.score is None or (math.isfinite(match.score) and match.score >= 0.0)
+    assert match.log_odds is None or not math.isnan(match.log_odds)
+    assert bool(match) == (match.status is rm.Status.MATCHED)
     assert 0.0 <= match.margin <= 1.0
     assert match.soft_assignment.shape == (n, n_target)
     assert np.all(np.isfinite(match.soft_assignment))
@@ -396,8 +398,9 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     if match.bodies is not None:
         check_bodies(match)
     elif match.status is rm.Status.MATCHED:
-        assert match.score > 0.0
+        assert match.score is None or match.score > 0.0
         assert (match.assignment >= 0).any()
+        assert len(match.pairs) == (match.assignment >= 0).sum()
         sure = match.margin >= 0.2 if match.finding.probability is None else match.finding.probability >= 0.9
         assert sure, "called matched against the rule"
     if candidates is not None:

@@ -1,4 +1,4 @@
-"""Tries many calls and files: ``python tests/fuzz/run_cases.py --calls 10000 --files 100000`` (`make fuzz`).
+"""Tries many calls, files and command lines: ``python tests/fuzz/run_cases.py --calls 10000`` (`make fuzz`).
 
 Cases are numbered, and each is made from its number, so a run goes on where an earlier one stopped. They run in a child
 process under bounds of time and memory; one that hangs, or takes the process down, is a failure too. Every failure is
@@ -155,6 +155,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--files", type=int, default=100_000)
+    parser.add_argument("--commands", type=int, default=20_000)
     parser.add_argument("--state", type=Path, default=HERE.parents[1] / ".fuzz.json", help="how far earlier runs came")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long; the next run goes on")
     parser.add_argument("--work", nargs=4, help=argparse.SUPPRESS)
@@ -162,7 +163,7 @@ def main() -> int:
     if given.work:
         work(given.work[0], int(given.work[1]), int(given.work[2]), float(given.work[3]))
         return 0
-    sizes = {"call": given.calls, "file": given.files}
+    sizes = {"call": given.calls, "file": given.files, "command": given.commands}
     state = {what: {"done": 0, "seconds": 0.0, "faults": []} for what in sizes}
     if given.state.exists():
         state |= json.loads(given.state.read_text(encoding="utf-8"))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import call_cases
+import command_cases
 import file_cases
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -46,6 +47,16 @@ def test_calls(rng: random.Random) -> None:
 @given(st.randoms(use_true_random=False))
 def test_files(rng: random.Random) -> None:
     file_cases.attempt(file_cases.recipe(rng))
+
+
+@pytest.mark.parametrize("number", range(25))
+def test_commands(number: int) -> None:
+    command_cases.attempt(command_cases.recipe(random.Random(number)))
+
+
+@pytest.mark.parametrize("base", command_cases.BASES[:10], ids=" ".join)
+def test_the_command_lines_that_are_spoilt_are_good_ones(base: tuple[str, ...]) -> None:
+    assert command_cases.attempt({"words": list(base), "closed": [], "stdin": "frames.csv"}) in (0, 1)
 
 
 @pytest.mark.parametrize("kind", file_cases.KINDS)

@@ -53,10 +53,16 @@ def connected(scheduler: str) -> Any:
         distributed: Any = import_module("distributed")
     except ImportError:
         raise InputError("a scheduler needs Dask: pip install 'rootmatch[cluster]', or go without one") from None
+    if scheduler.startswith("tls:") and distributed.Security().get_connection_args("client").get("ssl_context") is None:
+        raise InputError(
+            f"scheduler: {scheduler} needs certificates; name them in Dask's configuration, distributed.comm.tls"
+        )
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"scheduler: {scheduler} does not answer ({error}); start one with `dask scheduler`") from None
+    except (TypeError, RuntimeError, AssertionError) as error:
+        raise InputError(f"scheduler: {scheduler} cannot be used ({error}); give tcp://HOST:PORT") from None
     if not client.nthreads():
         client.close()
         raise InputError(f"scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,16 +17,17 @@ from rootmatch.cli.exit_codes import BAD_INPUT, INTERRUPTED, READER_GONE, TERMIN
 from rootmatch.cli.match import match
 from rootmatch.cli.reproduce import reproduce
 from rootmatch.cli.simulate import simulate
-from rootmatch.cli.surroundings import let_go_of_output, prepare, terminated
+from rootmatch.cli.surroundings import NOTHING_LEFT, leaves, left, let_go_of_output, pipes_copied, prepare, terminated
 from rootmatch.cli.track import track
 from rootmatch.cli.warmup import warmup
 from rootmatch.errors import RootmatchError, printable
 
-STOPPED = "no partial output is left"
+_OVERLONG = re.compile(r"\S{300,}")
+"""Of a line of error: longer than the path of a file usually is."""
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "match": match,
-    "track": track,
+    "match": pipes_copied("model", "image")(match),
+    "track": pipes_copied("model")(track),
     "simulate": simulate,
     "reproduce": reproduce,
     "benchmark": benchmark,
@@ -65,9 +67,12 @@ class OneLineErrors(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run a command and exit with its code."""
         extra["standalone_mode"] = False
+        leaves(NOTHING_LEFT)
         try:
             code = super().main(*args, **extra)
-        except (KeyboardInterrupt, typer.Abort):
+        except (KeyboardInterrupt, typer.Abort) as error:
+            if isinstance(error.__cause__, EOFError):  # to the parser Ctrl-D at a prompt, and there is none here
+                raise error.__cause__ from None
             sys.exit(stopped())
         except RootmatchError as error:
             sys.exit(_fail(str(error), BAD_INPUT))
@@ -92,8 +97,8 @@ class OneLineErrors(TyperGroup):
 def stopped() -> int:
     """Say that a signal ended the work, and return its exit code."""
     if terminated():
-        return _fail(f"terminated; {STOPPED}", TERMINATED)
-    return _fail(f"interrupted; {STOPPED}", INTERRUPTED)
+        return _fail(f"terminated; {left()}", TERMINATED)
+    return _fail(f"interrupted; {left()}", INTERRUPTED)
 
 
 def _interrupted(error: BaseException | None) -> bool:
@@ -115,8 +120,12 @@ def _usage(error: Any) -> str:
 def _fail(text: str, code: int) -> int:
     """Print an error in one line, whatever its line breaks, and return the exit code."""
     with suppress(OSError):
-        print(f"rootmatch: {printable(' '.join(text.split()))}", file=sys.stderr)
+        print(f"rootmatch: {_OVERLONG.sub(_shortened, printable(' '.join(text.split())))}", file=sys.stderr)
     return code
+
+
+def _shortened(word: re.Match[str]) -> str:
+    return f"{word[0][:80]}...{word[0][-80:]}"
 
 
 def _show_version(wanted: bool) -> None:

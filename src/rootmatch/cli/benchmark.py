@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def benchmark(
 
         if data is None or output is None:
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
+        leaves("the rows so far are kept, and the same command goes on")
         with progress_bar("scenes", not quiet) as show:
             table = run_real(data, output, method or list(METHODS), only=protocol, timeout=timeout, progress=show)
         typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)

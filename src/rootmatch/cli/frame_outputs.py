@@ -1,15 +1,10 @@
-"""Poses and matches of many frames, written as they come and continued where a run stopped."""
+"""Poses and matches of many frames as rows of CSV files."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rootmatch.io.point_files import PointSet
@@ -43,52 +38,6 @@ def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
         if j >= 0
     ]
     return found or [[frame, "", "", "", ""]]
-
-
-class Appended:
-    """A CSV file that is written as results come; what an earlier run wrote is kept.
-
-    Parameters
-    ----------
-    path : path
-    header : sequence of str
-    resume : bool
-        Whether to continue a file that is there; refuse it otherwise.
-    """
-
-    def __init__(self, path: Path, header: Sequence[str], resume: bool) -> None:
-        self.path, self.header = path, list(header)
-        self.done: set[int] = set()
-        old = path.exists() and path.stat().st_size > 0
-        if old and not resume:
-            raise InputError(f"{path}: it is there already; remove it, or add --resume to continue it")
-        if old:
-            self._keep_whole()
-        self.stream: TextIO = path.open("a", encoding="utf-8", newline="")
-        self.writer = csv.writer(self.stream, lineterminator="\n")
-        if not old:
-            self.writer.writerow(self.header)
-
-    def _keep_whole(self) -> None:
-        """Keep the frames that were written as a whole: all but a last line that was cut short."""
-        text = self.path.read_text(encoding="utf-8")
-        lines = text.splitlines()
-        if not lines or lines[0] != ",".join(self.header):
-            raise InputError(f"{self.path}: its header is not {','.join(self.header[:4])}…; give another file")
-        if not text.endswith("\n"):
-            cut = lines.pop().partition(",")[0]
-            lines = [line for line in lines if line.partition(",")[0] != cut]
-        self.done = {int(line.partition(",")[0]) for line in lines[1:]}
-        self.path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-    def write(self, rows: Iterable[Sequence[Any]]) -> None:
-        """Append the rows of one frame; they are in the file when this returns."""
-        self.writer.writerows(rows)
-        self.stream.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self.stream.close()
 
 
 def _pose(match: Match) -> Pose | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import pickle
 import sys
-from collections import Counter
-from collections.abc import Iterator
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,16 +17,22 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.errors import InputError
+from rootmatch.cli.problem_options import flag
+from rootmatch.cli.surroundings import leaves
+from rootmatch.errors import InputError, RootmatchError
 
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
     from rootmatch.io.frame_files import Frame
 
-CHUNK = 16
-"""Frames that go to a worker together."""
+CHUNK = 4
+"""Frames that go to a worker together; what a kill loses is a few of these."""
 AHEAD = 4
-"""Chunks sent ahead for each thread of a cluster."""
+"""Chunks sent ahead for each process, or thread of a cluster."""
+LOADING = 10.0
+"""Seconds that a process may search while it loads kernels for its first frame; a round value."""
+PASSES = 3
+"""Times that it does so, where kernels are compiled in between."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +51,19 @@ class FrameOutputs:
 
     def check(self, inputs: list[Path]) -> None:
         """Refuse before any work what could not be written."""
-        from rootmatch.io import check_output
+        from rootmatch.io import check_output, is_standard_output, sent_through
+        from rootmatch.io.appended_table import SETTINGS_SUFFIX
 
         taken = list(inputs)
-        for flag, path in self.paths.items():
-            check_output(path, flag, taken)
-            if path.suffix.lower() != ".csv":
-                raise InputError(f"{flag} {path}: many frames are written as CSV; give a name that ends in .csv")
+        for option, path in self.paths.items():
+            check_output(path, option, taken)
+            if path.suffix.lower() != ".csv" and not sent_through(path):
+                raise InputError(f"{option} {path}: many frames are written as CSV; give a name that ends in .csv")
+            if self.as_json and is_standard_output(path):
+                raise InputError(f"--json: {option} goes to standard output too; give it a file")
             taken.append(path)
+            if not sent_through(path):
+                check_output(path.with_name(path.name + SETTINGS_SUFFIX), option, taken)
         if self.resume and not self.paths:
             raise InputError("--resume: nothing is written that could be continued; give --output or --poses")
 
@@ -69,14 +83,21 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     Frames that an earlier run has written are left out where ``outputs`` resumes.
     """
     from rootmatch.cameras.rig import rig_of
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended
+    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS
+    from rootmatch.experiments.sweep import check_jobs
+    from rootmatch.io import is_standard_output
+    from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import read_frames
+
+    check_jobs(jobs)
+    if outputs.paths:
+        leaves("what was written is kept, and --resume goes on")
 
     headers = {"--output": MATCH_COLUMNS, "--poses": (*POSE_COLUMNS, *COVARIANCES)}
     count: Counter[str] = Counter()
     with ExitStack() as files:
         open_files = {
-            flag: files.enter_context(closing(Appended(path, headers[flag], outputs.resume)))
+            flag: files.enter_context(closing(AppendedTable(path, headers[flag], _settings(job), outputs.resume)))
             for flag, path in outputs.paths.items()
         }
         done = set.intersection(*(file.done for file in open_files.values())) if open_files else set[int]()
@@ -92,7 +113,8 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
                 print(json.dumps(record, allow_nan=False), flush=True)
     text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
     before = f", {len(done)} done before" if done else ""
-    print(f"{count.total()} frames: {text}{before}", file=sys.stderr if outputs.as_json else sys.stdout)
+    rows_printed = any(map(is_standard_output, outputs.paths.values()))
+    print(f"{count.total()} frames: {text}{before}", file=sys.stderr if outputs.as_json or rows_printed else sys.stdout)
     return count.total() == count["matched"]
 
 
@@ -103,28 +125,56 @@ def _results(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None
     packed = pickle.dumps(job)
     chunks = iter(lambda: tuple(islice(frames, CHUNK)), ())
     if scheduler is not None:
-        yield from _on_cluster(packed, chunks, scheduler)
+        from rootmatch.backends.dask import connected
+
+        with connected(scheduler) as client:
+            threads = sum(client.nthreads().values())
+            yield from _in_order(lambda chunk: client.submit(_matched, packed, chunk, pure=False), chunks, threads)
     elif jobs == 1:
         for frame in frames:
             yield from _matched(packed, (frame,))
     else:
         import joblib
 
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
-        for results in parallel(joblib.delayed(_matched)(packed, chunk) for chunk in chunks):
-            yield from results
+        from rootmatch.experiments.worker_lifetime import pool
+
+        processes = joblib.effective_n_jobs(jobs)
+        try:
+            with pool(processes) as workers:
+                yield from _in_order(lambda chunk: workers.submit(_matched, packed, chunk), chunks, processes)
+        except BrokenProcessPool:
+            raise RootmatchError(
+                "a worker process died, of lack of memory perhaps; what was written is kept: go on with --resume, with "
+                "fewer --jobs if need be"
+            ) from None
 
 
-def _on_cluster(packed: bytes, chunks: Iterator[tuple[Frame, ...]], scheduler: str) -> Iterator[Result]:
-    """In order, with a bounded number of chunks on their way."""
-    from rootmatch.backends.dask import connected
+def _in_order(
+    submit: Callable[[tuple[Frame, ...]], Any], chunks: Iterator[tuple[Frame, ...]], workers: int
+) -> Iterator[Result]:
+    """Results in the order of the frames, with a bounded number of chunks on their way."""
+    waiting = deque(submit(chunk) for chunk in islice(chunks, AHEAD * workers))
+    while waiting:
+        yield from waiting.popleft().result()
+        waiting.extend(submit(chunk) for chunk in islice(chunks, 1))
 
-    with connected(scheduler) as client:
-        most = AHEAD * sum(client.nthreads().values())
-        waiting = [client.submit(_matched, packed, chunk, pure=False) for chunk in islice(chunks, most)]
-        while waiting:
-            yield from waiting.pop(0).result()
-            waiting += [client.submit(_matched, packed, chunk, pure=False) for chunk in islice(chunks, 1)]
+
+def _settings(job: Job) -> dict[str, str]:
+    """What rows depend on, by the options' names, so that they are not continued with another of them."""
+    from rootmatch._version import __version__
+
+    source = job.source
+    model = hashlib.sha256(repr((source.points.tolist(), source.names, source.bodies)).encode()).hexdigest()
+    options = {flag(name): _told(value) for name, value in sorted(job.options.items()) if name != "bodies"}
+    return {"rootmatch": __version__, "model": model, "--problem": _told(job.problem), **options}
+
+
+def _told(value: Any) -> str:
+    """A setting as text, arrays and long ones as a digest."""
+    import numpy as np
+
+    text = repr(value.tolist() if isinstance(value, np.ndarray) else value)
+    return text if len(text) <= 300 else f"sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
@@ -133,9 +183,13 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
     from rootmatch.jit.threads import at_most
     from rootmatch.report.json_record import match_record
 
-    job, matcher = _matcher(packed)
+    worker = _worker(packed)
+    job, matcher = worker.job, worker.matcher
     results = []
     with at_most(1):
+        if not worker.loaded and job.options.get("max_seconds") is not None:
+            _load(job, frames[0])
+            worker.loaded = True
         for frame in frames:
             found = matcher.match(frame.points)
             rows = {
@@ -147,10 +201,32 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
     return results
 
 
+@dataclass
+class Worker:
+    """What a process keeps from frame to frame."""
+
+    job: Job
+    matcher: Any
+    loaded: bool = False
+
+
 @lru_cache(maxsize=1)
-def _matcher(packed: bytes) -> tuple[Job, Any]:
+def _worker(packed: bytes) -> Worker:
     """The matcher of a job, made once in each process."""
     from rootmatch.matcher import Matcher
 
     job: Job = pickle.loads(packed)
-    return job, Matcher(job.source.points, job.problem, **job.options)
+    return Worker(job, Matcher(job.source.points, job.problem, **job.options))
+
+
+def _load(job: Job, frame: Frame) -> None:
+    """Load, or compile, the kernels that a first match needs: ``max_seconds`` is for the match alone."""
+    from rootmatch.matcher import Matcher
+
+    budget = max(job.options["max_seconds"], LOADING)
+    patient = Matcher(job.source.points, job.problem, **job.options | {"max_seconds": budget})
+    for _ in range(PASSES):
+        started = time.monotonic()
+        found = patient.match(frame.points)
+        if not found.stopped_early or time.monotonic() - started < 1.2 * budget:
+            return

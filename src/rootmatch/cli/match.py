@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import typer
@@ -82,6 +83,7 @@ def match(
         "centre": centre,
         "dimension": dimension,
     }
+    from rootmatch import io
     from rootmatch.io.frame_files import has_frames
 
     if has_frames(image):
@@ -93,15 +95,16 @@ def match(
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")
     elif jobs is not None or resume:
-        raise InputError(f"{'--jobs' if jobs else '--resume'}: {image} is one image; many have a column frame")
+        raise InputError(f"{'--resume' if jobs is None else '--jobs'}: {image} is one image; many have a column frame")
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
     many = FrameOutputs(output, poses, as_json, resume)
+    cameras = [io.camera_file(text) for text in (camera, camera2) if text is not None]
+    inputs = [path for path in (model, image, *cameras, truth, candidates, photo, prior) if path is not None]
     if has_frames(image):
-        many.check([model, image])
+        many.check(inputs)
     else:
-        outputs.check(str(problem), [model, image, *(path for path in (truth, candidates, photo, prior) if path)])
+        outputs.check(str(problem), inputs, as_json)
     posed = build_problem(str(problem), problem_options)
-    from rootmatch import io
     from rootmatch.cameras.rig import rig_of
 
     if rig_of(posed) is not None:
@@ -171,7 +174,15 @@ def match(
             **options,
         )
     outputs.write(found, source, target, true)
-    print_match(found=found, source=source, target=target, true=true, as_json=as_json, estimated=noise == "auto")
+    print_match(
+        found=found,
+        source=source,
+        target=target,
+        true=true,
+        as_json=as_json,
+        estimated=noise == "auto",
+        file=sys.stderr if outputs.printed else sys.stdout,
+    )
     if found.status.name != "MATCHED":
         raise typer.Exit(NOT_TRUSTED)
 

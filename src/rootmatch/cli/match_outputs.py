@@ -7,7 +7,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rootmatch.cli.problem_options import flag
 from rootmatch.errors import InputError
@@ -36,7 +36,14 @@ class Outputs:
             name: path for name in ("output", "poses", "plot", "report") if (path := getattr(self, name)) is not None
         }
 
-    def check(self, problem: str, inputs: list[Path]) -> None:
+    @property
+    def printed(self) -> bool:
+        """Whether one of them is standard output, which then holds nothing else."""
+        from rootmatch.io import is_standard_output
+
+        return any(map(is_standard_output, self.paths.values()))
+
+    def check(self, problem: str, inputs: list[Path], as_json: bool) -> None:
         """Refuse before any work what could not be written.
 
         Raises
@@ -53,6 +60,8 @@ class Outputs:
         for name, path in self.paths.items():
             check_output(path, flag(name), taken)
             taken.append(path)
+        if as_json and self.printed:
+            raise InputError("--json: one of the files is standard output too; give another")
         if self.poses is not None:
             Capability.POSE.require(problem_class(problem).least_for_pose, problem)
             pose_format(self.poses, self.pose_format)
@@ -129,8 +138,10 @@ def _image_camera(found: Match) -> CameraModel | None:
     return camera if found.problem.source_dimension == 3 else None
 
 
-def print_match(found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool) -> None:
-    """Print the match on standard output: a table, or one JSON object with the advice on standard error."""
+def print_match(
+    found: Match, source: PointSet, target: PointSet, true: Any, as_json: bool, estimated: bool, file: TextIO
+) -> None:
+    """Print the match: a table, or one JSON object with the advice on standard error."""
     from rootmatch.report import text
 
     if as_json:
@@ -145,4 +156,4 @@ def print_match(found: Match, source: PointSet, target: PointSet, true: Any, as_
     console = Console()
     with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
         text.print_match(found, console, **names, truth=true, estimated=estimated)
-    sys.stdout.write(captured.get())
+    file.write(captured.get())

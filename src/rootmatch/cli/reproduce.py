@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from rootmatch.cli.surroundings import leaves
+
 
 class Which(StrEnum):
     """Experiments that can be reproduced."""
@@ -51,6 +53,7 @@ def reproduce(
     from rootmatch.experiments.reproduce import reproduce as run
     from rootmatch.experiments.settings import PROBLEMS
 
+    leaves("finished work is kept, and the same command goes on")
     if which is Which.HYPERGRAPH:
         from rootmatch.experiments.hypergraph.run import reproduce as run_protocols
 

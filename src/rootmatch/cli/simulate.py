@@ -24,6 +24,7 @@ class SceneName(StrEnum):
     THREE_PLUS_ONE = "3p1"
 
 
+FILES = ("model.csv", "image.csv", "truth.csv", "camera.json")
 NOISE_OF_EXACT_SCENES = 0.1
 """Noise in pixels of the printed command for a noise-free scene: with 0, residuals would measure rounding errors."""
 
@@ -57,12 +58,16 @@ def simulate(
 
     Prints the command that matches them. Exit code 0: written; 2: bad input, nothing is written.
     """
-    from rootmatch.io import check_output_folder, parse_camera
+    from rootmatch.io import camera_file, check_output, check_output_folder, parse_camera
 
     check_output_folder(output, force)
     options: dict[str, Any] = {"outliers": outliers, "noise": noise, "seed": seed, "hidden": hidden}
     if camera is not None:
         options["camera"] = parse_camera(camera, "--camera").camera
+        file = camera_file(camera)
+        if file is not None and output.is_dir():
+            for name in FILES:
+                check_output(output / name, "--output", [file])
     own = {"motions": motions, "baseline": baseline}
     allowed = "baseline" if problem is SceneName.THREE_PLUS_ONE else "motions"
     for name, value in own.items():

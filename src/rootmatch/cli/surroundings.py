@@ -6,9 +6,17 @@ import io
 import os
 import signal
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import wraps
 from typing import Any
 
+Command = Callable[..., None]
+
+NOTHING_LEFT = "no partial output is left"
+
 _received: list[int] = []
+_left = [NOTHING_LEFT]
 
 
 def prepare() -> None:
@@ -27,6 +35,33 @@ def _interrupt(number: int, frame: Any) -> None:
     _received.append(number)
     signal.signal(number, signal.SIG_IGN)  # another one would strike while the first is seen to
     raise KeyboardInterrupt
+
+
+def leaves(text: str) -> None:
+    """Note what a signal leaves of the command that has begun, for the line that says so; until then it is nothing."""
+    _left[0] = text
+
+
+def left() -> str:
+    """What a signal leaves."""
+    return _left[0]
+
+
+def pipes_copied(*names: str) -> Callable[[Command], Command]:
+    """Let a command read its arguments of these names, paths, more than once, though they may be pipes."""
+
+    def copied(command: Command) -> Command:
+        @wraps(command)
+        def called(*args: Any, **options: Any) -> None:
+            from rootmatch.io.inputs import rereadable
+
+            with ExitStack() as copies:
+                again = {name: copies.enter_context(rereadable(options[name])) for name in names}
+                command(*args, **options | again)
+
+        return called
+
+    return copied
 
 
 def terminated() -> bool:

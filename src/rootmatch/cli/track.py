@@ -16,6 +16,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs
 from rootmatch.cli.problem_options import angle, build_problem, flag
+from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError, quoted
 
 Frames = Annotated[
@@ -71,19 +72,25 @@ def track(
         "vertical_world": vertical_world,
         "vertical_noise": vertical_noise,
     }
+    from rootmatch import io
+    from rootmatch.io.appended_table import AppendedTable
+    from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
+
     if not rate > 0.0 or rate == float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
-    FrameOutputs(output, poses, as_json=False, resume=False).check([model, frames])
+    given_files = model, frames, None if camera is None else io.camera_file(camera)
+    inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
+    FrameOutputs(output, poses, as_json=False, resume=False).check(inputs)
+    if poses is None and output is not None and io.is_standard_output(output):
+        raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     try:
         sigma = float(noise)
     except ValueError:
         raise InputError(f"--noise: {quoted(noise)} given; give a number of pixels") from None
     posed = build_problem(str(problem), given)
-    from rootmatch import io
     from rootmatch.cameras.rig import rig_of
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended, match_rows, pose_rows
-    from rootmatch.io.frame_files import read_frames
-    from rootmatch.tracker import Tracker
+    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, match_rows, pose_rows
+    from rootmatch.tracking.tracker import Tracker
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
@@ -103,9 +110,10 @@ def track(
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,
     ):
+        leaves("what was written is kept")
         tracker = Tracker(source.points, posed, noise=sigma, **options)
-        matches = files.enter_context(closing(Appended(output, MATCH_COLUMNS, False))) if output else None
-        table = files.enter_context(closing(Appended(poses, header, False))) if poses else None
+        matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
+        table = files.enter_context(closing(AppendedTable(poses, header))) if poses else None
         printed = csv.writer(sys.stdout, lineterminator="\n")
         if table is None:
             printed.writerow(header)

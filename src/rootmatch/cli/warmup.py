@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from rootmatch.cli.surroundings import leaves
+
 
 def warmup(
     everything: Annotated[
@@ -24,5 +26,6 @@ def warmup(
     from rootmatch.cli.progress import progress_bar
     from rootmatch.warmup import warm_up
 
+    leaves("what is compiled is kept")
     with progress_bar("kernels", not quiet) as progress:
         warm_up("all" if everything else "first", progress)

@@ -88,8 +88,10 @@ class Judge:
                 return kept
         return self.m - 1
 
-    def wrong_sets_disagree(self, rng: np.random.Generator) -> None:
+    def wrong_sets_disagree(self, rng: np.random.Generator, surplus: int | None = None) -> None:
         """Refuse a polynomial whose resultant vanishes for any points.
+
+        ``surplus``: constraints of a minimal set beyond those that determine its unknowns, where they are known.
 
         Raises
         ------
@@ -103,6 +105,11 @@ class Judge:
             wrong = Instance(case.source, target, None)
             p, q = self.polynomial(wrong, self.first), self.polynomial(wrong, self.swept)
             values.append(min((self.relative(q, x) for x in np.roots(p)), default=1.0))
+        if np.median(values) < TOLERANCE and surplus:
+            raise RootmatchError(
+                f"minimal: {self.m} correspondences over-determine the unknowns (constraints left over: {surplus}), "
+                f"and the polynomial does not depend on the last one; give minimal={self.m - 1}"
+            )
         if np.median(values) < TOLERANCE:
             raise RootmatchError(
                 "check: minimal sets with a wrong correspondence share a root too, one that elimination brought in; "

@@ -14,7 +14,7 @@ from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
 
-FORMAT = 7
+FORMAT = 8
 """Of generated modules; older ones are generated anew."""
 
 

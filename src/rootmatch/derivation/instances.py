@@ -21,6 +21,11 @@ ATTEMPTS = 60
 """Starts of the numerical solution for one instance."""
 STEP = float(np.sqrt(np.finfo(float).eps))
 """Of its differences, relative to what is more than 1."""
+DIFFERENCE, DEPENDENT, HOLDS = 1e-6, 1e-6, 1e-9
+"""Step of central differences of what is scaled to order 1, singular value of unit rows that is their error, and the
+value of an equation, relative to its terms, that is rounding."""
+STARTS = 6
+"""Starts of the unknowns of an instance whose constraints are counted."""
 NEAR, FULL_STEPS, EXACT = 1e-4, 4, 1e-11
 """Gradient at which full steps begin, how many at most, and the greatest value of an equation that holds."""
 
@@ -77,10 +82,13 @@ class Solver:
         base = statement.build(points["s"][:m], points["t"][:m])
         self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, self._local())
         equations: dict[Expr, None] = {}
+        self.of_first = 0
+        """How many of them are of the first minimal set."""
         for chosen in combinations(range(m + 1), m):
             built = statement.build([points["s"][k] for k in chosen], [points["t"][k] for k in chosen])
             swap = {symbol: self.copy(symbol, chosen) for symbol in (*statement.unknowns, statement.shared)}
             equations |= dict.fromkeys(e.xreplace(swap) for e in built)
+            self.of_first = self.of_first or len(equations)
         every = [symbol for group in points.values() for column in group for symbol in column]
         measured = list(dict.fromkeys(every))
         self.first_places = [every.index(symbol) for symbol in measured]
@@ -119,17 +127,10 @@ class Solver:
             source = statement.source.sample(rng, count)
             start = statement.target.sample(rng, count)
             unit = np.abs(start).mean()
-            coordinates = statement.source.measure(source).ravel()
 
-            def residuals(
-                trials: Floats, start: Floats = start, unit: float = unit, coordinates: Floats = coordinates
-            ) -> Floats:
-                """Of trials (T, k) the equations' values (T, e)."""
+            def residuals(trials: Floats, source: Floats = source, start: Floats = start, unit: float = unit) -> Floats:
                 target = start + trials[:, size:].reshape(-1, *start.shape) * unit
-                seen = statement.target.measure(target).reshape(len(trials), -1)
-                measured = np.concatenate([np.broadcast_to(coordinates, (len(trials), coordinates.size)), seen], axis=1)
-                values = self.function(trials[:, :size].T, measured[:, self.first_places].T)
-                return np.array(np.broadcast_arrays(*values, np.empty(len(trials)))[:-1], dtype=float).T
+                return self.values(trials[:, :size], source[None], target)
 
             guess = np.concatenate([rng.uniform(0.3, 2.0, size), np.zeros(start.size)])
             v, values, jacobian = _solution(residuals, guess)
@@ -142,6 +143,57 @@ class Solver:
             f"returns {count} true correspondences (source, target)"
         )
 
+    def values(self, unknowns: Floats, source: Floats, target: Floats) -> Floats:
+        """Values (T, e) of the equations at unknowns (T, k) and points (T, m + 1, dimension), or one set of them."""
+        trials = len(unknowns)
+        sides = (self.statement.source.measure(source), self.statement.target.measure(target))
+        measured = [np.broadcast_to(x.reshape(len(x), -1), (trials, x[0].size)) for x in sides]
+        values = self.function(unknowns.T, np.concatenate(measured, axis=1)[:, self.first_places].T)
+        return np.array(np.broadcast_arrays(*values, np.empty(trials))[:-1], dtype=float).T
+
+    def constraints(self, case: Instance, rng: np.random.Generator) -> list[tuple[int, int]]:
+        """How many independent constraints the equations put on the noisy points of a minimal set and a hyper-edge.
+
+        As many as equations are independent in unknowns and points together, less those that are so in the unknowns
+        alone. Of each solution for the unknowns that is found: where copies of one quantity, such as a depth in
+        several minimal sets, are at different roots, equations that say the same there say more.
+        """
+        found = []
+        for attempt in range(STARTS):
+            # copies of one quantity that start together mostly stay so
+            apart = 1.0 if attempt % 2 else 0.01
+            guess = rng.normal() * (1.0 - apart) + apart * rng.normal(size=len(self.unknowns))
+            v, values, jacobian = _solution(
+                lambda trials: self.values(trials, case.source[None], case.target[None]), guess
+            )
+            sizes = np.abs(jacobian) @ np.abs(v)
+            if np.all(np.abs(values) <= HOLDS * sizes) and np.abs(v).min() > HOLDS * np.abs(v).max():
+                slopes = self._slopes(v, case)
+                parts = slopes[: self.of_first], slopes
+                ranks = [[_rank(part), _rank(part[:, : len(v)])] for part in parts]
+                found.append((ranks[0][0] - ranks[0][1], ranks[1][0] - ranks[1][1]))
+        return found
+
+    def _slopes(self, v: Floats, case: Instance) -> Floats:
+        """Unit derivatives (e, k + noisy coordinates) of the equations, in unknowns and points of order 1."""
+        one, size = (case.source[None], case.target[None]), len(v)
+        noisy = [k for k, what in enumerate((self.statement.source, self.statement.target)) if what.noise_dimensions]
+        scale = np.concatenate([np.abs(v), *(np.full(one[k].size, np.ptp(one[k])) for k in noisy)])
+
+        def moved(trials: Floats) -> Floats:
+            points, begin = list(one), size
+            for k in noisy:
+                shifts = trials[:, begin : begin + one[k].size]
+                points[k] = one[k] + shifts.reshape(-1, *one[k].shape[1:])
+                begin += one[k].size
+            return self.values(trials[:, :size], points[0], points[1])
+
+        z = np.concatenate([v, np.zeros(len(scale) - size)])
+        steps = DIFFERENCE * np.diag(scale)
+        slopes = (moved(z + steps) - moved(z - steps)).T
+        unit: Floats = slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-300)
+        return unit
+
     def _isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
         """Whether the points determine the unknowns, and none is so near 0 that an equation loses its sense."""
         if not np.all(np.isfinite(jacobian)):
@@ -149,6 +201,10 @@ class Solver:
         sizes = np.abs(unknowns)
         singular = np.linalg.svd(jacobian[:, : len(sizes)], compute_uv=False)
         return bool(sizes.max() < 1e3 and sizes.min() > 1e-2 and singular[-1] > 1e-3 * singular[0])
+
+
+def _rank(rows: Floats) -> int:
+    return int(np.linalg.matrix_rank(rows, tol=DEPENDENT))
 
 
 def _solution(residuals: Callable[[Floats], Floats], guess: Floats) -> tuple[Floats, Floats, Floats]:
@@ -185,9 +241,10 @@ def instances(
     interval: tuple[float, float] | None,
     rng: np.random.Generator,
     count: int,
+    solver: Solver | None = None,
 ) -> list[Instance]:
     """So many exact hyper-edges."""
     if sample is not None:
         return [sampled(sample, statement, rng) for _ in range(count)]
-    solver = Solver(statement)
+    solver = solver or Solver(statement)
     return [solver.solve(rng, interval) for _ in range(count)]

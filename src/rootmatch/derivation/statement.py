@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from rootmatch.derivation.leaves import COMMON, Expr
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, printable, quoted
 from rootmatch.problems.derived.measurements import Measurement
 
 Equations = Callable[..., Any]
@@ -48,17 +48,17 @@ class Statement:
 
     def conditions(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
         """What must be positive at a true root."""
-        return [] if self.positive is None else self._expressions(self.positive(list(X), list(u)))
+        return [] if self.positive is None else self._expressions("positive", self.positive, list(X), list(u))
 
     def build(self, X: Sequence[Any], u: Sequence[Any], places: Sequence[int] | None = None) -> list[Expr]:
         """Expressions for correspondences given by symbols; ``places`` name the copies of local unknowns."""
         if not self.each:
-            made = self._expressions(self.equations(list(X), list(u)))
+            made = self._expressions("equations", self.equations, list(X), list(u))
         else:
             made = []
             for number, (point, image) in enumerate(zip(X, u, strict=True)):
                 swap = self.copies(number if places is None else places[number])
-                made += [e.xreplace(swap) for e in self._expressions(self.equations(point, image))]
+                made += [e.xreplace(swap) for e in self._expressions("each", self.equations, point, image)]
         return [e for e in made if e != 0]
 
     def copies(self, place: int) -> dict[Expr, Expr]:
@@ -70,13 +70,22 @@ class Statement:
         """All that is to be eliminated from a minimal set."""
         return [*self.eliminate, *(copy for place in range(self.minimal) for copy in self.copies(place).values())]
 
-    def _expressions(self, made: Any) -> list[Expr]:
-        flat = []
-        for item in made if isinstance(made, list | tuple | sp.MatrixBase) else [made]:
-            if isinstance(item, sp.Equality):
-                item = item.lhs - item.rhs
-            flat += self._expressions(item) if isinstance(item, list | tuple | sp.MatrixBase) else [sp.sympify(item)]
-        return flat
+    def _expressions(self, name: str, function: Equations, X: Any, u: Any) -> list[Expr]:
+        """What the user's function returns of some points, as a flat list.
+
+        Raises
+        ------
+        InputError
+            If it fails, or returns anything but expressions.
+        """
+        try:
+            made = function(X, u)
+        except Exception as error:
+            raise InputError(
+                f"{name}: the function failed with {type(error).__name__} ({printable(str(error))[:200]}); points are "
+                "SymPy column vectors, so a number is added to an entry of one, and * is the product of matrices"
+            ) from error
+        return _flat(name, made)
 
     def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
         """Refuse what cannot be meant.
@@ -116,6 +125,21 @@ class Statement:
             extra,
         ]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def _flat(name: str, made: Any) -> list[Expr]:
+    if isinstance(made, sp.Equality):
+        made = made.lhs - made.rhs
+    if isinstance(made, list | tuple | sp.MatrixBase):
+        return [expression for item in made for expression in _flat(name, item)]
+    if isinstance(made, bool | sp.logic.boolalg.Boolean):
+        raise InputError(f"{name}: {quoted(made)} returned, a comparison; return the difference of both sides")
+    expression = made if isinstance(made, str) else sp.sympify(made, strict=False) if made is not None else None
+    if not isinstance(expression, sp.Expr):
+        raise InputError(f"{name}: {quoted(made)} returned; return SymPy expressions")
+    if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo):
+        raise InputError(f"{name}: an expression holds NaN or infinity; check its numbers and what it divides by")
+    return [expression]
 
 
 def places_of(

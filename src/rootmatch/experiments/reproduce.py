@@ -17,7 +17,7 @@ from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Evaluate, Plan, check_jobs, run, units
 from rootmatch.experiments.unit import evaluate
-from rootmatch.experiments.whole_files import put
+from rootmatch.io import written_whole
 
 STORE_NAME = "results.sqlite"
 
@@ -95,7 +95,8 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
     files: list[Path] = []
 
     def add(name: str, content: bytes) -> None:
-        put(output / name, content)
+        with written_whole(output / name) as temporary:
+            temporary.write_bytes(content)
         files.append(output / name)
 
     drawings = {"rho-scan": draw_scan(table.rhos)}

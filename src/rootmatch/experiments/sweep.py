@@ -31,6 +31,10 @@ IN_FLIGHT = 2
 """Units sent ahead to each thread of a cluster, so that none waits for the next."""
 
 
+MOST_JOBS = 1024
+"""Processes on one machine; each takes 200 MB."""
+
+
 @dataclass(frozen=True)
 class Result:
     """What a worker sends back."""
@@ -109,8 +113,8 @@ def run(
 
 def check_jobs(jobs: int) -> None:
     """Refuse a number of processes that means nothing."""
-    if jobs == 0:
-        raise InputError("jobs: 0 given; give a number of processes, or -1 for one a processor")
+    if jobs == 0 or abs(jobs) > MOST_JOBS:
+        raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one a processor")
 
 
 def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:

@@ -296,6 +296,8 @@ class AffinityTensor:
         side = math.prod(int(m) for m in shape)
         if array.ndim < 2 or set(array.shape) != {side}:
             raise InputError(f"dense: got shape {array.shape}; expected n·n' = {side} along each of d ≥ 2 axes")
+        if not np.all(np.isfinite(array)):
+            raise InputError(f"dense: NaN or infinity in {np.count_nonzero(~np.isfinite(array))} entries; put numbers")
         if not all(np.allclose(array, np.swapaxes(array, p, p + 1), rtol=1e-9, atol=0) for p in range(array.ndim - 1)):
             raise InputError("dense: the array is not symmetric; average it over all orders of its axes first")
         where = np.nonzero(array)

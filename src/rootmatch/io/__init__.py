@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rootmatch.io.atomic_output import check_output, check_output_folder, folder_written_whole, written_whole
 from rootmatch.io.calibrations.own import DIRECTIONS
 from rootmatch.io.camera_files import (
     Calibration,
+    camera_file,
     parse_camera,
     parse_direction,
     parse_numbers,
@@ -13,6 +13,15 @@ from rootmatch.io.camera_files import (
     write_camera,
 )
 from rootmatch.io.csv_tables import write_table
+from rootmatch.io.inputs import read_bytes, rereadable
+from rootmatch.io.outputs import (
+    check_output,
+    check_output_folder,
+    folder_written_whole,
+    is_standard_output,
+    sent_through,
+    written_whole,
+)
 from rootmatch.io.point_files import (
     PointSet,
     point_dimension,
@@ -29,20 +38,25 @@ __all__ = [
     "Calibration",
     "PointSet",
     "PoseFormat",
+    "camera_file",
     "check_output",
     "check_output_folder",
     "folder_written_whole",
+    "is_standard_output",
     "parse_camera",
     "parse_direction",
     "parse_numbers",
     "point_dimension",
     "pose_format",
     "pose_record",
+    "read_bytes",
     "read_camera",
     "read_candidates",
     "read_points",
     "read_prior",
     "read_truth",
+    "rereadable",
+    "sent_through",
     "write_camera",
     "write_matches",
     "write_points",

@@ -16,10 +16,11 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.atomic_output import written_whole
 from rootmatch.io.calibrations.opencv import is_opencv
 from rootmatch.io.calibrations.own import DIRECTIONS, camera_entry, camera_of
 from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
+from rootmatch.io.inputs import rereadable
+from rootmatch.io.outputs import written_whole
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,11 @@ def read_camera(path: Path, name: str | None = None) -> Calibration:
     InputError
         If the file cannot be used, or holds several cameras and none is named.
     """
+    with rereadable(path) as file:
+        return _read_camera(file, name)
+
+
+def _read_camera(path: Path, name: str | None) -> Calibration:
     content = load_json(path, read_small_text(path)) if path.suffix.lower() == ".json" else None
     ours = content is not None and not (isinstance(content, dict) and is_opencv(content))
     if ours and isinstance(content, dict) and "cameras" not in content and name is None:
@@ -103,19 +109,29 @@ def parse_direction(text: str, name: str) -> NDArray[np.float64]:
 
 def parse_camera(text: str, name: str) -> Calibration:
     """Parse ``"FX,FY,CX,CY"`` in pixels, or read the camera file of that name, a camera of several as ``FILE#NAME``."""
-    if os.path.exists(text):  # unlike Path.exists, no error for over-long texts
-        return read_camera(Path(text))
-    file, mark, chosen = text.rpartition("#")
-    if mark and (os.path.exists(file) or file.lower().endswith(SUFFIXES)):
-        return read_camera(Path(file), chosen)
-    if text.lower().endswith(SUFFIXES):
-        return read_camera(Path(text))
+    file, chosen = _file_and_name(text)
+    if file is not None:
+        return read_camera(file, chosen)
     try:
         fx, fy, cx, cy = parse_numbers(text, 4, name, "1000,1000,320,240")
         return Calibration(Camera(fx, fy, cx, cy))
     except InputError as error:
         hint = "" if "," in text else ", or the path of a camera file"
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ').removeprefix('camera: ')}{hint}") from None
+
+
+def camera_file(text: str) -> Path | None:
+    """The file that `parse_camera` reads for a text; None for numbers."""
+    return _file_and_name(text)[0]
+
+
+def _file_and_name(text: str) -> tuple[Path | None, str | None]:
+    if os.path.exists(text):  # unlike Path.exists, no error for over-long texts
+        return Path(text), None
+    file, mark, chosen = text.rpartition("#")
+    if mark and (os.path.exists(file) or file.lower().endswith(SUFFIXES)):
+        return Path(file), chosen
+    return (Path(text) if text.lower().endswith(SUFFIXES) else None), None
 
 
 def _listed(found: dict[str, CameraModel]) -> str:

@@ -14,33 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.atomic_output import written_whole
-
-LARGEST = 100_000_000
-"""Bytes of a file beyond which it is no table of points: a million of them have less."""
+from rootmatch.io.inputs import LARGEST, read_bytes
+from rootmatch.io.outputs import written_whole
 
 
-def read_text(path: Path) -> str:
-    """The text of a file without a byte-order mark, line endings unchanged."""
-    if path.is_dir():
-        raise InputError(f"{path}: it is a folder; give the name of a file")
+def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
+    """The text of a file without a byte-order mark, line endings unchanged; `read_bytes` says what is refused."""
     try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise InputError(f"{path}: {size:,} bytes, more than the {LARGEST:,} that are read; split it")
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            text: str = stream.read()
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name") from None
+        return read_bytes(path, most, remedy).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; give the name of a file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
-    return text
 
 
 def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[tuple[int, dict[str, str]]]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.appended_table import MOST_DIGITS
 from rootmatch.io.csv_tables import check_header, number
 
 STANDARD_INPUT = Path("-")
-MOST_DIGITS = 18
-"""Digits of a frame's number: it then is a 64-bit integer, as other programs read it."""
+MOST_DETECTIONS = 100_000
+"""Of a frame: a match takes a tenth of them."""
+LONGEST_LINE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,8 @@ def has_frames(path: Path) -> bool:
         return True
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            header = next((line for line in stream if line.strip()), "")
-    except (OSError, UnicodeDecodeError, ValueError):
+            header = next((line for line in _lines(path, stream) if line.strip()), "")
+    except (OSError, ValueError):
         return False  # who reads it as one image says what is wrong
     return "frame" in [cell.strip().lower() for cell in header.split(",")]
 
@@ -74,8 +77,8 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
         yield from _frames(name, stream, columns)
 
 
-def _frames(path: Path, stream: Iterable[str], needed: tuple[str, ...]) -> Iterator[Frame]:
-    reader = csv.reader(stream, strict=True)
+def _frames(path: Path, stream: TextIO, needed: tuple[str, ...]) -> Iterator[Frame]:
+    reader = csv.reader(_lines(path, stream), strict=True)
     header: list[str] = []
     number_now, points, rows = -1, list[list[float]](), list[int]()
     try:
@@ -99,6 +102,8 @@ def _frames(path: Path, stream: Iterable[str], needed: tuple[str, ...]) -> Itera
                     )
                 yield Frame(number_now, np.array(points), np.array(rows, np.int64))
                 points, rows = [], []
+            if len(rows) == MOST_DETECTIONS:
+                raise InputError(f"{path}, row {row}: more than {MOST_DETECTIONS:,} detections in frame {frame}")
             number_now = frame
             points.append([number(path, row, axis, named[axis]) for axis in needed[1:]])
             rows.append(row)
@@ -106,9 +111,19 @@ def _frames(path: Path, stream: Iterable[str], needed: tuple[str, ...]) -> Itera
         raise InputError(f"{path}, row {reader.line_num}: not comma-separated values ({error})") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check that it is a file") from None
     if not rows:
         raise InputError(f"{path}: no row follows the header; give a header {','.join(needed)} and a row a detection")
     yield Frame(number_now, np.array(points), np.array(rows, np.int64))
+
+
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """The lines, none of them without end."""
+    while line := stream.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise InputError(f"{path}: a line of more than {LONGEST_LINE:,} characters; give a CSV file")
+        yield line
 
 
 def _frame_number(path: Path, row: int, text: str) -> int:
@@ -117,10 +132,24 @@ def _frame_number(path: Path, row: int, text: str) -> int:
     return int(text)
 
 
+def _standard_input() -> Iterator[TextIO]:
+    """Standard input as UTF-8 with or without a byte-order mark, whatever the locale."""
+    if sys.stdin is None or sys.stdin.closed:
+        raise InputError("standard input: it is closed; give a file, or frames in a pipe")
+    if not hasattr(sys.stdin, "buffer"):
+        yield sys.stdin
+        return
+    stream = io.TextIOWrapper(sys.stdin.buffer, encoding="utf-8-sig", newline="")
+    try:
+        yield stream
+    finally:
+        stream.detach()
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
     if path == STANDARD_INPUT:
-        yield sys.stdin
+        yield from _standard_input()
         return
     try:
         stream = path.open(encoding="utf-8-sig", newline="")

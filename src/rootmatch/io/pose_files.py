@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.reading import load_json, read_small_text
 from rootmatch.io.csv_tables import write_table
+from rootmatch.io.outputs import written_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
 PoseFormat = Literal["csv", "json", "tum"]
@@ -34,7 +35,7 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
         for known in FORMATS:
             if given == known:
                 return known
-        raise InputError(f"pose_format: {given!r} given; give csv, json or tum")
+        raise InputError(f"pose_format: {quoted(given)} given; give csv, json or tum")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"poses {path}: its suffix names no format; use .csv, .json or .tum, or give --pose-format")
     return SUFFIXES[path.suffix.lower()]
@@ -117,13 +118,13 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":
         records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
-        path.write_text(json.dumps(records, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+        _write_text(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
     if form == "tum":
         if any(len(pose.R) == 2 for _, pose in known):
             raise InputError("pose_format: tum is of poses in space, and these are of a plane; give csv or json")
         rows = [[motion, *pose.t.tolist(), *pose.quaternion.tolist()] for motion, pose in known]
-        path.write_text("".join(" ".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
+        _write_text(path, "".join(" ".join(map(str, row)) + "\n" for row in rows))
         return
     in_plane = any(len(pose.R) == 2 for _, pose in known)
     turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))
@@ -132,6 +133,11 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     header = ["motion", *turn, *shift, "scale", "focal", "rms", "rms_sigma", "inliers", "points"]
     header += [f"cov_{names[a]}_{names[b]}" for a, b in pairs]
     write_table(path, header, ([motion, *_row(pose, pairs)] for motion, pose in known))
+
+
+def _write_text(path: Path, text: str) -> None:
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:

@@ -30,10 +30,10 @@ class Capability(Enum):
         "estimate one from `assignment` with a solver of your own",
     )
     """Declared by `Problem.least_for_pose`."""
-    GUIDED = "hyperedges", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
+    GUIDED = "sampler", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
     """Declared by `ProblemKernels.hypotheses`."""
     COMPLETION = (
-        "hyperedges",
+        "sampler",
         "has no predictions to complete minimal sets",
         'use sampler="exhaustive" or "random"',
     )

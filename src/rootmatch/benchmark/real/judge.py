@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 
 from rootmatch.benchmark.real.scenes import RealScene
+from rootmatch.errors import quoted
 
+MOST_OF_ERROR = 200
+"""Characters of a method's own words that are kept."""
+MOST_SECONDS = 1e9
 FULL = 0.9
 """Share of the visible points that a full match finds, with none wrong."""
 LEAST_OF_INSTANCE = 12
@@ -16,8 +20,13 @@ LEAST_OF_INSTANCE = 12
 
 def judged(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
     """Figures of a reply, as JSON can hold them."""
-    error = reply.get("error")
-    found = None if error else _assignment(scene, reply["assignment"])
+    error = None
+    if reply.get("error") is not None:
+        error = str(reply["error"])[:MOST_OF_ERROR] or "an error without words"
+    seconds = _seconds(reply.get("seconds", reply["wall"]))
+    if error is None and seconds is None:
+        error = f"seconds: {quoted(reply['seconds'])}, which is no time"
+    found = _assignment(scene, reply.get("assignment")) if error is None else None
     if found is None:
         error = error or "assignment: of another length, or an index out of range or used twice"
         found = np.full(len(scene.request["source"]), -1, np.int64)
@@ -31,10 +40,17 @@ def judged(scene: RealScene, reply: dict[str, Any]) -> dict[str, Any]:
         "full": wrong == 0 and right >= FULL * visible,
         "claimed": bool(reply.get("matched", found.max(initial=-1) >= 0)) and not error,
         "misled": wrong > (1.0 - FULL) * (right + wrong),
-        "seconds": float(reply.get("seconds", reply["wall"])),
+        "seconds": float(reply["wall"]) if seconds is None else seconds,
         "wall": float(reply["wall"]),
         "error": error,
     }
+
+
+def _seconds(given: Any) -> float | None:
+    """The time that a method says it took, or None if it is none."""
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 <= given <= MOST_SECONDS:
+        return None
+    return float(given)
 
 
 def _assignment(scene: RealScene, given: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterable
@@ -12,14 +13,25 @@ import numpy as np
 
 from rootmatch.benchmark.real.scenes import protocols
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
+from rootmatch.io import read_bytes, written_whole
 
 ROWS, TABLE, PAGE = "rows", "leaderboard.json", "leaderboard.md"
+FIELDS: dict[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("method", "scene", "protocol"), str),
+    **dict.fromkeys(("right", "wrong", "visible"), int),
+    **dict.fromkeys(("full", "claimed", "misled"), bool),
+    "seconds": (int, float),
+    "error": (str, type(None)),
+}
+"""What the table reads of a row."""
 
 
 def rows_file(folder: Path, method: str) -> Path:
-    """Where a method's rows are: one JSON object a line."""
-    return folder / ROWS / (re.sub(r"[^\w.-]+", "-", method).strip("-.")[:80] + ".jsonl")
+    """Where a method's rows are: one JSON object a line. Each command has a file of its own."""
+    name = re.sub(r"[^\w.-]+", "-", method, flags=re.ASCII).strip("-.")[:80]
+    if name != method:
+        name += f"-{hashlib.sha256(method.encode(errors='surrogateescape')).hexdigest()[:8]}"
+    return folder / ROWS / f"{name}.jsonl"
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:
@@ -32,24 +44,32 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
     """
     if not path.is_file():
         return []
-    lines = path.read_text(encoding="utf-8").split("\n")
     rows = []
-    for number, line in enumerate(lines[:-1], start=1):
+    for number, line in enumerate(read_bytes(path).split(b"\n")[:-1], start=1):
         try:
-            rows.append(json.loads(line))
-        except ValueError:
-            raise InputError(f"{path}, line {number}: damaged; remove the file to measure this method anew") from None
+            row = json.loads(line)
+            whole = all(isinstance(row[name], kinds) for name, kinds in FIELDS.items())
+        except (ValueError, TypeError, LookupError, RecursionError):
+            whole = False
+        if not whole:
+            raise InputError(f"{path}, line {number}: damaged; remove the file to measure this method anew")
+        rows.append(row)
     return rows
 
 
 def append_row(path: Path, row: dict[str, Any]) -> None:
     """Add a row, whole: what an earlier run left of its last line is removed first."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a+b") as file:
-        file.seek(0)
-        content = file.read()
-        file.truncate(content.rfind(b"\n") + 1)
-        file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a+b") as file:
+            file.seek(0)
+            content = file.read()
+            file.truncate(content.rfind(b"\n") + 1)
+            file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); free room, and the same command goes on"
+        ) from None
 
 
 def write_leaderboard(folder: Path) -> list[dict[str, Any]]:

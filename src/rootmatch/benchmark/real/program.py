@@ -13,7 +13,10 @@ from types import TracebackType
 from typing import Any
 
 from rootmatch.benchmark.real.methods import METHODS
-from rootmatch.errors import InputError, RootmatchError
+from rootmatch.errors import InputError, RootmatchError, quoted
+
+LONGEST_LINE = 10_000_000
+"""Bytes of a reply."""
 
 
 class Program:
@@ -29,18 +32,16 @@ class Program:
     Raises
     ------
     InputError
-        If the command cannot be started.
+        If the command is none or cannot be started.
     """
 
     def __init__(self, method: str, start_up: float = 120.0) -> None:
         self.command = (
-            [sys.executable, "-m", "rootmatch.benchmark.real.methods", method]
-            if method in METHODS
-            else shlex.split(method)
+            [sys.executable, "-m", "rootmatch.benchmark.real.methods", method] if method in METHODS else _words(method)
         )
         self.start_up = start_up
-        self._process: subprocess.Popen[str] | None = None
-        self._lines: Queue[str | None] = Queue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lines: Queue[bytes | None] = Queue()
         self._answered = False
 
     def __enter__(self) -> Program:
@@ -57,7 +58,7 @@ class Program:
         started = time.perf_counter()
         try:
             assert process.stdin is not None
-            process.stdin.write(json.dumps(request) + "\n")
+            process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
             line = self._lines.get(timeout=timeout if self._answered else self.start_up)
         except (BrokenPipeError, OSError):
@@ -72,10 +73,10 @@ class Program:
         self._answered = True
         try:
             found = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             found = None
         if not isinstance(found, dict) or ("assignment" not in found and "error" not in found):
-            return {"error": f"no reply in JSON: {line.strip()[:80]!r}", "wall": wall}
+            return {"error": f"no reply in JSON: {quoted(line.strip()[:80].decode(errors='replace'))}", "wall": wall}
         return {**found, "wall": wall}
 
     def stop(self) -> None:
@@ -85,15 +86,14 @@ class Program:
             self._process.wait()
             self._process = None
 
-    def _running(self) -> subprocess.Popen[str]:
+    def _running(self) -> subprocess.Popen[bytes]:
         if self._process is not None and self._process.poll() is None:
             return self._process
         try:
-            process = subprocess.Popen(
-                self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-            )
-        except OSError as error:
-            raise InputError(f"method: {shlex.join(self.command)} cannot be started ({error.strerror})") from None
+            process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"method: {quoted(shlex.join(self.command))} cannot be started ({reason})") from None
         self._process, self._lines, self._answered = process, Queue(), False
         if process.stdout is None:
             raise RootmatchError("method: its output cannot be read")
@@ -101,8 +101,19 @@ class Program:
         return process
 
 
-def _forward(lines: Any, queue: Queue[str | None]) -> None:
-    """Put lines into a queue, and None at their end."""
-    for line in lines:
+def _words(method: str) -> list[str]:
+    """The command and its arguments."""
+    try:
+        words = shlex.split(method)
+    except ValueError as error:
+        raise InputError(f"method: {quoted(method)} is no command line ({error}); check its quotes") from None
+    if not words:
+        raise InputError(f"method: {quoted(method)} given; give {', '.join(METHODS)}, or the command of a program")
+    return words
+
+
+def _forward(lines: Any, queue: Queue[bytes | None]) -> None:
+    """Put lines into a queue, and None at their end; a line without end counts as several."""
+    while line := lines.readline(LONGEST_LINE):
         queue.put(line)
     queue.put(None)

@@ -18,6 +18,7 @@ Progress = Callable[[int, int], None]
 
 START_UP = 120.0
 """Seconds that the first reply may take at least: compiling included."""
+MOST_SECONDS = 1e6
 
 
 def run_real(
@@ -58,19 +59,20 @@ def run_real(
     InputError
         If data, folder or methods cannot be used.
     """
-    if not timeout > 0.0:
-        raise InputError(f"timeout: {timeout} given; give a number of seconds above 0")
+    if not 0.0 < timeout <= MOST_SECONDS:
+        raise InputError(f"timeout: {timeout:g} given; give a number of seconds above 0, a finite one")
+    programs = {method: Program(method, max(START_UP, timeout)) for method in methods}  # refuses what is no command
     scenes = list(all_scenes(data, only))
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"output: {output} cannot be made ({error.strerror})") from None
-    done, total = 0, len(scenes) * len(methods)
-    for method in methods:
+    done, total = 0, len(scenes) * len(programs)
+    for method, to_run in programs.items():
         path = rows_file(output, method)
         there = {row["scene"] for row in read_rows(path)}
         done += sum(scene.name in there for scene in scenes)
-        with Program(method, max(START_UP, timeout)) as program:
+        with to_run as program:
             warm: set[str] = set()
             for scene in scenes:
                 if scene.name in there:

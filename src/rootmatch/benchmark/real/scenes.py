@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
+from rootmatch.errors import InputError, quoted
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Data = dict[str, NDArray[Any]]
 
+DAMAGED = (OSError, ValueError, EOFError, RuntimeError, LookupError, MemoryError, zipfile.BadZipFile, zlib.error)
+"""What NumPy and the modules below it raise for a file that is no .npz, or not whole."""
 VERTICAL_NOISE = 0.005
 """Radians on each of two axes: measured verticals of the façade are 0.3 to 0.5 degrees off."""
 LEAST_VISIBLE = 15
@@ -98,7 +102,7 @@ def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScen
     known = {protocol.name: protocol for protocol in protocols()}
     for name in only or []:
         if name not in known:
-            raise InputError(f"protocol: {name!r} given; one of {', '.join(known)} expected")
+            raise InputError(f"protocol: {quoted(name)} given; one of {', '.join(known)} expected")
     chosen = [known[name] for name in only] if only else list(known.values())
     if not folder.is_dir():
         raise InputError(f"data: {folder} is not a folder; give the one that holds the .npz files")
@@ -112,16 +116,16 @@ def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScen
         try:
             made = (protocol.make(data, number) for number in range(protocol.scenes))
             yield from (scene for scene in made if scene is not None)
-        except (KeyError, IndexError, ValueError) as error:
-            raise InputError(f"data: {path} does not hold what {protocol.name} needs ({error!r})") from None
+        except (LookupError, ValueError, TypeError) as error:
+            raise InputError(f"data: {path} does not hold what {protocol.name} needs ({quoted(error)})") from None
 
 
 def _loaded(path: Path) -> Data:
     try:
         with np.load(path, allow_pickle=False) as file:
             return {key: file[key] for key in file.files}
-    except (OSError, ValueError) as error:
-        raise InputError(f"data: {path} cannot be read ({error})") from None
+    except DAMAGED as error:
+        raise InputError(f"data: {path} cannot be read ({quoted(error)}); fetch it again") from None
 
 
 def headset(data: Data, number: int, *, normals: bool) -> RealScene:

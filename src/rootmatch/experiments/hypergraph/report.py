@@ -16,7 +16,7 @@ from rootmatch.experiments.hypergraph.protocol import DEFORMATION, POINTS
 from rootmatch.experiments.hypergraph.published import ACCURACY, METHODS, MILLISECONDS
 from rootmatch.experiments.settings import Setting
 from rootmatch.experiments.statistics import Estimate, estimate
-from rootmatch.experiments.whole_files import put
+from rootmatch.io import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -172,6 +172,7 @@ def write(results: Results, output: Path) -> tuple[Path, ...]:
     written |= {f"hypergraph.{kind}": content for kind, content in contents(draw(results))}
     files = []
     for name, content in written.items():
-        put(output / name, content)
+        with written_whole(output / name) as temporary:
+            temporary.write_bytes(content)
         files.append(output / name)
     return tuple(files)

@@ -16,9 +16,11 @@ from rootmatch.io.calibrations.own import EXAMPLE, cameras_of
 from rootmatch.io.calibrations.ros import is_ros, read_ros
 from rootmatch.io.calibrations.values import LARGEST, load_yaml, parsed
 from rootmatch.io.csv_tables import read_text
+from rootmatch.io.inputs import read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin")
 """Of the files that are read."""
+REMEDY = "it is no calibration; give the file of the camera"
 
 
 def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
@@ -47,7 +49,7 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, CameraModel]:
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix == ".bin":
-        return dict(read_colmap_binary(file, _bytes(file)))
+        return dict(read_colmap_binary(file, read_bytes(file, LARGEST, REMEDY)))
     text = read_small_text(file)
     if suffix == ".txt":
         return dict(read_colmap_text(file, text))
@@ -92,26 +94,4 @@ def read_small_text(path: Path) -> str:
     InputError
         If it is, or cannot be read.
     """
-    _check_size(path)
-    return read_text(path)
-
-
-def _bytes(path: Path) -> bytes:
-    _check_size(path)
-    if path.is_dir():
-        raise InputError(f"{path}: it is a folder; give the name of a file")
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
-
-
-def _check_size(path: Path) -> None:
-    try:
-        size = path.stat().st_size
-    except (OSError, ValueError):
-        return  # reading says what is wrong
-    if size > LARGEST:
-        raise InputError(f"{path}: {size} bytes, far more than a calibration has; give the file of the camera")
+    return read_text(path, LARGEST, REMEDY)

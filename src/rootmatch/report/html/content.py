@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.pipeline.posterior import ranked
+from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.text import match_weights, summary, weight
 

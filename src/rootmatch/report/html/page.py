@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError, RootmatchError
-from rootmatch.io import check_output, written_whole
+from rootmatch.errors import InputError, RootmatchError, quoted
+from rootmatch.io import check_output, sent_through, written_whole
 from rootmatch.report.html.content import Labels, facts, report_content
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def check_report(path: Path) -> None:
     RootmatchError
         If the extra ``report`` is not installed.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES and not sent_through(path):
         raise InputError(f"report {path}: it is written as a page for the browser; name it .html")
     _libraries()
 
@@ -46,8 +46,26 @@ def write_report(
     photo: str | Path | None = None,
     title: str = "rootmatch report",
 ) -> None:
-    """Write a match as one self-contained HTML file; see `rootmatch.Match.report`."""
-    label = Labels(source_names, target_names, None if truth is None else np.asarray(truth, dtype=np.int64))
+    """Write a match as one self-contained HTML file.
+
+    Parameters
+    ----------
+    match : Match
+    path : path
+        Of the file, ``.html``.
+    source_names, target_names : sequences of str, optional
+        Of the points; by default their indices.
+    truth : (n,) array, optional
+        The true assignment: wrong matches are marked.
+    photo : path, optional
+        A PNG or JPEG that was detected in, drawn behind the target points.
+    title : str
+    """
+    sides = (("source_names", source_names, len(match.source)), ("target_names", target_names, len(match.target)))
+    for name, given, count in sides:
+        if given is not None and len(given) != count:
+            raise InputError(f"{name}: {len(given)} given; give the names of all {count} points")
+    label = Labels(source_names, target_names, None if truth is None else _checked_truth(match, truth))
     _write(Path(path), [match], [label], [""], title=title, photo=None if photo is None else Path(photo))
 
 
@@ -85,6 +103,26 @@ def write_sequence_report(
     _write(Path(path), matches, labels, names or [f"frame {k}" for k in range(len(matches))], title=title, photo=None)
 
 
+def _checked_truth(match: Match, truth: ArrayLike) -> NDArray[np.int64]:
+    """The true assignment as whole numbers.
+
+    Raises
+    ------
+    InputError
+        If it is none of this match.
+    """
+    expected = f"give the index of the target point for each of {len(match.source)} source points, −1 for none"
+    try:
+        given = np.asarray(truth)
+    except ValueError:
+        raise InputError(f"truth: {quoted(truth)} given; {expected}") from None
+    if given.shape != match.assignment.shape or given.dtype.kind not in "iu":
+        raise InputError(f"truth: {quoted(truth)} given; {expected}")
+    if given.size and (given.min() < -1 or given.max() >= len(match.target)):
+        raise InputError(f"truth: an index beyond the {len(match.target)} target points; {expected}")
+    return given.astype(np.int64)
+
+
 def _write(
     path: Path,
     matches: Sequence[Match],
@@ -98,7 +136,8 @@ def _write(
     check_output(path, "report", [])
     page = _page(report_content(matches, labels, names, photo), facts(matches[0]), title)
     with written_whole(path) as temporary:
-        Path(temporary).write_text(page, encoding="utf-8")
+        # a title from the name of a file may hold what is no character
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _page(content: dict[str, Any], known: Sequence[tuple[str, str]], title: str) -> str:

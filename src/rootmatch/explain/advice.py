@@ -1,0 +1,60 @@
+"""What to do about a match, as a sentence in the words of its problem."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.decide import TRUST, Status
+from rootmatch.explain.finding import Finding
+from rootmatch.problems.base import Problem
+
+ADVICE = {
+    Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
+    Status.AMBIGUOUS: (
+        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
+        "or add points that break the symmetry"
+    ),
+    Status.UNTRUSTED: (
+        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
+        "or evaluate more hyper-edges"
+    ),
+}
+"""What to do, with what a problem says should be checked and added."""
+
+
+def advice_on(status: Status, problem: Problem) -> str:
+    """What a status means, and what can be done about it for a problem."""
+    return ADVICE[status].format(to_tell=problem.to_tell, to_check=problem.to_check)
+
+
+def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stopped_early: bool = False) -> str:
+    """The status of a finding as a sentence, with what can be done about it.
+
+    Parameters
+    ----------
+    finding : Finding
+    confidence : (n,) array, optional
+        In each match, if the status needed it.
+    stopped_early : bool
+        Whether the time limit ended the search.
+    """
+    if finding.reason is not None:
+        return f"no trustworthy match: {finding.reason}"
+    problem, noise, factor = finding.task.problem, finding.task.noise, finding.noise_factor
+    text = advice_on(finding.status, problem)
+    blamed = factor is not None and TRUST.noise_factor <= factor <= TRUST.most_named
+    if blamed and finding.status is Status.UNTRUSTED:
+        assert factor is not None
+        told = f"noise={factor * noise:.2g}" if isinstance(noise, int | float) else "a larger noise="
+        text = (
+            f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
+            f'give {told}, or noise="auto", and check {problem.to_check}'
+        )
+    if finding.status is Status.MATCHED and confidence is not None:
+        unsure = int((confidence < TRUST.probability).sum())
+        if unsure:
+            text += f"; whether {unsure} of the points have an image, or which, is not sure: see `confidence`"
+    if finding.prior_holds is False:
+        text += "; the prior pose was wrong, this one was found without it"
+    return f"{text}; max_seconds ended it before it was done" if stopped_early else text

@@ -1,0 +1,60 @@
+"""Content of files, pipes and devices, never more of it than is of use."""
+
+from __future__ import annotations
+
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rootmatch.errors import InputError
+
+LARGEST = 100_000_000
+"""Bytes of a file beyond which it is no table of points: a million of them have less."""
+
+
+def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> bytes:
+    """The content of a file, pipe or device of at most ``most`` bytes.
+
+    Raises
+    ------
+    InputError
+        If there is more of it, as of a device without end, or it cannot be read; ``remedy`` says what to do.
+    """
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: it is a folder; give the name of a file")
+        with path.open("rb") as stream:
+            content = stream.read(most + 1)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; give the name of a file") from None
+    if len(content) > most:
+        raise InputError(f"{path}: more than the {most:,} bytes that are read; {remedy}")
+    return content
+
+
+@contextmanager
+def rereadable(path: Path) -> Iterator[Path]:
+    """Yield a path that can be read again and again: of a pipe a copy, whose errors name the pipe."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        mode = stat.S_IFREG  # reading says what is wrong
+    if stat.S_ISREG(mode) or stat.S_ISDIR(mode):
+        yield path
+        return
+    content = read_bytes(path)
+    with tempfile.TemporaryDirectory(prefix="rootmatch-") as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(content)
+        try:
+            yield copy
+        except InputError as error:
+            raise InputError(str(error).replace(str(copy), str(path))) from None

@@ -1,0 +1,121 @@
+"""Command lines in forked children, which have everything imported already: each takes a hundredth of a second."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+import traceback
+import types
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass
+class Command:
+    """A command that runs in a session of its own; what it prints goes to files of ``logs``."""
+
+    pid: int
+    logs: Path
+    code: int | None = None
+
+    def ended(self, seconds: float) -> bool:
+        """Wait for its end; whether it came in time. Signals are negative codes."""
+        ends = time.monotonic() + seconds
+        while self.code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self.code = os.waitstatus_to_exitcode(status)
+            elif time.monotonic() > ends:
+                return False
+            else:
+                time.sleep(0.002)
+        return True
+
+    def worked(self) -> float:
+        """Seconds of the processor that it has used, without its children."""
+        try:
+            words = Path(f"/proc/{self.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            return 0.0
+        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+    def alone(self, seconds: float) -> bool:
+        """Whether nothing of its session is left, at the latest after some seconds; what is left is killed."""
+        ends = time.monotonic() + seconds
+        while time.monotonic() < ends:
+            try:
+                os.killpg(self.pid, 0)
+            except ProcessLookupError:
+                return True
+            time.sleep(0.01)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        return False
+
+    def kill(self) -> None:
+        """Kill it alone, as the system does that is short of memory, and bury it."""
+        os.kill(self.pid, signal.SIGKILL)
+        self.ended(60.0)
+
+    @property
+    def stdout(self) -> str:
+        return (self.logs / "stdout").read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def stderr(self) -> str:
+        return (self.logs / "stderr").read_text(encoding="utf-8", errors="replace")
+
+
+def started(
+    words: list[str], folder: Path, logs: Path, stdin: Path | str = os.devnull, closed: tuple[int, ...] = ()
+) -> Command:
+    """Start a command in a folder, with standard streams (0 to 2) closed where they are named."""
+    logs.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: none of ours holds a lock
+        child = os.fork()
+    if child:
+        return Command(child, logs)
+    code = 70
+    try:
+        code = _run(words, folder, logs, stdin, closed)
+    finally:
+        os._exit(code)
+
+
+def _run(words: list[str], folder: Path, logs: Path, stdin: Path | str, closed: tuple[int, ...]) -> int:
+    os.setsid()
+    os.chdir(folder)
+    places = (stdin, os.O_RDONLY), (logs / "stdout", os.O_WRONLY), (logs / "stderr", os.O_WRONLY)
+    for number, (place, mode) in enumerate(places):
+        made = 0 if number == 0 else os.O_CREAT | os.O_TRUNC
+        os.dup2(os.open(place, mode | made, 0o600), number)
+    names = ("stdin", "stdout", "stderr")
+    for number in closed:
+        os.close(number)
+    for number, name in enumerate(names):
+        stream = None if number in closed else open(number, "r" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
+        setattr(sys, name, stream)
+    sys.argv = ["rootmatch", *words]
+    sys.modules["__main__"] = types.ModuleType("__main__")  # workers need not import that of the tests
+    from rootmatch.cli import main
+
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        main()
+    except SystemExit as end:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has ended; what comes now is late
+        code = end.code if isinstance(end.code, int) else 0
+    except BaseException:
+        with open(logs / "stderr", "a", encoding="utf-8") as file:
+            traceback.print_exc(file=file)
+        return 71
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.flush()
+    return code or 0
