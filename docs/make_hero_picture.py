@@ -30,7 +30,7 @@ NOISE = 0.3
 AXIS = 50.0
 """Length of the drawn axes in millimetres: two squares."""
 SEEN, FOUND, LOST = "#ffb000", "#00e08a", "#ff4f6d"
-X_RANGE, Y_RANGE = (0.0, 600.0), (478.0, 28.0)
+X_RANGE, Y_RANGE = (0.0, 600.0), (478.0, 2.0)
 """The part of the photograph that is shown, in pixels."""
 
 
@@ -58,7 +58,8 @@ def intrinsics() -> np.ndarray:
 def panel(axes: Axes, image: np.ndarray, title: str) -> None:
     axes.imshow(image, cmap="gray", vmin=0, vmax=420, interpolation="bilinear")  # darkened, for the marks
     axes.set(xlim=X_RANGE, ylim=Y_RANGE, xticks=[], yticks=[])
-    axes.set_title(title, fontsize=13, loc="left", color="#202020")
+    box = {"facecolor": "black", "alpha": 0.75, "edgecolor": "none", "pad": 5}
+    axes.text(0.012, 0.975, title, transform=axes.transAxes, va="top", fontsize=14, color="white", bbox=box)
     for side in axes.spines.values():
         side.set_visible(False)
 
@@ -70,7 +71,7 @@ def free_places(points: np.ndarray, shown: np.ndarray, busy: np.ndarray) -> np.n
     places: list[np.ndarray] = []
     for i in shown:
         others = np.vstack([np.delete(points, i, axis=0), busy, *places]) if places else np.vstack([points, busy])
-        tried = np.vstack([points[i] + radius * ring for radius in (14.0, 17.0)])
+        tried = np.vstack([points[i] + radius * ring for radius in (17.0, 20.0)])
         gap = np.linalg.norm(tried[:, None] - others[None], axis=2).min(axis=1)
         places.append(tried[gap.argmax()][None])
     return np.vstack(places)
@@ -91,19 +92,20 @@ def main() -> None:
     pose = match.poses[0]
     print(f"{match.status.name}: {right} of {(truth >= 0).sum()} right, RMS {pose.rms:.2f} px")
 
-    figure, (given, found) = plt.subplots(1, 2, figsize=(13.0, 5.2))
-    figure.subplots_adjust(0.006, 0.012, 0.994, 0.935, wspace=0.014)
-    panel(given, image, f"In: {len(detections)} detections, {len(model)} points of a model, one camera")
-    given.scatter(*detections.T, s=62, facecolors="none", edgecolors=SEEN, linewidths=1.8)
+    figure, (given, found) = plt.subplots(1, 2, figsize=(13.0, 5.12))
+    figure.patch.set_alpha(0.0)
+    figure.subplots_adjust(0.0, 0.0, 1.0, 1.0, wspace=0.012)
+    panel(given, image, f"In: {len(detections)} detections, {len(model)} model points")
+    given.scatter(*detections.T, s=85, facecolors="none", edgecolors=SEEN, linewidths=2.2)
     plan = given.inset_axes((0.765, 0.02, 0.225, 0.30))
     plan.scatter(*model[:, :2].T, s=22, color=SEEN)
     plan.set(xticks=[], yticks=[], facecolor="#101418")
     plan.set_aspect("equal", adjustable="datalim")
     plan.margins(0.18)
     plan.invert_yaxis()
-    plan.set_title("the model, mm", fontsize=9, color="white", y=0.0, pad=3)
+    plan.set_title("the model, mm", fontsize=11, color="white", y=0.0, pad=3)
 
-    panel(found, image, f"Out: {right} of {len(model)} identified, {len(detections) - right} rejected, and the pose")
+    panel(found, image, f"Out: {right} of {len(model)} identified, and the pose")
     matched = match.assignment[match.assignment >= 0]
     clutter = np.setdiff1d(np.arange(len(detections)), matched)
     origin = model.mean(axis=0) * (1.0, 1.0, 0.0)
@@ -114,21 +116,21 @@ def main() -> None:
         arrow = {"arrowstyle": "-|>", "color": colour, "lw": 3, "shrinkA": 0, "shrinkB": 0}
         found.annotate("", tip, drawn[0], arrowprops=arrow)
         beyond = tip + 9.0 * (tip - drawn[0]) / np.linalg.norm(tip - drawn[0])
-        found.text(*beyond, name, color=colour, fontsize=13, weight="bold", ha="center", va="center")
-    found.scatter(*detections[clutter].T, s=46, marker="x", color=LOST, linewidths=1.8)
-    found.scatter(*detections[matched].T, s=62, facecolors="none", edgecolors=FOUND, linewidths=2.0)
+        found.text(*beyond, name, color=colour, fontsize=15, weight="bold", ha="center", va="center")
+    found.scatter(*detections[clutter].T, s=65, marker="x", color=LOST, linewidths=2.4)
+    found.scatter(*detections[matched].T, s=85, facecolors="none", edgecolors=FOUND, linewidths=2.4)
     lines = [np.linspace(drawn[0], tip, 8) for tip in drawn[1:]]
     busy = np.vstack([*lines, detections])
     shown = np.flatnonzero(match.assignment >= 0)
     for i, place in zip(shown, free_places(detections, match.assignment[shown], busy), strict=True):
-        found.text(*place, str(i), color="white", fontsize=11, weight="bold", ha="center", va="center")
-    figure.savefig(HERE / "hero.png", dpi=100, facecolor="white")
+        found.text(*place, str(i), color="white", fontsize=14, weight="bold", ha="center", va="center")
+    figure.savefig(HERE / "hero.png", dpi=100)
     _check_labels(found)
 
 
 def _check_labels(axes: Axes) -> None:
     """No two labels overlap."""
-    boxes = [text.get_window_extent() for text in axes.texts if text.get_text()]
+    boxes = [text.get_window_extent() for text in axes.texts if text.get_text() and text.get_bbox_patch() is None]
     clash = [1 for one, other in itertools.combinations(boxes, 2) if one.overlaps(other)]
     if clash:
         raise SystemExit(f"{len(clash)} labels overlap")
