@@ -32,7 +32,7 @@ def measured(n: int, n_target: int, most: int) -> dict[str, float]:
     seconds = time.perf_counter() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return {
-        "hyperedges": float(found.hyperedges),
+        "hyperedges": float(found.evaluated),
         "kept": float(found.tensor.size),
         "accuracy": float((found.assignment == scene.truth).mean()),
         "seconds": seconds,

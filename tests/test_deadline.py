@@ -224,7 +224,7 @@ tasks = {
     "guided": (ball, second, rm.P3P(camera)),
 }
 source, target, problem = tasks[sys.argv[1]]
-rm.match(source[:8], target[:9], problem, hyperedges="guided", max_seconds=1.0)  # what is needed is compiled
+rm.match(source[:8], target[:9], problem, sampler="guided", max_seconds=1.0)  # what is needed is compiled
 print("compiled", flush=True)
 try:
     rm.match(source, target, problem)

@@ -6,13 +6,13 @@ import itertools
 
 import numpy as np
 import pytest
-from rootmatch.pipeline.point_set_decision import model_of
-from rootmatch.pipeline.task import MatchingTask
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 
 import rootmatch as rm
+from rootmatch.explain.point_set_decision import model_of
+from rootmatch.explain.task import MatchingTask
 from rootmatch.model.point_set_model import NOISE_FREEDOM, PointSetModel
 from rootmatch.model.point_set_posterior import PRESENT, posterior
 from rootmatch.model.self_motion import exactly_symmetric

@@ -42,7 +42,7 @@ SYMMETRIC = 48
 """Most pairs of hypotheses that are looked at so. A round value."""
 SHARED = 0.5
 """Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value, as in
-`rootmatch.pipeline.confidence`."""
+`rootmatch.explain.confidence`."""
 
 
 @dataclass(frozen=True, eq=False)

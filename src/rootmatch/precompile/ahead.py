@@ -15,14 +15,14 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.backends.strongest import Progress
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
+from rootmatch.explain.validation import check_problem
 from rootmatch.matcher import Matcher
-from rootmatch.pipeline.validation import check_problem
 from rootmatch.precompile.scenes import Sample, sample
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.sampler import Guided
-from rootmatch.tracker import Tracker
+from rootmatch.tracking.tracker import Tracker
 
 Floats = NDArray[np.float64]
 Step = Callable[[], object]
@@ -117,7 +117,7 @@ def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     half = ball[:5] * [0.8, 1.0, 1.0] + [0.5, 0.0, 0.0]
     clone = np.concatenate([half, half * [-1.0, 1.0, -1.0], ball[5:7]])
-    of_points = {key: options[key] for key in ("normals", "view_angle", "bodies") if key in options}
+    of_points: dict[str, Any] = {key: options[key] for key in ("normals", "view_angle", "bodies") if key in options}
     others = {key: value for key, value in options.items() if key not in of_points}
     bodies = [Body(ball[:7], others), Body(clone, others), Body(ball, others)]
     if source is None or "normals" in of_points:
@@ -197,9 +197,12 @@ class _View:
                 pixels = places / places[:, 2:] if self.of_rays else camera.project(places)
             known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
             noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
-            around = [known.min(axis=0) - 9 * self.sigma, known.max(axis=0) + 9 * self.sigma] if len(known) else None
-            many = (0 if around is None else clutter, pixels.shape[1])
-            rows.append(np.concatenate([noisy, rng.uniform(*(around or (0.0, 1.0)), many)]))
+            around = np.zeros((0, pixels.shape[1]))
+            if len(known):
+                edge = 9 * self.sigma
+                low, high = known.min(axis=0) - edge, known.max(axis=0) + edge
+                around = rng.uniform(low, high, (clutter, pixels.shape[1]))
+            rows.append(np.concatenate([noisy, around]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
         if self.of_rays:
