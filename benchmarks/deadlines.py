@@ -50,7 +50,7 @@ COMPILING = 4
 LIMITS = (0.05, 0.1, 0.3, 1.0)
 """Seconds allowed."""
 MOST_POINTS = 3000
-SAMPLER, GUIDED = "hyperedges", {"hyperedges": "guided"}
+SAMPLER, GUIDED = "sampler", {"sampler": "guided"}
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 NOISE = 0.5
 Scene = dict[str, Any]
@@ -267,7 +267,7 @@ def worker() -> None:
                     compiled += 1
                     continue
                 taken.append(spent)
-            row |= {"status": found.status.name, "limited": found.limited}
+            row |= {"status": found.status.name, "stopped_early": found.stopped_early}
         except rm.RootmatchError as error:
             taken, row["refused"] = [time.perf_counter() - started], str(error)
         print(json.dumps({"row": {**row, "taken": min(taken), "turns": len(taken)}}), flush=True)

@@ -135,7 +135,7 @@ def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatc
     (result,) = frames._matched(pickle.dumps(job), (Frame(0, frame(0)[0], np.arange(9)),))
     assert loaded
     assert result[1] == "matched"
-    assert not result[3]["limited"]
+    assert not result[3]["stopped_early"]
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")

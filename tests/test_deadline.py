@@ -83,7 +83,7 @@ def test_work_inside_a_deadline_ends_when_it_passes() -> None:
             done.append(k)
             clock.now += 0.4
     assert done == [0, 1, 2]
-    assert deadline.limited
+    assert deadline.stopped_early
     assert in_force() is NEVER
     with deadline.enforced(), pytest.raises(OutOfTime):
         checkpoint()
@@ -92,7 +92,7 @@ def test_work_inside_a_deadline_ends_when_it_passes() -> None:
         checkpoint(5.0)
         with pytest.raises(OutOfTime):
             checkpoint(11.0)  # would take longer than is left
-    assert soon.limited
+    assert soon.stopped_early
     checkpoint(1e9)  # no deadline is in force
     late = deadline.with_grace()
     assert 0.0 < late.ends - deadline.ends < 0.1

@@ -234,7 +234,7 @@ def test_unrelated_sets_are_not_trusted(problem: rm.Similarity, size: int) -> No
         assert np.all(match.confidence[match.assignment >= 0] < 0.9)
 
 
-@pytest.mark.parametrize("option", [{}, {"hyperedges": "exhaustive"}, {"solver": "hgm"}, {"hyperedges": "guided"}])
+@pytest.mark.parametrize("option", [{}, {"sampler": "exhaustive"}, {"solver": "hgm"}, {"sampler": "guided"}])
 def test_four_of_six_points_among_strays_by_any_method(option: dict[str, str]) -> None:
     source = np.random.default_rng(8).uniform(-60.0, 60.0, (6, 3))
     for seed in range(3):

@@ -54,7 +54,7 @@ def flight(body, normals=None):
         clutter = 25 if k in (14, 22) else 4 if k >= 20 else 2
         pixels = camera.project(places[shown]) + rng.normal(0.0, 0.3, (len(shown), 2))
         target = np.concatenate([pixels, rng.uniform((0.0, 0.0), (640.0, 480.0), (clutter, 2))])
-        found = tracker.match(target[rng.permutation(len(target))])
+        found = tracker.update(target[rng.permutation(len(target))])
         _ = found.score, found.confidence, found.pose, found.alternatives
         if k == 18:
             tracker.reset()

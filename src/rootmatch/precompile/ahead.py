@@ -134,7 +134,7 @@ def _searched(problem: Problem, body: Body) -> None:
     view = _View(problem, body.points)
     n = len(body.points)
     for shown, clutter in ((n, 2), (n, 60)) if n > SMALL else ((n, 2), (6, 1), (n, 60)):
-        options = {"hyperedges": Guided(budget=BUDGET), **body.options} if clutter > 2 else body.options
+        options = {"sampler": Guided(budget=BUDGET), **body.options} if clutter > 2 else body.options
         matcher = Matcher(body.points, problem, noise=view.sigma, **options)
         found = matcher.match(view.frame(0, shown, clutter))
         _ = found.score, found.confidence, found.pose
@@ -143,18 +143,18 @@ def _searched(problem: Problem, body: Body) -> None:
 def _flown(problem: Problem, body: Body) -> None:
     """A flight with every kind of loss."""
     view, n = _View(problem, body.points), len(body.points)
-    tracker = Tracker(body.points, problem, noise=view.sigma, **{"hyperedges": Guided(budget=BUDGET), **body.options})
+    tracker = Tracker(body.points, problem, noise=view.sigma, **{"sampler": Guided(budget=BUDGET), **body.options})
     kinds = [(0, n, 2), (1, n, 2), (2, n, 2), (3, 4, 1), (4, 3, 0), (5, 0, 3), (6, 0, 3), (7, n, 30)]
     kinds += [(100 + k, n, 4) for k in range(4)]  # as if it had jumped
     kinds += [(104 + k, max(n // 2, 4), 25) for k in range(4)]
     for number, shown, clutter in kinds:
-        found = tracker.match(view.frame(number, shown, clutter))
+        found = tracker.update(view.frame(number, shown, clutter))
         _ = found.confidence, found.pose
     if "bodies" not in body.options:
         wrong = Pose(view.R, view.t + 0.5 * view.radius, 1e-4 * np.eye(6))
-        tracker.match(view.frame(108, n, 4), prior=wrong)
+        tracker.update(view.frame(108, n, 4), prior=wrong)
     tracker.reset()
-    tracker.match(view.frame(200, max(n // 2, 4), 8))
+    tracker.update(view.frame(200, max(n // 2, 4), 8))
 
 
 class _View:
