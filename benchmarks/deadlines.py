@@ -178,7 +178,7 @@ ABSOLUTE: dict[str, Feature] = {
     "normals guided": lambda rng, made: normals(rng, made) | GUIDED,
     "normals bodies": lambda rng, made: normals(rng, made) | bodies(rng, made),
     "normals candidates": lambda rng, made: normals(rng, made) | candidates(rng, made),
-    "detection": lambda rng, made: normals(rng, made) | {"view_angle": 70.0},
+    "detection": lambda rng, made: normals(rng, made) | {"view_angle": np.radians(70.0)},
     "prior": prior,
     "prior normals": lambda rng, made: prior(rng, made) | normals(rng, made),
     "bodies": bodies,

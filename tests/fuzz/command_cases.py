@@ -162,7 +162,7 @@ def simpler(recipe: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def warm() -> None:
     """Load in this process what its children would each load again."""
     import rootmatch as rm
-    from rootmatch import tracker  # noqa: F401
+    from rootmatch.tracking import tracker  # noqa: F401
     from rootmatch.cli import app  # noqa: F401
     from rootmatch.io import point_files  # noqa: F401
 
