@@ -12,8 +12,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.image_density import normal_density
 from rootmatch.explain.predicted_assignment import with_vertical
-from rootmatch.explain.predicted_likelihood import PriorFrame, normal_density
+from rootmatch.explain.predicted_likelihood import PriorFrame
 from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)

@@ -162,9 +162,9 @@ def simpler(recipe: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def warm() -> None:
     """Load in this process what its children would each load again."""
     import rootmatch as rm
-    from rootmatch.tracking import tracker  # noqa: F401
     from rootmatch.cli import app  # noqa: F401
     from rootmatch.io import point_files  # noqa: F401
+    from rootmatch.tracking import tracker  # noqa: F401
 
     camera = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
     for problem in (rm.P3P(camera), rm.UP2P(camera)):

@@ -21,16 +21,16 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.assessment import fits
 from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
-from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.predicted_pose import direct_match, judged_by_prediction
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
-from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.samplers.guided.sampler import pays
 
 Integers = NDArray[np.int64]
@@ -110,9 +110,9 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
     with suppress(OutOfTime):
         _match_each(task, bodies, solve, options)
     for body in bodies:
-        if body.match is None:
-            body.match = nothing_found(task.body(body.number), LATE)
-    return _joined(task, bodies, sum(body.evaluated for body in bodies))
+        body.match = body.match or nothing_found(task.body(body.number), LATE)
+    found = [(body.label, body.points, body.match) for body in bodies if body.match is not None]
+    return joined(task, found, sum(body.evaluated for body in bodies))
 
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
@@ -162,7 +162,7 @@ def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: flo
     found = direct_match(sub)
     if found is None:
         return
-    body.match = _widened(found, part, columns)
+    body.match = among_all(found, part, columns)
     if found.status is Status.MATCHED and (found.probability or 0.0) >= sure:
         body.settled = True
         free[body.detections] = False
@@ -196,7 +196,7 @@ def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, s
         return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
     # a rig has a budget for each camera
     ended = not found.converged if of_rig else found.evaluated >= budget
-    return _widened(found, part, columns), bounded and ended
+    return among_all(found, part, columns), bounded and ended
 
 
 def _keep_trusted(body: _Body, before: Finding | None) -> None:
@@ -305,64 +305,3 @@ def _evidence(task: MatchingTask, body: _Body) -> float:
         return -math.inf
     found = ranked(own, [body.match.assignment], AS_GIVEN).beyond_chance
     return found if math.isfinite(found) else -math.inf
-
-
-def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Finding:
-    """The finding of all bodies: the sum of their scores, the lead of the least sure one."""
-    n, n_target = task.shape
-    assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    soft = np.zeros((n, n_target))
-    indices, weights = [], []
-    parts: dict[Label, Finding] = {}
-    for k, body in enumerate(bodies):
-        found = body.match
-        assert found is not None
-        parts[body.label] = found
-        assignment[body.points] = found.assignment
-        labels[body.points] = np.where(found.assignment >= 0, k, -1)
-        soft[body.points] = found.soft_assignment
-        i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
-        indices.append((body.points[i] * n_target + j).astype(np.int32))
-        weights.append(np.asarray(found.tensor.weights))
-    every = list(parts.values())
-    return Finding(
-        task=task,
-        assignment=assignment,
-        others=[],
-        facts=Facts(lead=min(found.margin for found in every)),
-        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
-        scores=[_total([found.every_score[0] for found in every])],
-        soft=soft,
-        labels=labels,
-        converged=all(found.converged for found in every),
-        evaluated=evaluated,
-        parts=parts,
-    )
-
-
-def _total(scores: list[float]) -> float:
-    """The sum of the scores that are known; NaN if none is."""
-    known = [score for score in scores if not math.isnan(score)]
-    return sum(known) if known else math.nan
-
-
-def _widened(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
-    """A finding among some detections as one among all of them."""
-    n, n_target = task.shape
-    i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
-    indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
-    soft = np.zeros((n, n_target))
-    soft[:, columns] = found.soft_assignment
-
-    def of_all(assignment: Integers) -> Integers:
-        return np.where(assignment >= 0, columns[assignment], -1)
-
-    return replace(
-        found,
-        task=replace(task, noise=found.task.noise),
-        assignment=of_all(found.assignment),
-        others=[of_all(other) for other in found.others],
-        scores=found.every_score,
-        soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.weights),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -46,3 +47,24 @@ def crowded_density(target: Floats, sigma: float, area: float, images: Sequence[
         if len(own) >= FEW:
             density[own] = local_density(np.ascontiguousarray(target[own].T), sigma)
     return density
+
+
+def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> Floats:
+    """Density per pixel² (…, n, n') of detections (n', 2) about predictions (…, n, 2) with covariances (…, n, 2, 2)."""
+    squared, determinant = squared_deviations(target, variance, pixels, spread)
+    return np.asarray(np.exp(-0.5 * squared) / (2.0 * math.pi * np.sqrt(determinant)))
+
+
+def squared_deviations(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """χ² and determinant of spread + variance · 1, in terms that are none of them negative.
+
+    A spread of rank one, far wider than the variance, has a determinant of rounding alone, of either sign.
+    """
+    x = target[:, 0] - pixels[..., 0, None]
+    y = target[:, 1] - pixels[..., 1, None]
+    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
+    b = spread[..., 0, 1, None]
+    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
+    x2, y2 = x * x, y * y
+    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
+    return (across + variance * (x2 + y2)) / determinant, determinant

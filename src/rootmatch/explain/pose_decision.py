@@ -7,10 +7,10 @@ Where anything is in doubt the tensor is made, and solved or assessed as that of
 
 from __future__ import annotations
 
+from rootmatch.explain.agreement import hyperedges_agree
 from rootmatch.explain.assessment import (
     does_not_fit,
     fits,
-    hyperedges_agree,
     point_by_point,
     sure_beyond_chance,
 )

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
-from rootmatch.explain.predicted_likelihood import Floats, Integers, PriorFit, PriorFrame, Projected, normal_density
+from rootmatch.explain.image_density import normal_density
+from rootmatch.explain.predicted_likelihood import Floats, Integers, PriorFit, PriorFrame, Projected
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.options import Options, option

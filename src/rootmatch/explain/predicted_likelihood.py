@@ -14,7 +14,7 @@ from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
-from rootmatch.explain.image_density import clutter_area, crowded_density
+from rootmatch.explain.image_density import clutter_area, crowded_density, squared_deviations
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
@@ -175,12 +175,12 @@ class PriorFrame:
     def squared(self, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
         """χ² (n, n') of each detection about each prediction, and the determinants of their covariance."""
         if len(pixels) <= ROWS:
-            return _squared(self.target, self.variance, pixels, spread)
+            return squared_deviations(self.target, self.variance, pixels, spread)
         parts = []
         for first in range(0, len(pixels), ROWS):
             checkpoint()
             rows = slice(first, first + ROWS)
-            parts.append(_squared(self.target, self.variance, pixels[rows], spread[rows]))
+            parts.append(squared_deviations(self.target, self.variance, pixels[rows], spread[rows]))
         squared, determinant = (np.concatenate(part) for part in zip(*parts, strict=True))
         return squared, determinant
 
@@ -334,24 +334,3 @@ def unbiased_frame(task: MatchingTask, R: Floats, t: Floats, distance: float) ->
     """A frame whose prior says nothing; ``distance``: of the body, by which that is measured."""
     vague = np.diag(np.repeat([VAGUE_ANGLE, VAGUE_LENGTH * distance], 3) ** 2)
     return PriorFrame(task, Pose.unchecked(R, t, vague))
-
-
-def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> Floats:
-    """Density per pixel² (…, n, n') of detections (n', 2) about predictions (…, n, 2) with covariances (…, n, 2, 2)."""
-    squared, determinant = _squared(target, variance, pixels, spread)
-    return np.asarray(np.exp(-0.5 * squared) / (2.0 * math.pi * np.sqrt(determinant)))
-
-
-def _squared(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
-    """χ² and determinant of spread + variance · 1, in terms that are none of them negative.
-
-    A spread of rank one, far wider than the variance, has a determinant of rounding alone, of either sign.
-    """
-    x = target[:, 0] - pixels[..., 0, None]
-    y = target[:, 1] - pixels[..., 1, None]
-    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
-    b = spread[..., 0, 1, None]
-    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
-    x2, y2 = x * x, y * y
-    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
-    return (across + variance * (x2 + y2)) / determinant, determinant

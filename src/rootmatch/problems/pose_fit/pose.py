@@ -133,9 +133,8 @@ class Pose:
     @property
     def matrix(self) -> Floats:
         """The homogeneous matrix (k + 1, k + 1): [[scale · R, t], [0, 1]]."""
-        k = len(self.R)
-        matrix = np.eye(k + 1)
-        matrix[:k, :k], matrix[:k, k] = self.scale * self.R, self.t
+        matrix = np.eye(len(self.R) + 1)
+        matrix[:-1, :-1], matrix[:-1, -1] = self.scale * self.R, self.t
         return matrix
 
     @property
@@ -166,9 +165,7 @@ class Pose:
         if self.covariance is not None:
             k, turns = len(self.R), _turns(len(self.R))
             jacobian = np.eye(len(self.covariance))
-            jacobian[:turns, :turns] = -self.R.T if turns == 3 else -1.0
-            if self.mirrored:
-                jacobian[:turns, :turns] *= -1.0
+            jacobian[:turns, :turns] = (1.0 if self.mirrored else -1.0) * (self.R.T if turns == 3 else 1.0)
             jacobian[turns : turns + k, :turns] = back @ _turned(self.t)
             jacobian[turns : turns + k, turns : turns + k] = -back
             if self._scale_is_estimated:

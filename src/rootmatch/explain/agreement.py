@@ -1,0 +1,70 @@
+"""Whether the hyper-edges of an assignment agree: its score by them alone, and the points that they support."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import cpu
+from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.explain.decide import TRUST
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.support import drop_unsupported, scores_of
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.base import Alternatives
+
+SUPPORTED = 0.5
+"""Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
+
+
+def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) -> list[float]:
+    """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
+    alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
+    return [float(value) for value in scores_of(alone, np.array(assignments))]
+
+
+def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
+    """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
+    sampling = task.sampling_task
+    ordered = assignment[task.permutation]
+    matched = np.flatnonzero(ordered >= 0)
+    if len(matched) < sampling.order:
+        return False
+    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
+    residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
+    return bool((residuals <= sampling.affinity.gate).any())
+
+
+def supported(
+    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
+) -> tuple[NDArray[np.int64], float, Alternatives]:
+    """Assignments without the points that nothing supports, distinct, best first; those in time for the deadline."""
+    candidates = np.array([assignment, *(other for other, _ in alternatives)])
+    pace = Pace(deadline.part(SUPPORTED))
+    # the first one whatever the time
+    parts = [_supported(candidates[:1], tensor)] if deadline.is_set else []
+    done = len(parts)
+    while done < len(candidates) and (few := pace.block(len(candidates) - done)):
+        parts.append(_supported(candidates[done : done + few], tensor))
+        done += few
+    kept = np.concatenate([part[0] for part in parts])
+    scores = np.concatenate([part[1] for part in parts])
+    distinct = {one.tobytes(): (one, float(value)) for one, value in zip(kept, scores, strict=True)}
+    ranked = sorted(distinct.values(), key=lambda pair: -pair[1])
+    (best, score), rest = ranked[0], ranked[1:]
+    # an assignment that merely leaves some of the points out is not a different one
+    different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
+    return best, score, different
+
+
+def _supported(candidates: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Assignments (K, n) without the points that nothing supports, and their scores (K,)."""
+    kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
+    matched = (kept >= 0).sum(axis=1)
+    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
+    if last.any():
+        more, more_scores = drop_unsupported(tensor, candidates, TRUST.last_support)
+        kept[last], scores[last] = more[last], more_scores[last]
+    return kept, scores

@@ -1,0 +1,76 @@
+"""Findings of several bodies: of one among some detections as one among all, and of all of them as one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Facts
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.tensor import AffinityTensor
+
+Integers = NDArray[np.int64]
+
+
+def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], evaluated: int) -> Finding:
+    """The finding of all bodies: the sum of their scores, the lead of the least sure one."""
+    n, n_target = task.shape
+    assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    soft = np.zeros((n, n_target))
+    indices, weights = [], []
+    parts: dict[Label, Finding] = {}
+    for k, (label, points, found) in enumerate(bodies):
+        parts[label] = found
+        assignment[points] = found.assignment
+        labels[points] = np.where(found.assignment >= 0, k, -1)
+        soft[points] = found.soft_assignment
+        i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
+        indices.append((points[i] * n_target + j).astype(np.int32))
+        weights.append(np.asarray(found.tensor.weights))
+    every = list(parts.values())
+    return Finding(
+        task=task,
+        assignment=assignment,
+        others=[],
+        facts=Facts(lead=min(found.margin for found in every)),
+        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
+        scores=[_total([found.every_score[0] for found in every])],
+        soft=soft,
+        labels=labels,
+        converged=all(found.converged for found in every),
+        evaluated=evaluated,
+        parts=parts,
+    )
+
+
+def _total(scores: list[float]) -> float:
+    """The sum of the scores that are known; NaN if none is."""
+    known = [score for score in scores if not math.isnan(score)]
+    return sum(known) if known else math.nan
+
+
+def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+    """A finding among some detections as one among all of them."""
+    n, n_target = task.shape
+    i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
+    indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
+    soft = np.zeros((n, n_target))
+    soft[:, columns] = found.soft_assignment
+
+    def of_all(assignment: Integers) -> Integers:
+        return np.where(assignment >= 0, columns[assignment], -1)
+
+    return replace(
+        found,
+        task=replace(task, noise=found.task.noise),
+        assignment=of_all(found.assignment),
+        others=[of_all(other) for other in found.others],
+        scores=found.every_score,
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.weights),
+    )
