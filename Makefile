@@ -10,9 +10,11 @@ KERNELS := $(VENV)/numba-cache
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
+NUMERICS := $(BIN)/python -m pytest -n logical --maxprocesses 8 -m numerics \
+  $(patsubst %,tests/test_%.py,prior tracker resultants polynomial tensor invariants assignment)
 SOURCES := $(shell find src -name '*.py')
 
-.PHONY: help demo test fuzz torture smoke-oldest lint format docs clean
+.PHONY: help demo test fuzz torture smoke-oldest smoke-processors lint format docs clean
 
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
@@ -22,6 +24,7 @@ help:
 	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist; both checked"
 	@echo "make smoke-wheel  what the README shows, from that wheel in an environment of its own, compiling nothing"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
+	@echo "make smoke-processors  the tests of arithmetic as an old and a recent processor do it"
 	@echo "make lint    ruff, mypy and the import layers"
 	@echo "make docs    build the site into docs/_build/html, its examples run, warnings are errors"
 	@echo "make format  let ruff put the code in order"
@@ -57,6 +60,12 @@ smoke-wheel: wheel
 smoke-oldest: $(OLDEST)/made.stamp
 	@test ! -x $(OLDEST)/bin/python || NUMBA_CACHE_DIR=$(OLDEST)/numba-cache PYTHONPATH=src \
 	  $(OLDEST)/bin/python -m pytest -n logical --maxprocesses 8 -p no:cacheprovider tests/test_smoke.py
+
+# OpenBLAS has other kernels for each core type, and with them other signs of singular vectors and another last digit; Numba
+# without the processor's features fuses no products into sums. `pytest -m numerics` without files is all of it.
+smoke-processors: $(VENV)/dev.stamp
+	OPENBLAS_CORETYPE=Prescott NUMBA_CPU_NAME=generic $(NUMERICS)
+	OPENBLAS_CORETYPE=Haswell $(NUMERICS)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -228,6 +228,11 @@ def test_frames_in_order_from_a_pipe(folder: Path, tmp_path: Path) -> None:
     piped = run("track", folder / "model.csv", "-", *OPTIONS, text=(folder / "frames.csv").read_text())
     assert piped.exit_code == 0
     assert piped.stdout == poses.read_text()
+    assert "warning" not in result.stderr
+    slow = run(
+        "track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--rate", 0.5, "--poses", tmp_path / "b.csv"
+    )
+    assert "warning: the frames are 2 s apart at --rate 0.5; where frame is a time in milliseconds" in slow.stderr
 
 
 def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:

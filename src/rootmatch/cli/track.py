@@ -6,7 +6,9 @@ import csv
 import sys
 from collections import Counter
 from contextlib import ExitStack, closing
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any
 
 import typer
@@ -18,6 +20,9 @@ from rootmatch.cli.frames import FrameOutputs
 from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError, quoted
+
+FIRST_FRAMES, SLOW = 50, 1.0
+"""Frames whose steps are looked at, and seconds between two beyond which frame is hardly a number of one. Not tuned."""
 
 Frames = Annotated[
     Path,
@@ -106,6 +111,7 @@ def track(
     subjects = {name: flag(name) for name in (*options, "noise")}
     header = (*POSE_COLUMNS, *COVARIANCES)
     count: Counter[str] = Counter()
+    numbers: list[int] = []
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,
@@ -128,7 +134,23 @@ def track(
             if matches is not None:
                 matches.write(match_rows(frame.number, found, source))
             count.update(row[2] for row in rows)
+            if len(numbers) < FIRST_FRAMES:
+                numbers.append(frame.number)
+    _warn_of_slow_frames(numbers, rate)
     text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
     print(f"rootmatch: {text}", file=sys.stderr)
     if not count["matched"]:
         raise typer.Exit(NOT_TRUSTED)
+
+
+def _warn_of_slow_frames(numbers: list[int], rate: float) -> None:
+    """Say so where frames are seconds apart: their numbers are probably times in milliseconds."""
+    if len(numbers) < 2:
+        return
+    step = median(after - before for before, after in pairwise(numbers)) / rate
+    if step > SLOW:
+        print(
+            f"rootmatch: warning: the frames are {step:.3g} s apart at --rate {rate:g}; where frame is a time in "
+            "milliseconds, give --rate 1000",
+            file=sys.stderr,
+        )

@@ -26,6 +26,7 @@ SOLVERS: dict[str, Solver] = {
     "ascent": MultiStartAscent(),
     "power-l1": PowerIteration("l1"),
     "power-l1-balanced": PowerIteration("l1", normalise="smaller"),
+    "power-l1-start": PowerIteration("l1", bias=1.0),
     "power-dense": PowerIteration("l2"),
     "rrwhm": ReweightedWalk(),
     "rrwhm-published": ReweightedWalk(slack=False),
@@ -35,7 +36,8 @@ SOLVERS: dict[str, Solver] = {
 }
 """The common choices by name, with default options.
 
-``power-l1`` is the paper's, which normalises the rows; ``power-l1-balanced`` balances both sets where they are equal.
+``power-l1`` is the paper's, which normalises the rows; ``power-l1-balanced`` balances both sets where they are equal;
+``power-l1-start`` adds the start value to each iterate, as the published code of that solver does.
 ``rrwhm`` gives the larger set a slack line, ``rrwhm-published`` balances to equal sums as its authors' code does, and
 ``rrwhm-soft`` walks longer and jumps less (docs/hypergraph.md compares them).
 """

@@ -28,7 +28,8 @@ class ThreePlusOne(Problem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
     The unknown is x = tan(θ/2) of the rotation θ about the common direction that takes the first view to the second; it
-    belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second the target.
+    belongs to the cameras, so all triples share it (the paper has cos θ, see docs/reproduction.md). Pixels of the first
+    image are the source, of the second the target.
 
     Parameters
     ----------

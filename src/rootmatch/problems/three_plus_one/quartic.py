@@ -2,9 +2,9 @@
 
 Both images are rotated so that the common axis is y; then u = R(θ) q is a source bearing q in the second camera's
 frame. A correspondence q ↔ q' obeys n · t = 0 with n = u × q' and the baseline t, three of them
-D(θ) = det[n₁ n₂ n₃] = 0, and D(θ) = h(x) / (1 + x²)² with h a quartic in x = tan(θ/2) (Naroditsky et al. 2012; paper,
-section "3P1"). D is linear in the last bearing q', so all but five products per target depend on the other
-correspondences alone.
+D(θ) = det[n₁ n₂ n₃] = 0, and D(θ) = h(x) / (1 + x²)² with h a quartic in x = tan(θ/2); Naroditsky et al. (2012) and the
+paper, section "3P1", have a quartic in cos θ of the same determinant. D is linear in the last bearing q', so all but
+five products per target depend on the other correspondences alone.
 """
 
 from __future__ import annotations
