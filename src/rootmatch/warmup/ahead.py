@@ -117,7 +117,7 @@ def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     half = ball[:5] * [0.8, 1.0, 1.0] + [0.5, 0.0, 0.0]
     clone = np.concatenate([half, half * [-1.0, 1.0, -1.0], ball[5:7]])
-    of_points = {key: options[key] for key in ("normals", "view_angle", "bodies") if key in options}
+    of_points: dict[str, Any] = {key: options[key] for key in ("normals", "view_angle", "bodies") if key in options}
     others = {key: value for key, value in options.items() if key not in of_points}
     bodies = [Body(ball[:7], others), Body(clone, others), Body(ball, others)]
     if source is None or "normals" in of_points:
@@ -197,9 +197,10 @@ class _View:
                 pixels = places / places[:, 2:] if self.of_rays else camera.project(places)
             known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
             noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
-            around = [known.min(axis=0) - 9 * self.sigma, known.max(axis=0) + 9 * self.sigma] if len(known) else None
-            many = (0 if around is None else clutter, pixels.shape[1])
-            rows.append(np.concatenate([noisy, rng.uniform(*(around or (0.0, 1.0)), many)]))
+            low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
+            many = (clutter if len(known) else 0, pixels.shape[1])
+            more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
+            rows.append(np.concatenate([noisy, more]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
         if self.of_rays:
