@@ -10,7 +10,7 @@ from rootmatch.errors import InputError
 
 SECONDS_PER_ENTRY = 2e-8
 """To see whether a soft assignment is clear."""
-SECONDS_PER_STEP = 1.7e-9
+SECONDS_PER_STEP = 1e-8
 """Of the Hungarian method, with n² n' steps at the most, as soft assignments take that are a column times a row."""
 
 

@@ -15,14 +15,14 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.backends.strongest import Progress
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
-from rootmatch.explain.validation import check_problem
 from rootmatch.matcher import Matcher
-from rootmatch.precompile.scenes import Sample, sample
+from rootmatch.explain.validation import check_problem
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.tracking.tracker import Tracker
+from rootmatch.precompile.scenes import Sample, sample
 
 Floats = NDArray[np.float64]
 Step = Callable[[], object]
@@ -197,12 +197,10 @@ class _View:
                 pixels = places / places[:, 2:] if self.of_rays else camera.project(places)
             known = pixels[np.isfinite(pixels).all(axis=1) & camera.sees(places)]
             noisy = pixels[seen] + self.sigma * rng.normal(size=(len(seen), pixels.shape[1]))
-            around = np.zeros((0, pixels.shape[1]))
-            if len(known):
-                edge = 9 * self.sigma
-                low, high = known.min(axis=0) - edge, known.max(axis=0) + edge
-                around = rng.uniform(low, high, (clutter, pixels.shape[1]))
-            rows.append(np.concatenate([noisy, around]))
+            low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else np.zeros((2, pixels.shape[1]))
+            many = (clutter if len(known) else 0, pixels.shape[1])
+            more = rng.uniform(low - 9 * self.sigma, high + 9 * self.sigma, many)
+            rows.append(np.concatenate([noisy, more]))
             index.append(np.full(len(rows[-1]), k))
         target = np.concatenate(rows)
         if self.of_rays:
