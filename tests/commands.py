@@ -36,12 +36,13 @@ class Command:
         return True
 
     def worked(self) -> float:
-        """Seconds of the processor that it has used, without its children."""
-        try:
-            words = Path(f"/proc/{self.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            return 0.0
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+        """Seconds of the processor that it and its children have used; 0 where there is no /proc."""
+        ticks = 0
+        for pid in (self.pid, *descendants(self.pid)):
+            with contextlib.suppress(OSError):
+                words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+                ticks += int(words[11]) + int(words[12])
+        return ticks / os.sysconf("SC_CLK_TCK")
 
     def alone(self, seconds: float) -> bool:
         """Whether nothing of its session is left, at the latest after some seconds; what is left is killed."""
@@ -68,6 +69,15 @@ class Command:
     @property
     def stderr(self) -> str:
         return (self.logs / "stderr").read_text(encoding="utf-8", errors="replace")
+
+
+def descendants(pid: int) -> list[int]:
+    """Children of a process, and theirs."""
+    found: list[int] = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            found += map(int, path.read_text().split())
+    return found + [one for child in found for one in descendants(child)]
 
 
 def started(

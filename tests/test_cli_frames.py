@@ -20,6 +20,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch as rm
+from commands import descendants
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, read_frames
@@ -168,14 +169,6 @@ def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -
         assert time.monotonic() < deadline, "a process is left"
         time.sleep(0.1)
     assert {path.name for path in tmp_path.iterdir()} == {"many.csv", "m.csv", "m.csv.settings.json"}
-
-
-def descendants(pid: int) -> list[int]:
-    """Children of a process, and theirs."""
-    found = []
-    for path in Path(f"/proc/{pid}/task").glob("*/children"):
-        found += [int(word) for word in path.read_text().split()]
-    return found + [one for child in found for one in descendants(child)]
 
 
 def test_standard_input_closed_or_with_a_byte_order_mark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

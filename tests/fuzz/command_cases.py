@@ -42,7 +42,7 @@ def _table(header: str, rows: Any) -> bytes:
 
 INPUTS: dict[str, bytes] = {
     "model.csv": _table("x,y,z", _world.tolist()),
-    "bodies.csv": _table("body,x,y,z", [["ab"[k % 2], *point] for k, point in enumerate(_world.tolist() * 2)][:8]),
+    "bodies.csv": _table("body,x,y,z", [["ab"[k // 4], *_world[k % 6]] for k in range(8)]),
     "image.csv": _table("x,y", _image.tolist()),
     "frames.csv": _table("frame,x,y", [[k // 6, *_image[k % 6]] for k in range(18)]),
     "other.csv": FRAMES,

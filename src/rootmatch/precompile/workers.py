@@ -80,9 +80,14 @@ def _run(
     processes = [_started(command, environment) for _ in range(workers or min(os.cpu_count() or 1, MOST_WORKERS))]
     try:
         with ThreadPoolExecutor(len(processes)) as pool:
-            for failure in list(pool.map(lambda process: _served(process, waiting, finished), processes)):
-                if failure:
-                    raise RootmatchError(failure)
+            try:
+                failures = list(pool.map(lambda process: _served(process, waiting, finished), processes))
+            finally:  # Ctrl-C: the pool waits for its threads, and these for the workers
+                for process in processes:
+                    process.kill()
+        for failure in failures:
+            if failure:
+                raise RootmatchError(failure)
     finally:
         for process in processes:
             process.kill()
