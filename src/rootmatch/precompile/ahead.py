@@ -15,14 +15,14 @@ from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.backends.strongest import Progress
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
-from rootmatch.matcher import Matcher
 from rootmatch.explain.validation import check_problem
+from rootmatch.matcher import Matcher
+from rootmatch.precompile.scenes import Sample, sample
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.tracking.tracker import Tracker
-from rootmatch.precompile.scenes import Sample, sample
 
 Floats = NDArray[np.float64]
 Step = Callable[[], object]
