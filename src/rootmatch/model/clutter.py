@@ -1,0 +1,92 @@
+"""Clutter: how densely it lies about each detection of an image, estimated from that image alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FEW = 3
+"""Detections from which an image tells its own area: fewer span none. By construction."""
+SCALES = 6
+"""Widths of crowds, each half as wide as the one before; the first is a quarter of the image. A round value."""
+PSEUDO = 1.0
+"""Detections that each share of the mixture is given beforehand; the uniform share as many as all crowds together."""
+STEPS = 30
+"""Steps of expectation and maximisation. The shares hardly change after ten."""
+WHOLE = 3.0
+"""σ of the detections within which an extent is no smaller than the noise makes it. A round value."""
+
+
+def clutter_area(target: Floats, sigma: Floats, images: Sequence[Integers] = (), focal: float = 1.0) -> float:
+    """Area that clutter fills, in px², as n' uniform points tell it: their bounding box, corrected for being too small.
+
+    Parameters
+    ----------
+    target, sigma : (n', 2) and (n',) arrays
+        Detections with their σ.
+    images : sequence of int arrays
+        Which of them lie in each of several images; one that holds too few is as large as the others are in the mean.
+    focal : float
+        Mean focal length, whose square is the area of such an image if all hold too few: it is 50° wide.
+    """
+    if not images:
+        if len(target) == 0:
+            return focal**2
+        extent = np.maximum(np.ptp(target, axis=0), 2.0 * WHOLE * float(sigma.max()))
+        count = len(target)
+        return float(np.prod(extent)) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2
+    known = [clutter_area(target[own], sigma[own]) for own in images if len(own) >= FEW]
+    other = float(np.mean(known)) if known else focal**2
+    return sum(known) + other * sum(0 < len(own) < FEW for own in images)
+
+
+def clutter_density(target: Floats, sigma: Floats, area: float, images: Sequence[Integers] = ()) -> Floats:
+    """Probability density (n',) per px² of a clutter point at the place of each detection.
+
+    A mixture of a uniform density and of crowds of several widths about the other detections (a kernel estimate that
+    leaves the detection itself out). The shares are those under which the image is most probable, by expectation and
+    maximisation. Detections of the body crowd too, so that crowding as such is no evidence for a pose.
+
+    Parameters
+    ----------
+    target, sigma : (n', 2) and (n',) arrays
+    area : float
+        Of `clutter_area`.
+    images : sequence of int arrays
+        As there: detections crowd within an image.
+    """
+    count = len(target)
+    uniform = np.full(count, 1.0 / area)
+    if count < FEW:
+        return uniform
+    same = np.ones((count, count), np.bool_)
+    if images:
+        label = np.full(count, -1)
+        for k, own in enumerate(images):
+            label[own] = k
+        same = label[:, None] == label
+    np.fill_diagonal(same, False)
+    squared = ((target[:, None] - target) ** 2).sum(axis=2)
+    noise = sigma[:, None] ** 2 + sigma**2
+    width = math.sqrt(area) / 4.0
+    parts = [uniform]
+    for k in range(SCALES):
+        variance = (width * 0.5**k) ** 2 + noise
+        kernel = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
+        parts.append(kernel.sum(axis=1) / (count - 1))
+    densities = np.array(parts)
+    prior = np.full(len(parts), PSEUDO / SCALES)
+    prior[0] = PSEUDO
+    shares = prior / prior.sum()
+    for _ in range(STEPS):
+        responsible = shares[:, None] * densities
+        responsible /= responsible.sum(axis=0)
+        shares = responsible.sum(axis=1) + prior
+        shares /= shares.sum()
+    return np.asarray(shares @ densities)
