@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +48,50 @@ def clutter_area(target: Floats, sigma: Floats, images: Sequence[Integers] = (),
     return sum(known) + other * sum(0 < len(own) < FEW for own in images)
 
 
-def clutter_density(target: Floats, sigma: Floats, area: float, images: Sequence[Integers] = ()) -> Floats:
-    """Probability density (n',) per px² of a clutter point at the place of each detection.
+@dataclass(frozen=True, eq=False)
+class Clutter:
+    """How clutter lies in an image: uniformly, or in crowds about other detections.
 
-    A mixture of a uniform density and of crowds of several widths about the other detections (a kernel estimate that
-    leaves the detection itself out). The shares are those under which the image is most probable, by expectation and
-    maximisation. Detections of the body crowd too, so that crowding as such is no evidence for a pose.
+    A kernel estimate: a clutter point is anywhere in the image, or about another one with one of several widths. The
+    shares of these are those under which the image is most probable, each detection predicted by all others.
+    Detections of a body crowd too, so that crowding as such is no evidence for a pose.
+
+    Attributes
+    ----------
+    about : (n', n') float64
+        Density per px² of a member of a crowd at each detection if it crowds about another one; zero for itself.
+    uniform : float
+        Density per px² of a point that is anywhere.
+    alone : float
+        Share of those.
+    """
+
+    about: Floats
+    uniform: float
+    alone: float
+
+    @cached_property
+    def log_density(self) -> Floats:
+        """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
+        others = self.about.sum(axis=1) / max(len(self.about) - 1, 1)
+        return np.log(self.alone * self.uniform + others)
+
+    def log_first(self, taken: NDArray[np.bool_]) -> Floats:
+        """What the densities given all others owe to detections (K, n') that are taken away together, (K,).
+
+        Of a crowd that is taken whole, the first member was not to be expected there: it is given the rest alone, or
+        begins a crowd anywhere. Which of them came first does not matter, so that this is a mean.
+        """
+        rest = ~taken
+        left = rest.sum(axis=1, keepdims=True)
+        share = 1.0 - self.alone
+        density = self.alone * self.uniform + (rest @ self.about + share * self.uniform) / (left + 1.0)
+        owed = np.where(taken, self.log_density - np.log(density), 0.0)
+        return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
+
+
+def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Integers] = ()) -> Clutter:
+    """The clutter of an image.
 
     Parameters
     ----------
@@ -62,9 +102,8 @@ def clutter_density(target: Floats, sigma: Floats, area: float, images: Sequence
         As there: detections crowd within an image.
     """
     count = len(target)
-    uniform = np.full(count, 1.0 / area)
     if count < FEW:
-        return uniform
+        return Clutter(np.zeros((count, count)), 1.0 / area, 1.0)
     same = np.ones((count, count), np.bool_)
     if images:
         label = np.full(count, -1)
@@ -75,13 +114,12 @@ def clutter_density(target: Floats, sigma: Floats, area: float, images: Sequence
     squared = ((target[:, None] - target) ** 2).sum(axis=2)
     noise = sigma[:, None] ** 2 + sigma**2
     width = math.sqrt(area) / 4.0
-    parts = [uniform]
+    kernels = np.empty((SCALES, count, count))
     for k in range(SCALES):
         variance = (width * 0.5**k) ** 2 + noise
-        kernel = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
-        parts.append(kernel.sum(axis=1) / (count - 1))
-    densities = np.array(parts)
-    prior = np.full(len(parts), PSEUDO / SCALES)
+        kernels[k] = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
+    densities = np.concatenate([np.full((1, count), 1.0 / area), kernels.sum(axis=2) / (count - 1)])
+    prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO
     shares = prior / prior.sum()
     for _ in range(STEPS):
@@ -89,4 +127,4 @@ def clutter_density(target: Floats, sigma: Floats, area: float, images: Sequence
         responsible /= responsible.sum(axis=0)
         shares = responsible.sum(axis=1) + prior
         shares /= shares.sum()
-    return np.asarray(shares @ densities)
+    return Clutter(np.tensordot(shares[1:], kernels, 1), 1.0 / area, float(shares[0]))

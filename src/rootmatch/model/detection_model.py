@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
-from rootmatch.model.clutter import clutter_area, clutter_density
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.model.clutter import Clutter, clutter_area, clutter_of
 from rootmatch.model.pose_prior import Broad, PosePrior
 from rootmatch.model.visibility import facing, visible, within
 from rootmatch.options import Options, option
@@ -149,15 +150,20 @@ class DetectionModel:
 
     @cached_property
     def area(self) -> float:
-        """Area that clutter fills, px²."""
-        if self.size is not None:
-            return float(np.prod(self.size))
+        """Area in which clutter may lie, px²: that of the image, as its size or the camera's centre tells it."""
+        size = self.size
+        if size is None and isinstance(self.camera, Camera):
+            size = 2.0 * self.camera.cx, 2.0 * self.camera.cy
+            if not ((self.target >= 0.0) & (self.target <= size)).all():
+                size = None
+        if size is not None:
+            return float(np.prod(size))
         return clutter_area(self.target, self.sigma, self.images, self.camera.focal)
 
     @cached_property
-    def log_clutter(self) -> Floats:
-        """Logarithm (n',) of the probability density of a clutter point at each detection, per px²."""
-        return np.log(clutter_density(self.target, self.sigma, self.area, self.images))
+    def clutter(self) -> Clutter:
+        """How clutter lies in the image."""
+        return clutter_of(self.target, self.sigma, self.area, self.images)
 
     @cached_property
     def log_counts(self) -> Floats:

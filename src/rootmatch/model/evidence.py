@@ -76,8 +76,10 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
     freedom = np.maximum(2.0 * matches - (covariance * measured).sum(axis=(1, 2)), 0.0)
     tilt = np.sqrt(0.5 * np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
     visible = model.visibility(at, np.minimum(tilt, 1.0))
+    log_clutter = model.clutter.log_density[image]
     log_odds = (
-        np.where(used, _log_weights(model, assignments) - model.log_clutter[image] - LOG_2PI - log_spread, 0.0).sum(1)
+        np.where(used, _log_weights(model, assignments) - log_clutter - LOG_2PI - log_spread, 0.0).sum(axis=1)
+        + model.clutter.log_first(_taken(assignments, model.shape[1]))
         + model.log_counts[matches]
         + log_detected(model, used, visible)
         + log_scaled(squared, freedom, model.options.noise_freedom)
@@ -176,6 +178,13 @@ def _inverse(precision: Floats) -> tuple[Floats, Floats]:
     unit = unit + 1e-13 * np.eye(6)
     logarithm = np.linalg.slogdet(unit)[1] + 2.0 * np.log(scale).sum(axis=1)
     return np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None]), logarithm
+
+
+def _taken(assignments: Integers, count: int) -> NDArray[np.bool_]:
+    """Which of so many detections each assignment (K, n) takes, (K, n')."""
+    taken = np.zeros((len(assignments), count + 1), np.bool_)
+    taken[np.arange(len(assignments))[:, None], assignments] = True  # −1 is the last place
+    return taken[:, :count]
 
 
 def _log_weights(model: DetectionModel, assignments: Integers) -> Floats | float:

@@ -9,7 +9,7 @@ The probability of an assignment is never above that of its pose, nor above the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from rootmatch.options import Options, option
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LEAST = 3
+"""Matches of a mode: with fewer a pose is not determined, and a body that shows no more is not told from clutter."""
 IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
 
@@ -31,7 +33,7 @@ IMPOSSIBLE = -1e9
 class PosteriorOptions(Options):
     """Priors over the hypotheses as wholes, and how far their neighbourhoods are searched."""
 
-    present: float = option(0.95, above=0.0, most=1.0)
+    present: float = option(0.8, above=0.0, most=1.0)
     """Probability, before the image is seen, that it shows the body: that of one which somebody asks for."""
     wrong_model: float = option(1e-3, least=0.0, most=1.0)
     """Probability that nothing of the model holds (another body, a wrong calibration): no result is surer. A stated
@@ -86,6 +88,14 @@ class Modes:
     freedom: Floats
     visible: Floats
 
+    def take(self, which: Integers) -> Modes:
+        """Some of them."""
+        return Modes(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def and_(self, others: Modes) -> Modes:
+        """These and others."""
+        return Modes(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
@@ -122,6 +132,27 @@ class Posterior:
         first = modes.assignments[0]
         each = np.where(modes.assignments == first, modes.local, 0.0)
         return np.asarray(self.probabilities @ each + np.where(first < 0, self.clutter, 0.0))
+
+    def believed(self, min_probability: float, wrong: float = 0.01) -> Integers | None:
+        """The first assignment without the matches that are not sure, or None.
+
+        With its pose as probable as P, so many of its matches are kept, the surest first, that the expected number of
+        wrong ones is at most 1 − p / P for the least probability p, or a hundredth of the matches of a large one. None
+        if none can be kept.
+        """
+        if not len(self.probabilities):
+            return None
+        each, first = self.confidence, self.modes.assignments[0]
+        matched = np.flatnonzero(first >= 0)
+        order = matched[np.argsort(-each[matched], kind="stable")]
+        pose = float(each[order[0]])
+        if pose < min_probability:
+            return None
+        doubt = max(1.0 - min_probability / pose, wrong * len(matched))
+        kept = order[np.cumsum(1.0 - each[order] / pose) <= doubt]
+        out = np.full_like(first, -1)
+        out[kept] = first[kept]
+        return out
 
 
 def posterior(
@@ -163,7 +194,8 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
         return _empty(n)
     found, at = settled(model, *proposals)
     order = np.argsort(-found.log_odds, kind="stable")
-    order = order[np.isfinite(found.log_odds[order])]
+    enough = (proposals.assignments >= 0).sum(axis=1) >= LEAST
+    order = order[np.isfinite(found.log_odds[order]) & enough[order]]
     kept: list[_Mode] = []
     for k in order.tolist():
         highest = kept[0].log_odds if kept else -np.inf
@@ -290,14 +322,18 @@ def _first_order(
     chance = np.minimum(rate * mode.visible, 0.999)
     with np.errstate(divide="ignore"):
         shown = np.log(chance) - np.log1p(-chance)
-    gains = density + shown[:, None] - model.log_clutter + (model.log_counts[count] - model.log_counts[count - 1])
+    gains = density + shown[:, None] - model.clutter.log_density + (model.log_counts[count] - model.log_counts[count - 1])
     if model.log_weights is not None:
         gains = gains + model.log_weights
     possible = at.seen[0] if model.allowed is None else at.seen[0][:, None] & model.allowed
     gains = np.where(possible if possible.ndim == 2 else possible[:, None], gains, -np.inf)
     own = gains[np.flatnonzero(matched), assignment[matched]]
     gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    return likely_changes(assignment, gains, -options.negligible)
+    changes, change = likely_changes(assignment, gains, -options.negligible)
+    if count > LEAST:
+        return changes, change
+    smaller = (changes.target < 0) & (changes.other < 0)
+    return changes.take(~smaller), change[~smaller]
 
 
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:
