@@ -74,7 +74,7 @@ class Clutter:
     def log_density(self) -> Floats:
         """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
         others = self.about.sum(axis=1) / max(len(self.about) - 1, 1)
-        return np.log(self.alone * self.uniform + others)
+        return np.asarray(np.log(self.alone * self.uniform + others))
 
     def log_first(self, taken: NDArray[np.bool_]) -> Floats:
         """What the densities given all others owe to detections (K, n') that are taken away together, (K,).

@@ -71,7 +71,7 @@ def joint_posterior(
         known = (1.0 - (missed[k] if missed is not None else 0.0)) * (1.0 - options.wrong_model)
         each = known * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
         order = np.argsort(-each[:-1], kind="stable")
-        found.append(Posterior(modes.take(order), each[:-1][order], float(each[-1])))
+        found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found
 
 
@@ -106,7 +106,7 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
     part_of = modes.take(which)
     lost = Modes(
         assignments, part_of.rotation, part_of.position, found.covariance, found.log_odds,
-        found.log_odds + part_of.log_mass - part_of.log_odds, part_of.local, found.squared, found.freedom, found.visible,
+        found.log_odds + part_of.log_mass - part_of.log_odds, part_of.local, found.squared, found.freedom,
+        found.visible,
     )  # fmt: skip
     return modes.and_(lost.take(np.flatnonzero(usable)))
-

@@ -29,6 +29,7 @@ from rootmatch.options import Options, option
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+ANY_POSE = Broad()
 HIGHEST_RATE = 0.999
 """Of a detection rate that is given: beyond, one hidden point would refute a pose."""
 
@@ -127,7 +128,7 @@ class DetectionModel:
     view_cosine: Floats | None = None
     source_covariance: Floats | None = None
     rate: float | None = None
-    prior: PosePrior = Broad()
+    prior: PosePrior = ANY_POSE
     allowed: NDArray[np.bool_] | None = None
     log_weights: Floats | None = None
     size: tuple[float, float] | None = None
@@ -170,7 +171,7 @@ class DetectionModel:
         """Logarithm (n' + 1,) of the odds of 0, 1, 2 … clutter points fewer than detections, under Jeffreys' prior."""
         count = self.shape[1]
         left = np.array([math.lgamma(count - k + 0.5) for k in range(count + 1)])
-        return left - left[0]
+        return np.asarray(left - left[0])
 
     @cached_property
     def rates(self) -> tuple[Floats, Floats]:

@@ -125,7 +125,7 @@ def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats
 def log_scaled(squared: Floats, freedom: Floats, given: float) -> Floats:
     """Logarithm of ∫ IG(s²; ν/2, ν/2) s^(−f) e^(−Q/2s²) ds²: of a squared deviation whose unit is not quite known.
 
-    ``squared`` Q and ``freedom`` f (K,), ``given`` ν: residuals that the stated σ counts for; −Q/2 where it is infinite.
+    ``squared`` Q and ``freedom`` f (K,), ``given`` ν: residuals that the stated σ counts for; −Q/2 if it is infinite.
     """
     if math.isinf(given):
         return -0.5 * squared
@@ -135,7 +135,7 @@ def log_scaled(squared: Floats, freedom: Floats, given: float) -> Floats:
 
 
 def _log_gamma_ratio(a: float, b: Floats) -> Floats:
-    """log Γ(a + b) − log Γ(a), by Stirling's series: to 1e-6 from a = 2 on."""
+    """Log Γ(a + b) − log Γ(a), by Stirling's series: to 1e-6 from a = 2 on."""
 
     def series(x: Floats) -> Floats:
         return np.asarray((x - 0.5) * np.log(x) - x + 1.0 / (12.0 * x) - 1.0 / (360.0 * x**3))
@@ -172,7 +172,7 @@ def _whitened(
 
 
 def _inverse(precision: Floats) -> tuple[Floats, Floats]:
-    """Inverses and log-determinants of (K, 6, 6), scaled to a unit diagonal: angles and lengths have their own units."""
+    """Inverses and log-determinants of (K, 6, 6), scaled to a unit diagonal, as angles and lengths differ in unit."""
     scale = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
     unit = precision / (scale[:, :, None] * scale[:, None])
     unit = unit + 1e-13 * np.eye(6)

@@ -20,8 +20,8 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_vector
 Floats = NDArray[np.float64]
 
 FIELD = 2.0
-"""Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round value; a
-factor of two in it is 0.7 in the logarithm of the odds."""
+"""Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
+value; a factor of two in it is 0.7 in the logarithm of the odds."""
 DEPTHS = 100.0
 """Greatest over least distance of a body, each octave as probable. A round value; ten times as much is 0.4."""
 ROTATIONS = 8.0 * math.pi**2
@@ -46,7 +46,7 @@ class Terms(NamedTuple):
 
 
 class PosePrior(ABC):
-    """A density over rotations R (left perturbation ω, rad) and positions t of the body's centre in the camera frame."""
+    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
 
     @abstractmethod
     def terms(self, rotation: Floats, position: Floats) -> Terms:

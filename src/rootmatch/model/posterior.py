@@ -43,7 +43,8 @@ class PosteriorOptions(Options):
     rounds: int = option(6, least=0)
     """Changes by which a mode grows, at most. A round value."""
     weighed: int = option(32, least=1)
-    """Changes of a mode that are weighed with the pose that they lead to; the others count to first order. A round value."""
+    """Changes of a mode that are weighed with the pose that they lead to; the others count to first order. A round
+    value."""
     independent: int = option(9, least=1)
     """Matches from which changes of different points hardly move the pose, so that they are independent; with fewer,
     only single changes are summed. Two minimal sets beyond one: a round value."""
@@ -142,7 +143,8 @@ class Posterior:
         """
         if not len(self.probabilities):
             return None
-        each, first = self.confidence, self.modes.assignments[0]
+        each = self.confidence
+        first: Integers = self.modes.assignments[0]
         matched = np.flatnonzero(first >= 0)
         order = matched[np.argsort(-each[matched], kind="stable")]
         pose = float(each[order[0]])
@@ -150,7 +152,7 @@ class Posterior:
             return None
         doubt = max(1.0 - min_probability / pose, wrong * len(matched))
         kept = order[np.cumsum(1.0 - each[order] / pose) <= doubt]
-        out = np.full_like(first, -1)
+        out: Integers = np.full_like(first, -1)
         out[kept] = first[kept]
         return out
 
@@ -198,11 +200,12 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
     order = order[np.isfinite(found.log_odds[order]) & enough[order]]
     kept: list[_Mode] = []
     for k in order.tolist():
-        highest = kept[0].log_odds if kept else -np.inf
         mode = _Mode.of(proposals.assignments[k], found, at, k)
+        if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
+            break
         if any(_is_part(mode, other, options) for other in kept):
             continue
-        if len(kept) < options.grown and mode.log_odds > highest - 2.0 * options.negligible:
+        if len(kept) < options.grown:
             mode = _grown(model, mode, options)
             if any(_is_part(mode, other, options) for other in kept):
                 continue
@@ -245,7 +248,7 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
     if value is not None and mode.log_odds < value + 1.0:
         return True
     turn = other.rotation @ mode.rotation.T
-    cosine = 0.5 * (float(np.trace(turn)) - 1.0)
+    cosine = 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     if cosine < 0.5:
         return False
     vector = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
@@ -283,10 +286,10 @@ def _grown(model: DetectionModel, mode: _Mode, options: PosteriorOptions) -> _Mo
     total = by_point + np.bincount(changes.other[second], weights[second], len(mode.assignment))
     if np.count_nonzero(mode.assignment >= 0) >= options.independent:
         sums = float(np.log1p(by_point).sum())
-        mode.local = 1.0 / (1.0 + total)
+        mode.local = np.asarray(1.0 / (1.0 + total), np.float64)
     else:
         sums = math.log1p(float(by_point.sum()))
-        mode.local = 1.0 - total / (1.0 + float(by_point.sum()))
+        mode.local = np.asarray(1.0 - total / (1.0 + float(by_point.sum())), np.float64)
     mode.log_mass = mode.log_odds + sums
     return mode
 
@@ -322,7 +325,9 @@ def _first_order(
     chance = np.minimum(rate * mode.visible, 0.999)
     with np.errstate(divide="ignore"):
         shown = np.log(chance) - np.log1p(-chance)
-    gains = density + shown[:, None] - model.clutter.log_density + (model.log_counts[count] - model.log_counts[count - 1])
+    gains = (
+        density + shown[:, None] - model.clutter.log_density + (model.log_counts[count] - model.log_counts[count - 1])
+    )
     if model.log_weights is not None:
         gains = gains + model.log_weights
     possible = at.seen[0] if model.allowed is None else at.seen[0][:, None] & model.allowed

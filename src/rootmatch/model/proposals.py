@@ -14,8 +14,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FEW = 6
-"""Matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the others. A round
-value."""
+"""Matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the others. A
+round value."""
 
 
 class Proposals(NamedTuple):
@@ -30,12 +30,16 @@ class Proposals(NamedTuple):
 
     def take(self, which: Integers | NDArray[np.bool_]) -> Proposals:
         """Some of them."""
-        return Proposals(*(part[which] for part in self))
+        return Proposals(self.assignments[which], self.rotation[which], self.position[which])
 
 
 def joined(parts: list[Proposals]) -> Proposals:
     """All of several proposals."""
-    return Proposals(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return Proposals(
+        np.concatenate([part.assignments for part in parts]),
+        np.concatenate([part.rotation for part in parts]),
+        np.concatenate([part.position for part in parts]),
+    )
 
 
 def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
@@ -55,7 +59,7 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
     rays = model.camera.bearings(own.reshape(-1, 2)).reshape(-1, 3, 3)
     rotation, position = poses_of_triples(points, rays)
     rotation, position = rotation.reshape(-1, 3, 3), position.reshape(-1, 3)
-    whole = np.isfinite(position).all(axis=1)
+    whole = np.asarray(np.isfinite(position).all(axis=1))
     every = np.repeat(assignments, len(whole) // len(assignments), axis=0)
     return Proposals(every[whole], rotation[whole], position[whole])
 

@@ -23,7 +23,7 @@ LOGISTIC = 1.702
 def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Floats | None:
     """Cosines (…, n) between normals (n, 3) and the direction to the camera; NaN for a zero normal.
 
-    ``positions`` (…, n, 3) are as seen from the camera, ``rotation`` (…, 3, 3) is that of the pose. None without normals.
+    ``positions`` (…, n, 3) are as seen from the camera, ``rotation`` (…, 3, 3) is the pose's. None without normals.
     """
     if normals is None:
         return None
