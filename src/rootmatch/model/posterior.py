@@ -50,6 +50,9 @@ class PosteriorOptions(Options):
     only single changes are summed. Two minimal sets beyond one: a round value."""
     negligible: float = option(9.0, above=0.0)
     """Log-odds against a change, or a mode, at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
+    hopeless: float = option(30.0, above=0.0)
+    """Log-odds against a proposal, to first order about a pose that need not be fitted, at which it is not fitted. A
+    round value."""
     same_pose: float = option(5.0, above=0.0)
     """Standard deviations of the difference up to which two poses are one. A round value."""
 
@@ -194,10 +197,13 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
     n = model.shape[0]
     if not len(proposals.assignments):
         return _empty(n)
+    possible = _possible(model, proposals, options)
+    if not len(possible):
+        return _empty(n)
+    proposals = proposals.take(possible)
     found, at = settled(model, *proposals)
     order = np.argsort(-found.log_odds, kind="stable")
-    enough = (proposals.assignments >= 0).sum(axis=1) >= LEAST
-    order = order[np.isfinite(found.log_odds[order]) & enough[order]]
+    order = order[np.isfinite(found.log_odds[order])]
     kept: list[_Mode] = []
     for k in order.tolist():
         mode = _Mode.of(proposals.assignments[k], found, at, k)
@@ -205,7 +211,7 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
             break
         if any(_is_part(mode, other, options) for other in kept):
             continue
-        if len(kept) < options.grown:
+        if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
             mode = _grown(model, mode, options)
             if any(_is_part(mode, other, options) for other in kept):
                 continue
@@ -213,6 +219,16 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
         kept.append(mode)
         kept.sort(key=lambda one: -one.log_mass)
     return _as_arrays(kept, n)
+
+
+def _possible(model: DetectionModel, proposals: Proposals, options: PosteriorOptions) -> Integers:
+    """The proposals that may be worth a fit, by their evidence to first order about the poses as they are."""
+    (enough,) = np.nonzero((proposals.assignments >= 0).sum(axis=1) >= LEAST)
+    if not len(enough):
+        return enough
+    some = proposals.take(enough)
+    rough = evidence(model, some.assignments, model.linearised(some.rotation, some.position)).log_odds
+    return np.asarray(enough[rough > rough.max() - options.hopeless])
 
 
 @dataclass(eq=False)
