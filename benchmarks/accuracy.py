@@ -165,10 +165,10 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
     return Outcome(
         case.name, seed, accuracy, precision, float(np.array_equal(match.assignment, truth)),
         float(right(match.assignment, truth)), float(any(right(one, truth) for one in listed)),
-        adjusted_rand(match.motions, instance.labels) if "motions" in instance.options else NOTHING,
+        adjusted_rand(match.motion_labels, instance.labels) if "motions" in instance.options else NOTHING,
         NOTHING if instance.pose is None else own_accuracy(instance),
         match.status.name.lower(), match.margin,
-        NOTHING if match.probability is None else match.probability, match.seconds, float(match.hyperedges),
+        NOTHING if match.probability is None else match.probability, match.seconds, float(match.evaluated),
         point_by_point(match, truth),
         **({} if yardstick is None or case.yardstick == "none" else theirs(case, instance, seed, yardstick, patience)),
     )  # fmt: skip

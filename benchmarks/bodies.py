@@ -112,7 +112,7 @@ class Outcome:
 
 def outcomes(made: Scene, seed: int, normals: bool) -> tuple[list[Outcome], float]:
     """The bodies of one image, and the processor seconds that they took."""
-    options: dict[str, Any] = {"normals": made.normals, "view_angle": VIEW} if normals else {}
+    options: dict[str, Any] = {"normals": made.normals, "view_angle": np.radians(VIEW)} if normals else {}
     started = time.process_time()
     match = rm.match(
         made.source, made.target, rm.P3P(made.camera), noise=NOISE, bodies=made.labels, seed=seed, **options

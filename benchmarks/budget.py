@@ -26,13 +26,13 @@ FIRST_SEED = 20_000
 
 def kinds(seed: int) -> Iterator[tuple[str, Scene, dict[str, Any]]]:
     """Scenes of every sampler, solver and way to assess."""
-    yield "P3P 10 + 10, exhaustive", p3p_scene(10, 10, 1.0, seed), {"hyperedges": "exhaustive"}
+    yield "P3P 10 + 10, exhaustive", p3p_scene(10, 10, 1.0, seed), {"sampler": "exhaustive"}
     yield "P3P 20 + 20, guided", p3p_scene(20, 20, 1.0, seed), {}
     yield "P3P 50 + 50, guided", p3p_scene(50, 50, 1.0, seed), {}
     yield "P3P 20 against 40 unrelated", _unrelated(p3p_scene(20, 20, 1.0, seed), seed), {}
     yield "up2p 50 + 50, guided", up2p_scene(50, 50, 1.0, seed), {}
-    yield "up2p 30 + 30, exhaustive", up2p_scene(30, 30, 1.0, seed), {"hyperedges": "exhaustive"}
-    yield "up2p 20 + 20, random", up2p_scene(20, 20, 1.0, seed), {"hyperedges": "random", "samples": 2_000_000}
+    yield "up2p 30 + 30, exhaustive", up2p_scene(30, 30, 1.0, seed), {"sampler": "exhaustive"}
+    yield "up2p 20 + 20, random", up2p_scene(20, 20, 1.0, seed), {"sampler": "random", "samples": 2_000_000}
     yield "3P1 12 + 5, exhaustive", three_plus_one_scene(12, 5, 0.5, seed), {}
     yield "up2p, 8 motions of 5", up2p_scene(40, 0, 0.5, seed, motions=8), {"motions": "auto"}
     yield "P3P, 3 motions of 8", p3p_scene(24, 0, 0.5, seed, motions=3), {"motions": 3}
@@ -72,11 +72,11 @@ def main() -> None:
                 )
                 times.append(time.perf_counter() - started)
                 over_cpu += time.process_time() - worked > SLACK * limit + FIXED
-                limited += found.limited
+                limited += found.stopped_early
                 late += times[-1] > SLACK * limit + FIXED
                 matched = found.assignment >= 0
                 good = bool((found.assignment[matched] == scene.truth[matched]).all())
-                right += found.limited and good and matched.sum() >= 0.9 * (scene.truth >= 0).sum() > 0
+                right += found.stopped_early and good and matched.sum() >= 0.9 * (scene.truth >= 0).sum() > 0
                 wrong += found.status is rm.Status.MATCHED and not good
             over, busy, total = over + late, busy + over_cpu, total + len(times)
             print(

@@ -40,9 +40,9 @@ def main() -> None:
                 mask[np.arange(n), scene.truth] = True
                 for _ in range(2):  # the first call compiles
                     match = rm.match(
-                        scene.source, scene.target, scene.problem, noise=0.5, hyperedges=search, candidates=mask
+                        scene.source, scene.target, scene.problem, noise=0.5, sampler=search, candidates=mask
                     )
-                counts.append(match.hyperedges)
+                counts.append(match.evaluated)
                 seconds.append(match.seconds)
                 accuracies.append(scene.accuracy(match.assignment))
             count, took = float(np.mean(counts)), float(np.median(seconds))
@@ -83,7 +83,7 @@ def instances(path: Path) -> None:
                 ]
                 angle, shift = min(errors, default=(180.0, 1.0))
                 off.append(f"{angle:.1f}°, {100 * shift:.1f} %")
-            sizes = ", ".join(str(size) for size in np.bincount(match.motions[match.motions >= 0]))
+            sizes = ", ".join(str(size) for size in np.bincount(match.motion_labels[match.motion_labels >= 0]))
             print(
                 f"| {motions} | {sigma:g} | {match.status.name.lower()} | {sizes} | {seconds:.2f} |"
                 f" {off[0]} | {off[1]} |",

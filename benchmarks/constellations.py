@@ -126,7 +126,7 @@ def outcome(family: str, seed: int, scenes: ModuleType | None) -> Outcome:
     shown = full or (ambiguous and any(judge(other, truth)[2] for other, _ in match.alternatives[:SHOWN]))
     return Outcome(
         family, seed, match.status.name.lower(), right, wrong, int((truth >= 0).sum()), full, shown, match.margin,
-        seconds, match.hyperedges,
+        seconds, match.evaluated,
         " ".join(
             f"{confidence:.5f}/{int(good)}"
             for confidence, good in zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)

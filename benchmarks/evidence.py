@@ -29,11 +29,11 @@ from constellations import arguments, judge, load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.explain.body_labels import twin_points
+from rootmatch.explain.modelled import model_of, proposals_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.posterior import Posterior, modes_of
 from rootmatch.model.proposals import Proposals, joined, look_alikes
-from rootmatch.pipeline.body_labels import twin_points
-from rootmatch.pipeline.modelled import model_of, proposals_of
 from rootmatch.result import Match
 
 Integers = NDArray[np.int64]
@@ -45,7 +45,7 @@ FAMILIES = (
 LEAST, KEPT = 4, 0.9
 """Matches that are believed at least, and their share of the assignment's."""
 ALIKE = 0.05
-"""Tolerance of two bodies that are mirror images; as `rootmatch.pipeline.body_options`."""
+"""Tolerance of two bodies that are mirror images; as `rootmatch.explain.body_options`."""
 TWINS = 4
 """Modes of a body whose look-alikes are proposed for another one."""
 
@@ -178,9 +178,8 @@ def main() -> int:
     given = parser.parse_args()
     scenes = load_scenes(given.scenes)
     xr = load_xr(scenes)
-    print(
-        "| family | body | scenes | right today | wrong today | right | wrong | first is right | ms | wrong, lost seeds |"
-    )
+    columns = ("family", "body", "scenes", "right today", "wrong today", "right", "wrong", "first is right", "ms")
+    print(f"| {' | '.join(columns)} | wrong, lost seeds |")
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for family in given.families:
         if xr is None and not family.startswith("unrelated"):

@@ -3,7 +3,7 @@
 Runs the tests of the CUDA backend on the GPU, checks whole tensors against the CPU's, and measures
 hyper-edges/s of every kernel in float64, and screened in float32 where there is a kernel, the share of the GPU's peak,
 all hyper-edges of 30 against 30 points in both, and the contraction. DIR/cuda.json has the figures, DIR/cuda.md the
-tables for docs/performance.md.
+tables for docs/notebook/performance.md.
 
 ``--quick`` uses the smallest sizes: with ``NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1`` the command itself can be tried
 without a GPU.
@@ -186,7 +186,7 @@ def contraction(edges: int, n: int, order: int, repeats: int) -> dict[str, Any]:
 
 
 def markdown(found: dict[str, Any]) -> str:
-    """The tables for docs/performance.md."""
+    """The tables for docs/notebook/performance.md."""
     about, peak = found["card"], found["card"]["peak"]
     what = f"{about['name']}, {about['date']}, numba-cuda {about['numba_cuda']}, rootmatch {about['rootmatch']}"
     what += "".join(f"; peak in {precision} {most / 1e12:.1f} Tflop/s" for precision, most in peak.items())

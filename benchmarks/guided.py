@@ -66,11 +66,11 @@ def measure(name: str, n: int, outliers: int, hidden: int, seeds: range) -> Row:
     for turn, seed in enumerate([seeds[0], *seeds]):
         scene = SCENES[name](n, outliers, noise=NOISE, seed=seed, hidden=hidden)
         started = time.process_time()
-        match = rm.match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed, hyperedges="guided")
+        match = rm.match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed, sampler="guided")
         if turn == 0:  # compiles
             continue
         seconds.append(time.process_time() - started)
-        evaluations.append(match.hyperedges)
+        evaluations.append(match.evaluated)
         accuracy.append(scene.accuracy(match.assignment))
         if n <= LISTED:
             information.append(match.tensor.score(scene.truth) / true_information(scene))
@@ -100,13 +100,13 @@ def headset(folder: Path) -> list[Row]:
                 rm.P3P(rm.Camera.from_matrix(data["K"][view])),
                 noise=HEADSET_NOISE,
                 normals=normals,
-                hyperedges="guided",
+                sampler="guided",
             )
             spent = time.process_time() - started
             name = f"headset, view {view}, {len(seen)} of 32{'' if normals is None else ', normals'}"
             right = float(np.mean(match.assignment[seen] == truth[seen]))
-            saving = exhaustive_count(32, len(seen), 4) / match.hyperedges
-            rows.append(Row(name, spent, float(match.hyperedges), saving, None, right))
+            saving = exhaustive_count(32, len(seen), 4) / match.evaluated
+            rows.append(Row(name, spent, float(match.evaluated), saving, None, right))
     return rows
 
 

@@ -93,7 +93,7 @@ def searches() -> dict[str, float]:
         times = []
         for _ in range(16):
             started = time.process_time()
-            rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided")
+            rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="guided")
             times.append(time.process_time() - started)
         found[f"{name} guided match"] = 1e9 * min(times[1:])
     return found

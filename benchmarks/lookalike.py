@@ -26,8 +26,8 @@ from constellations import load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.pipeline.near_symmetries import symmetries_of
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.explain.task import MatchingTask
 
 Floats = NDArray[np.float64]
 

@@ -151,7 +151,7 @@ def run(case: Case, seeds: list[int], yardstick: ModuleType | None) -> Row:
         scene = make(case.points, case.outliers, noise=case.sigma, seed=seed, hidden=case.hidden, motions=case.motions)
         match, seconds = ours(case, scene, seed)
         if turn:  # the first time compiles
-            mine.append((seconds, scene.accuracy(match.assignment), float(match.hyperedges)))
+            mine.append((seconds, scene.accuracy(match.assignment), float(match.evaluated)))
         if yardstick is not None:
             assignment, seconds = theirs(case, scene, seed, yardstick)
             if turn:

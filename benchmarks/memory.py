@@ -27,7 +27,7 @@ def measured(n: int, n_target: int, most: int) -> dict[str, float]:
     scene = p3p_scene(n, n_target - n, noise=1.0, seed=0)
     started = time.perf_counter()
     found = match(
-        scene.source, scene.target, scene.problem, hyperedges="exhaustive", max_hyperedges=most, noise=scene.noise
+        scene.source, scene.target, scene.problem, sampler="exhaustive", max_hyperedges=most, noise=scene.noise
     )
     seconds = time.perf_counter() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

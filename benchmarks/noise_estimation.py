@@ -25,12 +25,12 @@ CASES: dict[str, Callable[[float, int], Scene]] = {
 }
 
 
-def law(freedom: int) -> float:
-    """Probability that √(χ² / (c · freedom)) is within the factor of 1, for the best c."""
+def law(dof: int) -> float:
+    """Probability that √(χ² / (c · dof)) is within the factor of 1, for the best c."""
     from scipy.stats import chi2
 
     centre = 4.0 * math.log(FACTOR) / (FACTOR**2 - FACTOR**-2)
-    return float(chi2.cdf(FACTOR**2 * centre * freedom, freedom) - chi2.cdf(centre * freedom / FACTOR**2, freedom))
+    return float(chi2.cdf(FACTOR**2 * centre * dof, dof) - chi2.cdf(centre * dof / FACTOR**2, dof))
 
 
 def main() -> None:
@@ -48,19 +48,19 @@ def main() -> None:
     for name, make in CASES.items():
         if options.scenes and not any(text in name for text in options.scenes):
             continue
-        within, best, accuracy, freedom = [], [], [], 0
+        within, best, accuracy, dof = [], [], [], 0
         for seed in range(options.first_seed, options.first_seed + options.seeds):
             sigma = SIGMAS[seed % len(SIGMAS)]
             scene = make(sigma, seed)
             match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
             fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, sigma), scene.truth[None])
-            freedom = int(fit.freedom[0])
+            dof = int(fit.dof[0])
             centre = 4.0 * math.log(FACTOR) / (FACTOR**2 - FACTOR**-2)
-            ideal = math.sqrt(fit.chi2[0] / (centre * freedom))
+            ideal = math.sqrt(fit.chi2[0] / (centre * dof))
             within.append(abs(math.log(match.noise / sigma)) < math.log(FACTOR))
             best.append(abs(math.log(ideal)) < math.log(FACTOR))
             accuracy.append(scene.accuracy(match.assignment))
-        figures = [np.mean(within), np.mean(best), law(freedom), np.mean(accuracy)]
+        figures = [np.mean(within), np.mean(best), law(dof), np.mean(accuracy)]
         print(f"| {name} | {options.seeds} | " + " | ".join(f"{figure:.3f}" for figure in figures) + " |", flush=True)
 
 

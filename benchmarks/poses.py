@@ -38,9 +38,9 @@ def calibration(scenes: int, first: int, only: str) -> None:
             pose = scene.fitted()
             seconds.append(time.perf_counter() - started)
             errors.append(scene.squared_error(pose))
-            fits.append(pose.chi2 / pose.freedom)
-        inside = np.mean(np.array(errors) < chi2.ppf(0.95, scene.freedom))
-        ratio = np.median(errors) / chi2.ppf(0.5, scene.freedom)
+            fits.append(pose.chi2 / pose.dof)
+        inside = np.mean(np.array(errors) < chi2.ppf(0.95, scene.dof))
+        ratio = np.median(errors) / chi2.ppf(0.5, scene.dof)
         print(
             f"| {name} | {inside:.1%} | {ratio:.2f} | {np.mean(fits):.2f} | {1e3 * np.median(seconds):.1f} |",
             flush=True,

@@ -65,7 +65,7 @@ def judged(found: rm.Match, truth: np.ndarray, seconds: float, seed: int, least:
         matched=bool(found.status),
         wrong=bool(found.status) and wrong,
         milliseconds=1e3 * seconds,
-        searched=found.hyperedges > 0,
+        searched=found.evaluated > 0,
         seed=seed,
     )
 
@@ -95,7 +95,7 @@ def predicted(seed: int, kind: str) -> Iterator[Outcome]:
     if kind == "wrong":
         error[:3] = np.radians(60.0) * np.array([0.6, 0.0, 0.8])
     prior = rm.Pose(one_rotation_matrix(error[:3]) @ R, t + error[3:], np.diag(spread**2))
-    known = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": VIEW}
+    known = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": np.radians(VIEW)}
     found, seconds = timed(lambda: rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=prior, **known))
     yield judged(found, scene.truth, seconds, seed, least=3)
 
@@ -113,7 +113,7 @@ def of_three(scene: RigScene, rng: np.random.Generator) -> RigScene:
 def bodies(seed: int) -> Iterator[Outcome]:
     """Both controllers in one image of each camera."""
     scene = frame(seed, 0, RIG, hands=2)
-    known = {"noise": NOISE, "normals": NORMALS, "view_angle": VIEW, "bodies": LABELS}
+    known = {"noise": NOISE, "normals": NORMALS, "view_angle": np.radians(VIEW), "bodies": LABELS}
     found, seconds = timed(lambda: rm.match(POINTS, scene.rows, rm.P3P(RIG), **known))
     yield from of_bodies(found, scene, seconds, seed)
 
@@ -129,12 +129,12 @@ def flight(seed: int, hands: int, frames: int) -> Iterator[Outcome]:
     """One or both controllers, followed."""
     options = {"bodies": LABELS} if hands == 2 else {}
     points, normals = POINTS[: hands * LEDS], NORMALS[: hands * LEDS]
-    tracker = rm.Tracker(points, rm.P3P(RIG), noise=NOISE, normals=normals, view_angle=VIEW, **options)
+    tracker = rm.Tracker(points, rm.P3P(RIG), noise=NOISE, normals=normals, view_angle=np.radians(VIEW), **options)
     for k in range(frames):
         turn, within = divmod(k, CYCLE)
         covered = () if within < CYCLE - HIDDEN else (0, 1) if turn % 2 else (0, 1, 2, 3)
         scene = frame(seed, k, RIG, hands=hands, covered=covered)
-        found, seconds = timed(lambda rows=scene.rows: tracker.match(rows))
+        found, seconds = timed(lambda rows=scene.rows: tracker.update(rows))
         if hands == 2:
             yield from of_bodies(found, scene, seconds, seed)
         else:

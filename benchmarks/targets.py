@@ -102,7 +102,7 @@ def row(name: str, scene: Scene, seed: int, max_seconds: float | None) -> Row:
     right = int((found & (match.assignment == scene.truth)).sum())
     return Row(
         name, len(scene.target), right / int((scene.truth >= 0).sum()), right / max(int(found.sum()), 1),
-        match.status.name.lower(), seconds, match.hyperedges,
+        match.status.name.lower(), seconds, match.evaluated,
     )  # fmt: skip
 
 

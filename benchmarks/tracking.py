@@ -122,7 +122,7 @@ def main() -> None:
         made = flight(seed)
         camera = rm.Camera(made.focal, made.focal, scenes.W / 2, scenes.H / 2)
         tracker = rm.Tracker(
-            scenes.HEADSET, rm.P3P(camera), noise=NOISE, normals=scenes.NORMALS, view_angle=VIEW,
+            scenes.HEADSET, rm.P3P(camera), noise=NOISE, normals=scenes.NORMALS, view_angle=np.radians(VIEW),
             max_seconds=given.max_seconds,
         )  # fmt: skip
         warming = seed < given.first_seed
@@ -130,7 +130,7 @@ def main() -> None:
         for k in range(20 if warming else given.frames):
             target, truth = frame(scenes, made, seed, k)
             started = time.process_time()
-            match = tracker.match(target)
+            match = tracker.update(target)
             seconds = time.process_time() - started
             if warming:
                 continue
@@ -146,11 +146,11 @@ def main() -> None:
             tally.wrong += bad
             run = run + 1 if bad else 0
             tally.longest = max(tally.longest, run)
-            tally.searched += match.hyperedges > 0
+            tally.searched += match.evaluated > 0
             if given.verbose and ((shown and not full) or bad or seconds > 0.05):
                 print(
                     f"  {seed} frame {k}: {match.status.name.lower()}, {tracker.state.name.lower()}, {wrong} wrong, "
-                    f"{int((truth >= 0).sum())} visible, {match.hyperedges} hyper-edges, {1e3 * seconds:.1f} ms",
+                    f"{int((truth >= 0).sum())} visible, {match.evaluated} hyper-edges, {1e3 * seconds:.1f} ms",
                     flush=True,
                 )
             if given.memory and (k % 10_000 == 0 or k == given.frames - 1):

@@ -23,25 +23,12 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "rootmatch"
 PICTURE = ROOT / "docs" / "architecture.svg"
-HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "on_demand", "options"}
+HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": (
-        "warmup",
-        "tracker",
-        "followed_body",
-        "rival_search",
-        "rival_poses",
-        "matcher",
-        "match",
-        "bodies",
-        "rigs",
-        "predicted",
-        "result",
-        "pipeline",
-    ),
+    "matching": ("warmup", "tracking", "api", "matcher", "result", "explain"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -52,18 +39,12 @@ CAPTIONS = {
     "report": "text, JSON, pictures",
     "benchmark": "speed and memory",
     "experiments": "the paper's experiments",
-    "tracker": "frame after frame, predicted",
-    "followed_body": "lost, or where",
-    "rival_search": "poses found anew",
-    "rival_poses": "which pose, told later",
     "warmup": "kernels ahead of need",
     "matcher": "frame after frame",
-    "bodies": "several known bodies",
-    "rigs": "several cameras",
-    "predicted": "with a predicted pose",
-    "match": "match(), the pipeline",
+    "api": "match(), residuals()",
+    "tracking": "poses from frame to frame",
     "result": "Match",
-    "pipeline": "task, sampling, assessment",
+    "explain": "a task to what was found",
     "samplers": "which hyper-edges to evaluate",
     "solvers": "tensor to assignment",
     "backends": "CPU, CUDA, Dask",

@@ -61,7 +61,7 @@ def results() -> dict[str, Any]:
     for backend in ("cuda", "cuda-float32"):
         match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, backend=backend)
         made[f"{backend} assignment"], made[f"{backend} indices"] = match.assignment, match.tensor.indices
-        made[f"{backend} weights"], made[f"{backend} evaluated"] = match.tensor.weights, match.hyperedges
+        made[f"{backend} weights"], made[f"{backend} evaluated"] = match.tensor.weights, match.evaluated
     return made
 
 

@@ -31,7 +31,7 @@ class PoseScene(NamedTuple):
     t: np.ndarray
     scale: float
     focal: float
-    freedom: int
+    dof: int
     """Degrees of freedom of the pose: the rank of its covariance."""
 
     @property
@@ -59,24 +59,24 @@ class PoseScene(NamedTuple):
         return np.array(error)
 
     def squared_error(self, pose: rm.Pose) -> float:
-        """The normalised estimation error squared: χ² with `freedom` degrees of freedom where the covariance holds."""
+        """The normalised estimation error squared: χ² with `dof` degrees of freedom where the covariance holds."""
         assert pose.covariance is not None
         deviation = np.sqrt(np.diag(pose.covariance))
         scale = np.where(deviation > 0.0, deviation, 1.0)
         values, vectors = np.linalg.eigh(pose.covariance / np.outer(scale, scale))
-        kept = slice(len(values) - self.freedom, None)
+        kept = slice(len(values) - self.dof, None)
         along = (self.error(pose) / scale) @ vectors
         return float((along[kept] ** 2 / values[kept]).sum())
 
 
 def _simulated(
-    make: Callable[..., object], freedom: int, seed: int, n: int, noise: float = 1.0, **options: float
+    make: Callable[..., object], dof: int, seed: int, n: int, noise: float = 1.0, **options: float
 ) -> PoseScene:
     scene: object = make(n, 2, noise, seed, **options)
     R, t = scene.poses[0]  # type: ignore[attr-defined]
-    if freedom == 3:
+    if dof == 3:
         t = t / np.linalg.norm(t)
-    return PoseScene(scene.problem, scene.source, scene.target, noise, scene.truth, R, t, 1.0, 0.0, freedom)  # type: ignore[attr-defined]
+    return PoseScene(scene.problem, scene.source, scene.target, noise, scene.truth, R, t, 1.0, 0.0, dof)  # type: ignore[attr-defined]
 
 
 def _tilted(rng: np.random.Generator, sigma: float) -> np.ndarray:
@@ -98,7 +98,7 @@ def up2p_noisy(seed: int, n: int = 10) -> PoseScene:
     scene, sigma = up2p(seed, n), np.deg2rad(0.5)
     measured = _tilted(np.random.default_rng(seed), sigma)
     problem = rm.UP2P(scene.problem.camera, tuple(measured), (0.0, 1.0, 0.0), sigma)  # type: ignore[attr-defined]
-    return scene._replace(problem=problem, freedom=6)
+    return scene._replace(problem=problem, dof=6)
 
 
 def three_plus_one(seed: int, n: int = 12) -> PoseScene:
@@ -115,7 +115,7 @@ def three_plus_one_noisy(seed: int, n: int = 12) -> PoseScene:
         axis2=tuple(_tilted(rng, sigma)),
         axis_noise=sigma,
     )
-    return scene._replace(problem=problem, freedom=5)
+    return scene._replace(problem=problem, dof=5)
 
 
 def planar(seed: int, n: int = 12) -> PoseScene:
@@ -149,9 +149,9 @@ def point_sets(seed: int, problem: rm.Similarity, n: int = 8) -> PoseScene:
     target = scale * points @ R.T + t + sigma2[:, None] * rng.normal(size=(n, dimension))
     source = points + sigma[:, None] * rng.normal(size=(n, dimension))
     order = rng.permutation(n)
-    freedom = (6 if dimension == 3 else 3) + (0 if known else 1)
+    dof = (6 if dimension == 3 else 3) + (0 if known else 1)
     truth = np.argsort(order)
-    return PoseScene(problem, source, target[order], (sigma, sigma2[order]), truth, R, t, scale, 0.0, freedom)
+    return PoseScene(problem, source, target[order], (sigma, sigma2[order]), truth, R, t, scale, 0.0, dof)
 
 
 def seen_by(camera: CameraModel, seed: int, noise: float, spread: float = 2.0, n: int = 12) -> PoseScene:

@@ -21,8 +21,8 @@ CAMERA = rm.Camera(1000, 1000, 320, 240)
         ("max_hyperedges", -1, "max_hyperedges: -1 given; give a whole number of at least 1"),
         ("max_hyperedges", 1.5, "max_hyperedges: 1.5 given"),
         ("max_hyperedges", "x", "max_hyperedges: 'x' given"),
-        ("limit", "x", "limit: 'x' given"),
-        ("limit", True, "limit: True given"),
+        ("max_evaluations", "x", "max_evaluations: 'x' given"),
+        ("max_evaluations", True, "max_evaluations: True given"),
         ("samples", 0, "samples: 0 given"),
         ("seed", -1, "seed: -1 given"),
         ("rho", [1, 2], r"rho: \[1, 2\] given; give a positive number"),
@@ -32,9 +32,9 @@ CAMERA = rm.Camera(1000, 1000, 320, 240)
         ("motions", None, "motions: None given"),
         ("motions", "some", "motions: 'some' given"),
         ("progress", "x", "progress: 'x' given; give a function"),
-        ("hyperedges", 7, "hyperedges: 7 given; give a sampler"),
-        ("hyperedges", "all", "hyperedges: 'all' given"),
-        ("hyperedges", rm.Guided, "hyperedges: .*Guided.* given; give a sampler"),
+        ("sampler", 7, "sampler: 7 given; give a sampler"),
+        ("sampler", "all", "sampler: 'all' given"),
+        ("sampler", rm.Guided, "sampler: .*Guided.* given; give a sampler"),
         ("residual", 3, "residual: 3 given"),
         ("scheduler", 3, "scheduler: 3 given"),
         ("backend", "gpu", "backend: 'gpu' given"),
@@ -63,8 +63,8 @@ def test_a_matrix_is_no_camera(make: Any) -> None:
 
 
 def test_a_sampler_that_returns_nothing_is_named() -> None:
-    with pytest.raises(InputError, match=r"hyperedges: .* returned NoneType"):
-        rm.match(SCENE.source, SCENE.target, SCENE.problem, hyperedges=lambda task: None)
+    with pytest.raises(InputError, match=r"sampler: .* returned NoneType"):
+        rm.match(SCENE.source, SCENE.target, SCENE.problem, sampler=lambda task: None)
 
 
 def test_a_solver_that_returns_nothing_is_named() -> None:
@@ -121,7 +121,7 @@ def test_candidates_without_a_single_hyperedge(pairs: list[tuple[int, int]], wei
         candidates[pair] = weight
     found = rm.match(SCENE.source, SCENE.target, SCENE.problem, noise=0.5, candidates=candidates)
     assert found.status is rm.Status.UNTRUSTED
-    assert found.hyperedges == 0
+    assert found.evaluated == 0
 
 
 def test_a_prior_is_no_evidence() -> None:
@@ -141,7 +141,7 @@ def test_a_frame_of_few_detections_is_an_empty_match(frame: Any) -> None:
     match = rm.Matcher(SCENE.source, SCENE.problem).match(frame)
     assert match.status is rm.Status.UNTRUSTED
     assert match.assignment.tolist() == [-1] * 6
-    assert match.soft.shape == (6, len(frame))
+    assert match.soft_assignment.shape == (6, len(frame))
     assert match.probability is None
     assert "detections given, at least 4 needed" in match.advice
 

@@ -10,14 +10,28 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
-from rootmatch.match import _solve
-from rootmatch.pipeline.body_labels import twin_points
-from rootmatch.pipeline.body_options import OPTIONS
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.bodies import _Body, _confirm, _contest, _evidence, _keep_trusted, _make_exclusive
+from rootmatch.explain.body_labels import twin_points
+from rootmatch.explain.body_options import OPTIONS
+from rootmatch.explain.decide import Facts
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 320.0, 240.0)
 MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def judged(found: Finding, status: rm.Status, probability: float | None = None) -> Finding:
+    """A finding with facts from which a status follows."""
+    facts = {
+        rm.Status.MATCHED: Facts(sure_of_its_detections=True),
+        rm.Status.AMBIGUOUS: Facts(contested=True),
+        rm.Status.UNTRUSTED: Facts(confirmed=False),
+    }[status]
+    one = replace(found, facts=replace(facts, probability=probability))
+    assert one.status is status
+    return one
 
 
 def pose(seed: int, x: float, distance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -64,7 +78,7 @@ def test_each_body_is_matched_by_itself_and_no_detection_is_used_twice() -> None
         assert float(fit.chi2[0]) < 40.0
         del R, t
     assert match.probability == pytest.approx(np.prod([own.probability for own in match.bodies.values()]))
-    assert np.array_equal(match.motions, [list(match.bodies).index(label) for label in labels[order]])
+    assert np.array_equal(match.motion_labels, [list(match.bodies).index(label) for label in labels[order]])
     # the hyper-edges are within bodies
     i, j = np.divmod(match.tensor.indices.astype(int), len(target))
     assert (labels[order][i] == labels[order][i][:, :1]).all()
@@ -95,7 +109,9 @@ def test_a_mirror_image_is_ambiguous_from_far_unless_normals_tell() -> None:
     assert rm.Status.MATCHED not in [own.status for own in match.bodies.values()]
     towards = np.broadcast_to(-R.T @ t, shape.shape)
     normals = np.concatenate([towards, towards * MIRROR])
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.1, bodies=labels, normals=normals, view_angle=70.0)
+    match = rm.match(
+        source, target, rm.P3P(CAMERA), noise=0.1, bodies=labels, normals=normals, view_angle=np.radians(70.0)
+    )
     assert match.bodies is not None
     assert match.bodies[0].status is rm.Status.MATCHED
     assert np.array_equal(match.bodies[0].assignment, expected)
@@ -119,14 +135,14 @@ def test_a_search_cut_short_is_confirmed_where_its_detections_allow_no_other_pos
     shape = body(1)
     target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
     task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
-    found = _solve(task.body(0))
+    found = explain(task.body(0))
     assert np.array_equal(found.assignment, expected)
-    unsure = replace(found, status=rm.Status.AMBIGUOUS)
+    unsure = judged(found, rm.Status.AMBIGUOUS, found.probability)
     asked: list[tuple[int, int]] = []
 
-    def solve(part: MatchingTask) -> rm.Match:
+    def solve(part: MatchingTask) -> Finding:
         asked.append(part.shape)
-        return replace(_solve(part), status=again)
+        return judged(explain(part), again)
 
     one = _Body(0, 0, np.arange(7), match=unsure, cut=True, budget=1)
     _confirm(task, one, solve, OPTIONS)
@@ -142,14 +158,14 @@ def test_what_is_searched_again() -> None:
     shape = body(1)
     target, (expected,), _ = image([shape], 3.0, clutter=4, seed=6)
     task = MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7)
-    found = replace(_solve(task.body(0)), alternatives=[])
+    found = replace(explain(task.body(0)), others=[], scores=None)
     free = np.ones(len(target), np.bool_)
     clutter, own = free.copy(), free.copy()
     clutter[np.setdiff1d(np.arange(len(target)), expected)[0]] = False  # another body has taken that detection
     own[expected[0]] = False
 
     def searched(status: rm.Status, cut: bool, probability: float = 1.0) -> list[bool]:
-        match = replace(found, status=status, fitted_probability=probability)
+        match = judged(found, status, probability)
         one = _Body(0, 0, np.arange(7), match=match, budget=100, cut=cut, among=len(target))
         return [one.worth_a_search(left, budget) for left in (free, clutter, own) for budget in (100, 300)]
 
@@ -167,19 +183,19 @@ def test_what_is_searched_again() -> None:
 def test_a_match_that_was_beyond_chance_stays_so_among_fewer_detections() -> None:
     shape = body(1)
     target, _, _ = image([shape], 3.0, clutter=4, seed=6)
-    found = _solve(MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7).body(0))
+    found = explain(MatchingTask.of(rm.P3P(CAMERA), shape, target, noise=0.3, bodies=[0] * 7).body(0))
     untrusted, ambiguous, matched = rm.Status.UNTRUSTED, rm.Status.AMBIGUOUS, rm.Status.MATCHED
 
-    def kept(before: rm.Match | None, now: rm.Status) -> rm.Status:
-        one = _Body(0, 0, np.arange(7), match=replace(found, status=now))
+    def kept(before: Finding | None, now: rm.Status) -> rm.Status:
+        one = _Body(0, 0, np.arange(7), match=judged(found, now))
         _keep_trusted(one, before)
         assert one.match is not None
         return one.match.status
 
-    other = replace(found, status=ambiguous, assignment=np.roll(found.assignment, 1))
-    assert kept(replace(found, status=ambiguous), untrusted) is ambiguous
-    assert kept(replace(found, status=ambiguous), matched) is matched
-    assert kept(replace(found, status=untrusted), untrusted) is untrusted
+    other = replace(judged(found, ambiguous), assignment=np.roll(found.assignment, 1))
+    assert kept(judged(found, ambiguous), untrusted) is ambiguous
+    assert kept(judged(found, ambiguous), matched) is matched
+    assert kept(judged(found, untrusted), untrusted) is untrusted
     assert kept(other, untrusted) is untrusted
     assert kept(None, untrusted) is untrusted
 
@@ -189,21 +205,21 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
     first, second = body(1), body(2)
     target, (expected, other), _ = image([first, second], 3.0, clutter=2, seed=5)
     task = MatchingTask.of(rm.P3P(CAMERA), np.concatenate([first, second]), target, noise=0.3, bodies=[0] * 7 + [1] * 7)
-    right, own = (_solve(task.body(k)) for k in range(2))
+    right, own = (explain(task.body(k)) for k in range(2))
     assert np.array_equal(right.assignment, expected)
-    stolen = replace(own, assignment=np.append(expected[:6], -1), fitted_probability=0.93)
-    ambiguous = replace(right, status=rm.Status.AMBIGUOUS, fitted_probability=0.55)
+    stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1))
+    ambiguous = judged(right, rm.Status.AMBIGUOUS, 0.55)
     bodies = [
         _Body(0, 0, np.arange(7), match=ambiguous),
-        _Body(1, 1, np.arange(7, 14), match=replace(stolen, status=rm.Status.MATCHED)),
+        _Body(1, 1, np.arange(7, 14), match=stolen),
     ]
     assert _evidence(task, bodies[0]) > _evidence(task, bodies[1])
     assert _evidence(task, _Body(0, 0, np.arange(7), match=replace(right, assignment=np.full(7, -1)))) == -np.inf
-    _make_exclusive(task, bodies, np.ones(len(target), np.bool_), _solve, 1000)
+    _make_exclusive(task, bodies, np.ones(len(target), np.bool_), explain, 1000)
     for one, there in zip(bodies, (expected, other), strict=True):
         assert one.match is not None
         assert np.array_equal(one.match.assignment, there)
-    _contest(alone := [_Body(1, 1, np.arange(7, 14), match=replace(own, status=rm.Status.MATCHED))])
+    _contest(alone := [_Body(1, 1, np.arange(7, 14), match=judged(own, rm.Status.MATCHED))])
     assert alone[0].match is not None
     assert alone[0].match.status is rm.Status.MATCHED
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -197,6 +200,8 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "kalibr none": ("yaml", kalibr(intrinsics=None), "list of numbers"),
     "python": ("yaml", "camera_matrix: !!python/object/apply:os.getcwd []", "not YAML"),
     "laughs": ("yaml", "a: &a [1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b]\ncamera_matrix: *c", "."),
+    "itself": ("yaml", "camera_matrix: &a [1, *a]", "list or mapping that holds it"),
+    "kalibr list": ("yaml", kalibr(distortion_model=["none"]), "radtan"),
     "list": ("yaml", "- 1\n- 2", "not a mapping"),
     "empty": ("yaml", "", "not a mapping"),
     "other yaml": ("yaml", "name: camera", "no camera matrix"),
@@ -231,6 +236,55 @@ def test_what_is_no_calibration_is_one_clear_line(tmp_path: Path, case: str) -> 
     if case not in ("several", "direction"):
         with pytest.raises(rm.RootmatchError):
             rm.read_cameras(path)
+
+
+BOMBS = {
+    "matrix": "camera_matrix: *a9",
+    "flag": "camera_matrix: [[900, 0, 1], [0, 900, 1], [0, 0, 1]]\nfisheye_model: *a9",
+    "name": "camera_matrix: [[900, 0, 1], [0, 900, 1], [0, 0, 1]]\ndistortion_model: none\ncamera_name: *a9",
+    "kalibr": "cam0: {camera_model: *a9}",
+    "merged": "camera_matrix: {<<: *m9}",
+}
+"""Each with nine levels of ten aliases before it, a thousand million entries."""
+
+
+def test_aliases_that_stand_for_gigabytes_are_refused_before_they_are_built(tmp_path: Path) -> None:
+    """In a process that may take 2 GB of addresses, most of them its libraries', and 20 seconds of processor time."""
+    pytest.importorskip("resource")
+    levels = "a0: &a0 [1,1,1,1,1,1,1,1,1,1]\nm0: &m0 {x: 1}\n"
+    for k in range(1, 10):
+        ten = ",".join([f"*a{k - 1}"] * 10)
+        levels += f"a{k}: &a{k} [{ten}]\nm{k}: &m{k} {{<<: [{ten.replace('a', 'm')}]}}\n"
+    for name, bomb in BOMBS.items():
+        (tmp_path / f"{name}.yaml").write_text(levels + bomb)
+    program = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_AS, (2 * 10**9, 2 * 10**9))
+resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+import rootmatch as rm
+from rootmatch.errors import quoted
+for path in sorted(Path(sys.argv[1]).glob("*.yaml")):
+    try:
+        rm.read_cameras(path)
+    except rm.InputError as error:
+        assert "aliases are more than" in str(error), error
+        print(path.stem)
+value = [1]
+for _ in range(12):
+    value = [value] * 8
+assert len(quoted(value)) == 60
+try:
+    rm.read_cameras("/dev/zero")
+except rm.InputError as error:
+    print("no end" if "no end within" in str(error) else error)
+"""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    result = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, env=environment
+    )
+    assert result.stderr == ""
+    assert result.stdout.split("\n")[:-1] == [*sorted(BOMBS), "no end"]
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:

@@ -69,21 +69,21 @@ class TestMatch:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["match.svg", "matches.csv"]
 
     def test_json_is_one_object_and_nothing_else(self, scene: Path) -> None:
-        result = run(*of(scene, "--json", "--hyperedges", "exhaustive"))
+        result = run(*of(scene, "--json", "--sampler", "exhaustive"))
         assert result.exit_code == 0
         record = json.loads(result.stdout)
         assert set(record) == {
             "assignment", "score", "margin", "probability", "confidence", "motions", "alternatives",
-            "status", "converged", "limited", "seconds", "hyperedges", "noise", "poses",
+            "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
-        assert record["motions"] == [0] * 8
+        assert record["motion_labels"] == [0] * 8
         assert record["status"] == "matched"
         assert 0.0 <= record["margin"] <= 1.0
         assert 0.9 <= record["probability"] <= 1.0
         assert record["converged"] is True
-        assert record["hyperedges"] == 70 * 5040  # C(8, 4) times 10!/6!
+        assert record["evaluated"] == 70 * 5040  # C(8, 4) times 10!/6!
         assert record["score"] > 0.0
         assert record["seconds"] > 0.0
         assert record["noise"] == 0.1
@@ -169,8 +169,8 @@ class TestMatch:
         result = run(*of(scene, "--preset", "paper", "--samples", 20_000, "--seed", 5, "--json"))
         assert result.exit_code in (0, 1)
         first = json.loads(result.stdout)
-        assert first["hyperedges"] == 20_000
-        parts = ("--hyperedges", "random", "--residual", "qr", "--solver", "power-l1")
+        assert first["evaluated"] == 20_000
+        parts = ("--sampler", "random", "--residual", "qr", "--solver", "power-l1")
         again = json.loads(
             run(*of(scene, "--preset", "paper", *parts, "--samples", 20_000, "--seed", 5, "--json")).stdout
         )
@@ -186,7 +186,7 @@ class TestMatch:
         candidates.write_text("\n".join(["source,target", *rows]))
         record = json.loads(run(*of(scene, "--candidates", candidates, "--json")).stdout)
         assert record["assignment"] == truth
-        assert record["hyperedges"] < 70 * 5040 / 50
+        assert record["evaluated"] < 70 * 5040 / 50
 
     def test_no_trustworthy_match_is_printed_all_the_same(self, scene: Path, tmp_path: Path) -> None:
         rng = np.random.default_rng(0)
@@ -261,7 +261,7 @@ class TestOtherProblems:
                 scene.source, scene.target, scene.problem, noise=0.5, motions=2 if motions == "2" else "auto"
             )
             assert record["assignment"] == match.assignment.tolist()
-            assert record["motions"] == match.motions.tolist()
+            assert record["motion_labels"] == match.motion_labels.tolist()
             assert record["score"] == pytest.approx(match.score)
 
     def test_directions_come_from_the_options_or_the_camera_file(self, tmp_path: Path) -> None:
@@ -386,13 +386,13 @@ class TestBadInput:
             (["--rho", "0"], ["--rho"]),
             (["--residual", "l2"], ["--residual", "qr-both"]),
             (["--solver", "magic"], ["--solver", "ascent"]),
-            (["--hyperedges", "few"], ["--hyperedges", "exhaustive"]),
+            (["--sampler", "few"], ["--sampler", "exhaustive"]),
             (["--backend", "abacus"], ["--backend", "cpu"]),
             (["--candidates", "missing.csv"], ["missing.csv", "no such file"]),
             (["--preset", "magic"], ["--preset", "paper"]),
             (
-                ["--limit", "100"],
-                ["hyper-edges, above the limit of 100", "--hyperedges random", "--samples", "--limit"],
+                ["--max-evaluations", "100"],
+                ["hyper-edges, above the limit of 100", "--sampler random", "--samples", "--max-evaluations"],
             ),
             (["--vertical-camera", "0,1,0"], ["--vertical-camera", "up2p"]),
             (["--axis", "0,1,0"], ["--axis", "3p1"]),
@@ -439,9 +439,9 @@ class TestBadInput:
         rng = np.random.default_rng(1)
         model = "x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rng.normal(size=(60, 3)))
         image = "x,y\n" + "".join(f"{x},{y}\n" for x, y in rng.uniform(0, 480, (90, 2)))
-        line = self.match(tmp_path, "--hyperedges", "exhaustive", model=model, image=image)
+        line = self.match(tmp_path, "--sampler", "exhaustive", model=model, image=image)
         assert "60 source against 90 target points are 2.99e+13 hyper-edges" in line
-        for alternative in ("--hyperedges random", "--samples", "--limit"):
+        for alternative in ("--sampler random", "--samples", "--max-evaluations"):
             assert alternative in line
 
     @pytest.mark.parametrize(
@@ -528,7 +528,7 @@ class TestProgram:
         out.mkdir()
         assert run("simulate", "p3p", "--points", 40, "--outliers", 40, "--output", folder).exit_code == 0
         arguments = of(folder, "--output", out / "m.csv", "--plot", out / "m.png", "--progress")
-        arguments += ["--hyperedges", "exhaustive", "--limit", 10**15]  # hours of work
+        arguments += ["--sampler", "exhaustive", "--max-evaluations", 10**15]  # hours of work
         # a process started in the background ignores Ctrl-C, and so would those that it starts
         heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         command = [sys.executable, "-c", heeding + PROGRAM[-1], *(str(argument) for argument in arguments)]
@@ -559,8 +559,8 @@ class TestProgram:
         ("source: too few", "a=b.csv: too few"),
         ("n is 0; expected more", "--points is 0; expected more"),
         (
-            'use hyperedges="random" with samples=…, or raise limit=',
-            "use --hyperedges random with --samples, or raise --limit",
+            'use sampler="random" with samples=…, or raise max_evaluations=',
+            "use --sampler random with --samples, or raise --max-evaluations",
         ),
         ("raise max_hyperedges= now", "raise --max-hyperedges now"),
         ("all is well: a == b", "all is well: a == b"),
@@ -585,15 +585,16 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
         probability=None,
         confidence=np.array([0.5, np.nan, 1.0]),
         converged=False,
-        motions=np.array([0, -1, 1]),
+        motion_labels=np.array([0, -1, 1]),
+        log_odds=None,
         alternatives=[(np.array([0, -1, 1]), np.inf)],
-        soft=np.array([[0.0, 0.5], [0.0, 0.0], [0.25, 0.0]]),
+        soft_assignment=np.array([[0.0, 0.5], [0.0, 0.0], [0.25, 0.0]]),
         status=Status.AMBIGUOUS,
         advice=str(Status.AMBIGUOUS),
         seconds=0.5,
-        hyperedges=1234567,
+        evaluated=1234567,
         noise=np.array([0.5, 1.0]),
-        limited=False,
+        stopped_early=False,
         sightings=None,
         problem=make(least_for_pose=0),
     )

@@ -106,7 +106,7 @@ def test_a_predicted_pose(folder: Path, tmp_path: Path) -> None:
     prior.write_text(json.dumps(record))
     result = run("match", folder / "model.csv", folder / "image.csv", *OPTIONS, "--prior", prior, "--json")
     assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["hyperedges"] == 0
+    assert json.loads(result.stdout)["evaluated"] == 0
     record["covariance"][0][0] = -1.0
     prior.write_text(json.dumps(record))
     result = run("match", folder / "model.csv", folder / "image.csv", *OPTIONS, "--prior", prior)

@@ -31,12 +31,12 @@ def content(match: rm.Match) -> tuple[Any, ...]:
         match.assignment.tobytes(),
         match.score.hex(),
         match.margin.hex(),
-        match.soft.tobytes(),
+        match.soft_assignment.tobytes(),
         match.tensor.indices.tobytes(),
         match.tensor.weights.tobytes(),
         [(other.tobytes(), float(score).hex()) for other, score in match.alternatives],
         match.status.name,
-        match.motions.tobytes(),
+        match.motion_labels.tobytes(),
         None if match.probability is None else float(match.probability).hex(),
     )
 

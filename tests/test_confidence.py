@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain.assessment import confidence_against_chance
+from rootmatch.explain.assignment_posterior import Misfit, Ranked, ranked
+from rootmatch.explain.confidence import Marginals, marginals
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
-from rootmatch.pipeline.assessment import confidence_against_chance
-from rootmatch.pipeline.confidence import Marginals, marginals
-from rootmatch.pipeline.posterior import Misfit, Ranked, ranked
-from rootmatch.pipeline.task import MatchingTask
 from rootmatch.simulation import three_plus_one_scene, up2p_scene
 
 

@@ -154,7 +154,7 @@ def test_whole_match(backend: str, there: Any) -> None:
     np.testing.assert_array_equal(there[f"{backend} assignment"], here.assignment)
     np.testing.assert_array_equal(there[f"{backend} indices"], here.tensor.indices)
     np.testing.assert_allclose(there[f"{backend} weights"], here.tensor.weights, rtol=SHARP)
-    assert there[f"{backend} evaluated"] == here.hyperedges
+    assert there[f"{backend} evaluated"] == here.evaluated
     assert (here.assignment == scene.truth).all()
 
 

@@ -71,14 +71,14 @@ def test_random_hyperedges(scheduler: str) -> None:
     same(random_tensor(*arguments, candidates=mask), there)
 
 
-@pytest.mark.parametrize("options", [{}, {"preset": "paper"}, {"hyperedges": "exhaustive", "motions": "auto"}])
+@pytest.mark.parametrize("options", [{}, {"preset": "paper"}, {"sampler": "exhaustive", "motions": "auto"}])
 def test_whole_match(scheduler: str, options: dict[str, Any]) -> None:
     scene = up2p_scene(n=6, outliers=2, noise=0.5, seed=1)
     here, there = (
         rm.match(scene.source, scene.target, scene.problem, noise=0.5, scheduler=address, **options)
         for address in (None, scheduler)
     )
-    same((here.tensor, here.hyperedges), (there.tensor, there.hyperedges))
+    same((here.tensor, here.evaluated), (there.tensor, there.evaluated))
     np.testing.assert_array_equal(here.assignment, there.assignment)
     assert here.status is there.status
 
@@ -98,10 +98,10 @@ def test_kernels_that_are_made_when_a_problem_is_used(scheduler: str) -> None:
         (pixels, shifted, rm.PlanarMotion(camera), 1.0),
     ):
         here, there = (
-            rm.match(source, target, problem, noise=noise, hyperedges="exhaustive", scheduler=address)
+            rm.match(source, target, problem, noise=noise, sampler="exhaustive", scheduler=address)
             for address in (None, scheduler)
         )
-        same((here.tensor, here.hyperedges), (there.tensor, there.hyperedges), tolerance=1e-12)
+        same((here.tensor, here.evaluated), (there.tensor, there.evaluated), tolerance=1e-12)
         assert here.tensor.size > 0
 
 
@@ -112,7 +112,7 @@ class TestErrors:
 
     def test_guided_search(self, scheduler: str) -> None:
         with pytest.raises(rm.InputError, match=r"one process.*exhaustive"):
-            self.match(scheduler=scheduler, hyperedges="guided")
+            self.match(scheduler=scheduler, sampler="guided")
 
     @pytest.mark.parametrize("backend", ["cuda", "cuda-float32"])
     def test_card(self, scheduler: str, backend: str) -> None:

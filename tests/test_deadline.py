@@ -7,9 +7,10 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import solve
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, PowerIteration
 
@@ -33,12 +34,12 @@ def test_deadlines_end_and_know_what_they_cut() -> None:
     assert not stage.passed()
     assert stage.left() == pytest.approx(0.1)
     clock.now = 1.5
-    assert not whole.limited
+    assert not whole.stopped_early
     assert stage.passed()
-    assert whole.limited  # a part that cut work says so to the whole
+    assert whole.stopped_early  # a part that cut work says so to the whole
     assert not whole.passed()
     assert whole.affordable(100, 0.1) == 5
-    assert not Deadline(1.0, clock=clock).limited
+    assert not Deadline(1.0, clock=clock).stopped_early
     assert Deadline(1.0, clock=clock).cut(100, 0.1) == 10
 
 
@@ -47,7 +48,7 @@ def test_no_deadline_cuts_nothing() -> None:
     assert not NEVER.passed()
     assert NEVER.cut(10**9, 1.0) == 10**9
     assert Pace(NEVER, 1).block(10**9) == 10**9
-    assert not NEVER.limited
+    assert not NEVER.stopped_early
 
 
 def test_blocks_shrink_as_the_deadline_comes_near() -> None:
@@ -78,8 +79,8 @@ def test_bad_limits(value) -> None:  # type: ignore[no-untyped-def]
     "options",
     [
         {},
-        {"hyperedges": "guided"},
-        {"hyperedges": "random", "samples": 20_000},
+        {"sampler": "guided"},
+        {"sampler": "random", "samples": 20_000},
         {"motions": 2},
         {"preset": "paper"},
         {"noise": "auto"},
@@ -94,11 +95,11 @@ def test_a_generous_limit_changes_nothing_and_a_tiny_one_ends_every_stage(option
     generous = rm.match(scene.source, scene.target, scene.problem, max_seconds=600.0, **options)
     np.testing.assert_array_equal(generous.assignment, free.assignment)
     assert generous.status is free.status
-    assert not generous.limited
+    assert not generous.stopped_early
     tiny = rm.match(scene.source, scene.target, scene.problem, max_seconds=1e-9, **options)
-    assert tiny.limited
+    assert tiny.stopped_early
     assert tiny.status is not rm.Status.MATCHED
-    assert tiny.hyperedges <= free.hyperedges
+    assert tiny.evaluated <= free.evaluated
 
 
 def test_a_search_that_is_cut_returns_what_it_found() -> None:
@@ -110,9 +111,9 @@ def test_a_search_that_is_cut_returns_what_it_found() -> None:
         task = MatchingTask.of(
             scene.problem, scene.source, scene.target, noise=0.5, options=MatchOptions(), deadline=deadline
         )
-        found = solve(task, 0.0)
-        fractions.append(found.hyperedges)
-        assert found.limited == (looks < 2000)
+        found = report(explain(task), seconds=0.0, stopped_early=task.deadline.stopped_early)
+        fractions.append(found.evaluated)
+        assert found.stopped_early == (looks < 2000)
     assert fractions == sorted(fractions)
     np.testing.assert_array_equal(found.assignment, scene.truth)
 
@@ -120,8 +121,8 @@ def test_a_search_that_is_cut_returns_what_it_found() -> None:
 def test_each_frame_has_its_own_limit() -> None:
     scene = up2p_scene(6, 3, 0.5, 0)
     matcher = rm.Matcher(scene.source, scene.problem, noise=0.5, max_seconds=1e-9)
-    assert matcher.match(scene.target).limited
-    assert not matcher.match(scene.target, max_seconds=600.0).limited
+    assert matcher.match(scene.target).stopped_early
+    assert not matcher.match(scene.target, max_seconds=600.0).stopped_early
 
 
 @pytest.mark.parametrize("name", sorted(SOLVERS))

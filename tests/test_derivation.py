@@ -464,6 +464,62 @@ def test_noise_of_both_sets() -> None:
     np.testing.assert_allclose(uneven.target_noise, both.target_noise)
 
 
+def radial_camera() -> DerivedProblem:
+    """An upright camera of unknown lens: the image lies on the ray from the centre towards the point's foot."""
+    turned = lambda X: TURN * X + T  # noqa: E731
+    return derive(
+        "radial",
+        each=lambda X, u: u[0] * turned(X)[1] - u[1] * turned(X)[0],
+        minimal=3,
+        shared=x,
+        eliminate=list(T[:2]),
+        source=Points(3),
+        target=Points(2, noisy=True),
+    )
+
+
+def radial_scene() -> tuple[np.ndarray, np.ndarray, float]:
+    """Eight points and their images in pixels about the centre, in the same order, with noise."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-2.0, 2.0, (8, 3))
+    c, s = math.cos(0.4), math.sin(0.4)
+    seen = points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T + [0.3, -0.2, 6.0]
+    lens = 800.0 * (1.0 + 0.2 * np.linalg.norm(seen[:, :2], axis=1, keepdims=True))
+    return points, lens * seen[:, :2] / seen[:, 2:] + rng.normal(0.0, 0.4, (8, 2)), 0.4
+
+
+UNITS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
+
+
+@pytest.mark.parametrize("kind", [QR, QRBoth, SVD, Normalised, Joint])
+def test_no_residual_depends_on_the_unit(kind: type) -> None:
+    """Of the source, and of a target whose coordinates are not pixels of a camera; five true and five false each."""
+    scene = p3p_scene(n=8, noise=0.5, seed=4)
+    radial = radial_scene()
+    cases: list[tuple[DerivedProblem, np.ndarray, np.ndarray, float, np.ndarray, list[float]]] = [
+        (derived("p3p"), scene.source, scene.target, 0.5, scene.truth, [1.0]),
+        (radial_camera(), *radial, np.arange(8), list(UNITS)),
+    ]
+    rng = np.random.default_rng(0)
+    for problem, source, target, noise, truth, target_units in cases:
+        edge, slab = interpreted(problem)[kind]
+        i = np.array([rng.permutation(8)[:4] for _ in range(10)])
+        j = np.concatenate([truth[i[:5]], [rng.permutation(8)[:4] for _ in range(5)]])
+
+        def values(length: float, pixel: float) -> list[float]:
+            tables = problem.prepare(source * length, target * pixel, noise * pixel)  # noqa: B023
+            out = np.empty((1, len(target)))  # noqa: B023
+            slab(tables, kind(), i[0].copy(), j[0].copy(), i[0, 3], None, out)  # noqa: B023
+            return [edge(tables, kind(), a, b) for a, b in zip(i, j, strict=True)] + [out[0, j[0, 3]]]  # noqa: B023
+
+        expected = values(1.0, 1.0)
+        assert kind not in (Normalised, Joint) or max(expected[:5]) < 3.5 < min(expected[5:10])
+        for length in UNITS:
+            for pixel in target_units:
+                # roots of P3P near a double one keep about ten digits, and resultants are known to rounding alone
+                np.testing.assert_allclose(values(length, pixel), expected, rtol=1e-5, atol=1e-12)
+
+
 # ------------------------------------------------------------------ checks of a statement
 
 
@@ -495,7 +551,7 @@ def test_a_sampler_is_used_and_a_wrong_one_refused() -> None:
 
 def test_constraints_can_be_limited() -> None:
     problem = derive(
-        "limited",
+        "stopped_early",
         lambda X, u: u[0].cross(u[1]).dot(TURN * (X[1] - X[0])),
         minimal=2,
         shared=x,

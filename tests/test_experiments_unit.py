@@ -102,7 +102,7 @@ def test_a_row_of_the_default_pipeline_is_from_the_tensor_of_match(setting):
     for row in rows:
         match = rm.match(
             scene.source, scene.target, scene.problem, noise=max(scene.noise, 0.01), seed=5,
-            hyperedges="random", samples=row.samples, motions=scene.motions.max() + 1,
+            sampler="random", samples=row.samples, motions=scene.motions.max() + 1,
         )  # fmt: skip
         assert row.hyperedges == match.tensor.size > 0
         solution = MultiStartAscent(keep=0)(match.tensor, seed=5)

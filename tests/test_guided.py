@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rootmatch.api import match
 from rootmatch.backends import cpu
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import match
 from rootmatch.problems.base import Problem
 from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.p3p.problem import P3P
@@ -357,12 +357,12 @@ def test_all_are_evaluated_where_a_quick_search_is_not_trusted() -> None:
     everything = enumeration.exhaustive_count(10, 12, 3)
     found = match(scene.source, scene.target, scene.problem, noise=0.5)
     assert np.array_equal(found.assignment, scene.truth)
-    assert found.hyperedges < everything / 10
+    assert found.evaluated < everything / 10
     unrelated = np.random.default_rng(1).uniform(0.0, 480.0, (12, 2))
     refused = match(scene.source, unrelated, scene.problem, noise=0.5)
     assert refused.status is Status.UNTRUSTED
-    assert refused.hyperedges > everything
-    swept = match(scene.source, unrelated, scene.problem, noise=0.5, hyperedges="exhaustive")
+    assert refused.evaluated > everything
+    swept = match(scene.source, unrelated, scene.problem, noise=0.5, sampler="exhaustive")
     assert np.array_equal(refused.assignment, swept.assignment)
 
 

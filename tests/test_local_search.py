@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
 from rootmatch.problems.padding import with_sources
 from rootmatch.samplers.guided.local_growth import PartialVerification
 from rootmatch.samplers.guided.local_options import LocalOptions
@@ -127,13 +127,13 @@ def verification_of_these_alone(search: LocalSearch, near: NDArray[np.int64]) ->
 def test_half_hidden_object_among_clutter_is_found_by_local_triples(sampler: rm.Guided | None) -> None:
     source = surface(120, 2)
     target, truth = seen_from_one_side(source, 3, clutter=60)
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, hyperedges=sampler)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, sampler=sampler)
     matched = match.assignment >= 0
     assert match.status is rm.Status.MATCHED
     assert (match.assignment == truth)[matched].mean() >= 0.98
     assert (match.assignment == truth)[truth >= 0].mean() >= 0.95
     # every image triple of one source triple is already more
-    assert match.hyperedges < 20 * len(target) ** 3
+    assert match.evaluated < 20 * len(target) ** 3
 
 
 @pytest.mark.parametrize("sampler", [None, IN_PARTS])
@@ -141,7 +141,7 @@ def test_object_that_looks_like_itself_is_ambiguous(sampler: rm.Guided | None) -
     half = surface(30, 4)
     source = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
     target, _ = seen_from_one_side(source, 5, clutter=20)
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, hyperedges=sampler)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, sampler=sampler)
     assert match.status is rm.Status.AMBIGUOUS
 
 

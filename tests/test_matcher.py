@@ -12,7 +12,7 @@ from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_sc
 def same(one: rm.Match, other: rm.Match) -> None:
     assert one.assignment.tolist() == other.assignment.tolist()
     assert one.score == other.score
-    assert one.hyperedges == other.hyperedges
+    assert one.evaluated == other.evaluated
     assert one.status is other.status
     assert np.array_equal(one.tensor.indices, other.tensor.indices)
     assert np.array_equal(one.tensor.weights, other.tensor.weights)
@@ -59,7 +59,7 @@ def test_options_of_match_are_passed_on() -> None:
     scene = p3p_scene(6, 2, noise=0.0, seed=5)
     paper = rm.Matcher(scene.source, scene.problem, preset="paper", samples=5000, seed=4).match(scene.target)
     same(paper, rm.match(scene.source, scene.target, scene.problem, preset="paper", samples=5000, seed=4))
-    both = {"residual": "normalised", "hyperedges": "guided", "seed": 1}
+    both = {"residual": "normalised", "sampler": "guided", "seed": 1}
     same(
         rm.Matcher(scene.source, scene.problem, **both).match(scene.target),
         rm.match(scene.source, scene.target, scene.problem, **both),

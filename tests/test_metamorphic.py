@@ -13,6 +13,8 @@ from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 NOISE = 0.3
+DerivedScene = tuple[Any, np.ndarray, np.ndarray, float, np.ndarray]
+"""A problem, source, target, noise and the truth."""
 
 
 def robot_scene() -> tuple[Any, np.ndarray, np.ndarray]:
@@ -77,18 +79,56 @@ def found(problem: Any, source: np.ndarray, target: np.ndarray, noise: Any = NOI
     return rm.match(source, target, problem, noise=noise)
 
 
-@pytest.mark.parametrize("unit", [1e3, 1e-3, 1e6])
+@pytest.mark.parametrize("unit", [1e3, 1e-3, 1e6, 1e-6])
 @pytest.mark.parametrize("name", IN_SPACE)
 def test_the_unit_of_length(name: str, unit: float) -> None:
     problem, source, target = scene_of(name)
     same(found(problem, source, target), found(problem, source * unit, target))
 
 
-@pytest.mark.parametrize("unit", [1e3, 1e-3])
+@pytest.mark.parametrize("unit", [1e3, 1e-3, 1e6, 1e-6])
 @pytest.mark.parametrize("name", ["similarity", "rigid"])
 def test_the_unit_of_both_sets(name: str, unit: float) -> None:
     problem, source, target = scene_of(name)
     same(found(problem, source, target), found(problem, source * unit, target * unit, NOISE * unit))
+
+
+@pytest.mark.parametrize("name", ["similarity", "rigid"])
+def test_the_unit_where_the_noise_is_estimated(name: str) -> None:
+    problem, source, target = scene_of(name)
+    one = found(problem, source, target, "auto")
+    other = found(problem, source * 1e-6, target * 1e-6, "auto")
+    same(one, other, tolerance=1e-3)
+    assert other.noise == pytest.approx(1e-6 * one.noise, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def derived(tmp_path_factory: pytest.TempPathFactory) -> dict[str, DerivedScene]:
+    """Problems derived from equations, with a scene each: the cosine laws of P3P, and a radial camera in pixels."""
+    from test_derivation import p3p_by_cosines, radial_camera, radial_scene
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROOTMATCH_CACHE_DIR", str(tmp_path_factory.mktemp("derived")))
+        laws, radial = p3p_by_cosines(), radial_camera()
+    scene = p3p_scene(n=8, outliers=2, noise=0.5, seed=4)
+    points, pixels, noise = radial_scene()
+    order = np.random.default_rng(1).permutation(8)
+    return {
+        "laws": (laws, scene.source, scene.target, 0.5, scene.truth),
+        "radial": (radial, points, pixels[order], noise, np.argsort(order)),
+    }
+
+
+def test_the_units_of_a_derived_problem(derived: dict[str, DerivedScene]) -> None:
+    """In every unit of the source, and of a target that is no image of a camera, the same match, and a right one."""
+    units = (1e-6, 1e-3, 1.0, 1e3, 1e6)
+    for name, (problem, source, target, noise, truth) in derived.items():
+        one = found(problem, source, target, noise)
+        assert one.assignment.tolist() == truth.tolist()
+        assert one.status is rm.Status.MATCHED
+        for length in units:
+            for pixel in units if name == "radial" else (1.0,):
+                same(one, found(problem, source * length, target * pixel, noise * pixel))
 
 
 @pytest.mark.parametrize("name", [*IN_SPACE, "similarity", "rigid"])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain.motion_labels import label_motions
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.pipeline.motion_labels import label_motions
 
 
 def blocks(sizes: list[int], weight: float = 0.5, unmatched: int = 0) -> tuple[np.ndarray, AffinityTensor]:

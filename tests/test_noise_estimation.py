@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.pipeline.noise_estimation import mean_cut, scale_of
+from rootmatch.explain.noise_estimation import mean_cut, scale_of
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -46,9 +46,9 @@ def test_noise_of_each_point_weighs_each_point() -> None:
     assert told > mean + 0.5
 
 
-@pytest.mark.parametrize("freedom", [1, 2])
-def test_scale_of_residuals_of_the_law_is_found(freedom: int) -> None:
-    drawn = np.random.default_rng(0).chisquare(freedom, 200_000)
-    assert scale_of(4.0 * drawn, mean_cut(freedom)) == pytest.approx(4.0, rel=0.02)
+@pytest.mark.parametrize("dof", [1, 2])
+def test_scale_of_residuals_of_the_law_is_found(dof: int) -> None:
+    drawn = np.random.default_rng(0).chisquare(dof, 200_000)
+    assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.02)
     drawn[:2000] = 1e6  # a few that are no residuals of the law change little
-    assert scale_of(4.0 * drawn, mean_cut(freedom)) == pytest.approx(4.0, rel=0.12)
+    assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.12)

@@ -70,7 +70,7 @@ def test_values_within_their_range_are_kept() -> None:
 def every_options_class() -> list[type[Options]]:
     """All options classes of the package."""
     for module in pkgutil.walk_packages(rootmatch.__path__, "rootmatch."):
-        if module.name.startswith(("rootmatch.samplers", "rootmatch.solvers", "rootmatch.pipeline")):
+        if module.name.startswith(("rootmatch.samplers", "rootmatch.solvers", "rootmatch.explain")):
             importlib.import_module(module.name)
     found: list[type[Options]] = []
     waiting = [Options]

@@ -221,7 +221,7 @@ def test_signals_during_the_work(scene: Path, tmp_path: Path, number: signal.Sig
     for name, points in (("model.csv", rng.normal(size=(40, 3))), ("image.csv", rng.uniform(0, 480, (40, 2)))):
         header = "x,y,z" if points.shape[1] == 3 else "x,y"
         np.savetxt(tmp_path / name, points, delimiter=",", header=header, comments="")
-    command = arguments(tmp_path, "--output", out / "m.csv", "--hyperedges", "exhaustive", "--limit", 10**15)
+    command = arguments(tmp_path, "--output", out / "m.csv", "--sampler", "exhaustive", "--max-evaluations", 10**15)
     heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
     program = [sys.executable, "-c", heeding + PROGRAM[-1], *command, "--progress"]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

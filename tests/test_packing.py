@@ -201,7 +201,7 @@ def test_groups_are_found_among_weights_across_them() -> None:
 def matched(scene: Scene, motions: object) -> tuple[float, bool]:
     """Accuracy, and whether the labels are right."""
     match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, motions=motions)
-    same = match.motions[:, None] == match.motions
+    same = match.motion_labels[:, None] == match.motion_labels
     return scene.accuracy(match.assignment), bool((same == (scene.motions[:, None] == scene.motions)).all())
 
 
@@ -233,7 +233,7 @@ def test_a_small_motion_beside_a_large_one_stays() -> None:
         target = np.concatenate([large.target, small.target])
         truth = np.append(large.truth, 12 + small.truth)
         match = rm.match(source, target, large.problem, noise=0.5, motions="auto")
-        found += int((match.assignment == truth).mean() > 0.9 and match.motions.max() == 1)
+        found += int((match.assignment == truth).mean() > 0.9 and match.motion_labels.max() == 1)
     assert found >= 5
 
 
@@ -245,8 +245,8 @@ def test_bad_options_are_refused() -> None:
 def test_hyperedges_that_make_no_group_match_nothing() -> None:
     scene = up2p_scene(8, noise=0.01, seed=0, motions=2)
     match = rm.match(
-        scene.source, scene.target, scene.problem, noise=0.01, hyperedges="random", samples=20, motions="auto"
+        scene.source, scene.target, scene.problem, noise=0.01, sampler="random", samples=20, motions="auto"
     )
     assert (match.assignment == -1).all()
-    assert (match.motions == -1).all()
+    assert (match.motion_labels == -1).all()
     assert match.status is rm.Status.UNTRUSTED

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.point_sets.motions import fitted_motions
 from rootmatch.samplers.point_sets.options import PointSetOptions
 from rootmatch.samplers.point_sets.search import MotionSearch
@@ -153,7 +153,7 @@ def test_unrelated_points_are_not_trusted() -> None:
     rng = np.random.default_rng(1)
     few = rm.Guided(point_sets=PointSetOptions(triples=200))
     source, target = rng.uniform(-1.0, 1.0, (2, 40, 3))
-    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), hyperedges=few)
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), sampler=few)
     assert match.status is rm.Status.UNTRUSTED
 
 

@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 import pickle
-import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rootmatch as rm
+from rootmatch.explain import explain, pose_decision, sampling
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import solve
-from rootmatch.on_demand import OnDemand, changed, unread
-from rootmatch.pipeline import pose_decision, sampling
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
-
-Number = OnDemand[float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pair:
-    """Two numbers, one of which may be late."""
-
-    now: float
-    late: Number = Number()  # noqa: RUF009
-
-
-def test_a_late_value_is_made_once_when_it_is_read() -> None:
-    asked = []
-    pair = Pair(now=1.0, late=lambda: float(len(asked.append(0) or asked)))  # type: ignore[func-returns-value]
-    other = changed(pair, now=2.0)
-    assert (other.now, asked) == (2.0, [])
-    assert callable(unread(other, "late"))
-    assert other.late == pair.late == other.late == 1.0
-    assert asked == [0]
-    assert unread(pair, "late") == 1.0
-    with pytest.raises(TypeError, match="late"):
-        Pair(now=1.0)
 
 
 def test_a_deferred_tensor_is_made_once() -> None:
@@ -66,22 +41,21 @@ def test_what_the_pose_decides_weighing_hyper_edges_confirms(
     for seed in range(2):
         scene = make(12, 10, noise=noise, seed=seed)  # type: ignore[operator]
         task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=noise)
-        quick = solve(task, 0.0)
-        assert callable(vars(quick)["score"])
+        quick = report(explain.explain(task), seconds=0.0)
         assert "indices" not in vars(quick.tensor)
         with monkeypatch.context() as patch:
-            patch.setattr(sys.modules["rootmatch.match"], "decided_by_pose", lambda task, sampled: None)
-            slow = solve(replace(task), 0.0)
+            patch.setattr(explain, "decided_by_pose", lambda task, sampled: None)
+            slow = report(explain.explain(replace(task)), seconds=0.0)
         np.testing.assert_array_equal(quick.assignment, slow.assignment)
         np.testing.assert_array_equal(quick.tensor.indices, slow.tensor.indices)
         assert quick.status is slow.status
         assert quick.score == slow.score == pytest.approx(slow.tensor.score(slow.assignment))
         assert quick.probability == pytest.approx(slow.probability, abs=1e-6)
         assert quick.margin == pytest.approx(slow.margin, abs=1e-12)
-        np.testing.assert_array_equal(quick.motions, slow.motions)
+        np.testing.assert_array_equal(quick.motion_labels, slow.motion_labels)
         np.testing.assert_allclose(quick.confidence, slow.confidence, atol=1e-6)
         again = pickle.loads(pickle.dumps(quick))
-        np.testing.assert_array_equal(again.soft, quick.soft)
+        np.testing.assert_array_equal(again.soft_assignment, quick.soft_assignment)
         assert again.score == quick.score
 
 

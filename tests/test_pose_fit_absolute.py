@@ -45,7 +45,7 @@ def test_fit_is_the_least_squares_one(make) -> None:  # type: ignore[no-untyped-
         )
         for k, answer in enumerate((scene.truth, part)):
             assert fit.chi2[k] == pytest.approx(least_chi2(scene, answer, sigma), rel=2e-3)
-            assert fit.freedom[k] == 2 * (answer >= 0).sum() - (4 if make is up2p_scene else 6)
+            assert fit.dof[k] == 2 * (answer >= 0).sum() - (4 if make is up2p_scene else 6)
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])
@@ -54,7 +54,7 @@ def test_chi2_of_the_truth_follows_its_law(make) -> None:  # type: ignore[no-unt
     for seed in range(100):
         scene = make(10, 0, 1.0, seed)
         fits.append(scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 1.0), scene.truth[None]))
-    freedom = fits[0].freedom[0]
+    freedom = fits[0].dof[0]
     assert np.mean([fit.chi2[0] for fit in fits]) == pytest.approx(freedom, abs=4.0 * np.sqrt(2.0 * freedom / 100))
 
 

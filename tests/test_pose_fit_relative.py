@@ -38,7 +38,7 @@ def test_chi2_is_the_least_sampson_error_and_follows_its_law(baseline: float) ->
             np.arcsin(shift[1] / np.linalg.norm(shift)),
         ]
         fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 1.0), scene.truth[None])
-        assert fit.freedom[0] == 7
+        assert fit.dof[0] == 7
         found.append(fit.chi2[0])
         least.append(2.0 * least_squares(lambda pose, s=scene: sampson(s, s.truth, pose), start).cost)
     assert np.mean(np.abs(np.array(found) - least) < 0.02 * np.array(least) + 0.05) >= 0.8

@@ -22,10 +22,10 @@ def test_the_truth_lies_within_the_covariance(name: str) -> None:
     benchmarks/poses.py for the shares of 1,000 scenes."""
     scenes = [SCENES[name](seed) for seed in range(40)]
     squared = np.array([scene.squared_error(scene.fitted()) for scene in scenes])
-    inside = int((squared < chi2.ppf(SHARE, scenes[0].freedom)).sum())
+    inside = int((squared < chi2.ppf(SHARE, scenes[0].dof)).sum())
     assert inside >= binom.ppf(2.5e-4, 40, SHARE)
     # nor is it too wide: half of them lie within the median
-    half = int((squared < chi2.ppf(0.5, scenes[0].freedom)).sum())
+    half = int((squared < chi2.ppf(0.5, scenes[0].dof)).sum())
     assert binom.ppf(2.5e-4, 40, 0.5) <= half <= binom.ppf(1.0 - 2.5e-4, 40, 0.5)
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.pipeline import assessment
-from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain import assessment
+from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.task import MatchingTask
 from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
 
 
@@ -115,10 +115,10 @@ def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch
     clear = []
     for seed in range(20):
         scene = up2p_scene(10, 5, 1.0, seed, hidden=1)
-        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
+        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
         with monkeypatch.context() as patch:
             patch.setattr(assessment, "clear", lambda *_: clear.append(False))
-            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="exhaustive")
+            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
         np.testing.assert_array_equal(given.assignment, closer.assignment)
         assert given.status is closer.status
     assert len(clear) == 20

@@ -63,7 +63,7 @@ def programs() -> Iterator[tuple[str, str]]:
         yield f"paper's preset, {name}", matching(f"{make}(9, 0, 0.5, 7)", ', preset="paper", samples=3000')
     for name in ("p3p", "up2p"):
         make = f"{name}_scene"
-        yield f"guided {name}", matching(f"{make}(14, 10, 0.5, 7)", ', hyperedges="guided"')
+        yield f"guided {name}", matching(f"{make}(14, 10, 0.5, 7)", ', sampler="guided"')
         yield f"guided by itself, {name}", matching(f"{make}(30, 25, 0.5, 7)")
         yield f"motions of {name}", matching(f"{make}(12, 3, 0.5, 7, motions=2)", ", motions=2")
         yield f"normals of {name}", matching(f"{make}(9, 3, 0.5, 7)", ", normals=scene.source")
@@ -87,7 +87,7 @@ def programs() -> Iterator[tuple[str, str]]:
         "README's frames",
         (
             matching("p3p_scene(10, 5, 0.5, 1)") + "tracker = rm.Matcher(scene.source, scene.problem, noise=0.5)\n"
-            "for _ in range(3):\n    tracker.match(scene.target)\n"
+            "for _ in range(3):\n    tracker.update(scene.target)\n"
         ),
     )
     yield (

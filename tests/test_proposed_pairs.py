@@ -7,8 +7,8 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.pipeline.proposed_pairs import pays
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.explain.proposed_pairs import pays
+from rootmatch.explain.task import MatchingTask, MatchOptions
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 POSES = [
@@ -38,7 +38,7 @@ def test_both_motions_are_found(motions) -> None:  # type: ignore[no-untyped-def
     source, target, mask, labels = proposed(300, 0)
     match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, candidates=mask, motions=motions)
     assert match.status is rm.Status.MATCHED
-    assert match.motions.max() == 1
+    assert match.motion_labels.max() == 1
     matched = match.assignment >= 0
     assert mask[np.flatnonzero(matched), match.assignment[matched]].all()
     assert (labels[matched] >= 0).mean() > 0.95

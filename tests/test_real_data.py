@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.poses import poses_of
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.poses import poses_of
+from rootmatch.explain.task import MatchingTask
 
 Load = Callable[[str], dict[str, NDArray]]
 
@@ -118,7 +118,7 @@ def test_two_boards_in_one_image(load_shared: Load) -> None:
         problem = rm.P3P(rm.Camera.from_matrix(data["K"][first]))
         match = rm.match(data["points3d"][chosen], image[order], problem, noise=0.3, motions=2)
         right.append(np.mean(match.assignment == np.argsort(order)))
-        assert len(set(match.motions[:8]) | set(match.motions[8:])) == 2
+        assert len(set(match.motion_labels[:8]) | set(match.motion_labels[8:])) == 2
     assert np.mean(right) >= 0.95
 
 

@@ -38,25 +38,25 @@ def true_residuals(problem: str, kind: object, sigma: float, seed: int = 0) -> n
 
 
 @pytest.mark.parametrize("problem", ["p3p", "up2p"])
-@pytest.mark.parametrize(("kind", "freedom"), [(Normalised, 1), (Joint, 2)])
+@pytest.mark.parametrize(("kind", "dof"), [(Normalised, 1), (Joint, 2)])
 class TestAbsolutePose:
     """Asked for at 0.1 px: 91 % and 82 % of P3P's and 93 % of up2p's within the 95 % quantile. Measured: 94 to 95 %."""
 
-    def test_95_percent_lie_within_the_95_percent_quantile(self, problem: str, kind: type, freedom: int) -> None:
+    def test_95_percent_lie_within_the_95_percent_quantile(self, problem: str, kind: type, dof: int) -> None:
         values = true_residuals(problem, kind(), 0.1) ** 2
-        inside = np.mean(values <= chi2.ppf(0.95, freedom))
+        inside = np.mean(values <= chi2.ppf(0.95, dof))
         assert 0.93 <= inside <= 0.97
 
-    def test_the_whole_distribution_is_chi2(self, problem: str, kind: type, freedom: int) -> None:
+    def test_the_whole_distribution_is_chi2(self, problem: str, kind: type, dof: int) -> None:
         values = true_residuals(problem, kind(), 0.1, seed=1) ** 2
         # greatest gap between the empirical and the claimed distribution function
-        assert kstest(values, chi2(freedom).cdf).statistic < 0.04
+        assert kstest(values, chi2(dof).cdf).statistic < 0.04
 
     @pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0])
-    def test_the_tail_grows_slowly_with_the_noise(self, problem: str, kind: type, freedom: int, sigma: float) -> None:
+    def test_the_tail_grows_slowly_with_the_noise(self, problem: str, kind: type, dof: int, sigma: float) -> None:
         """First order ends somewhere: the affinity's gate of 3.5 must still keep nearly all true hyper-edges."""
         values = true_residuals(problem, kind(), sigma, seed=2)
-        assert np.mean(values**2 <= chi2.ppf(0.95, freedom)) >= 0.91
+        assert np.mean(values**2 <= chi2.ppf(0.95, dof)) >= 0.91
         assert np.mean(values <= 3.5) >= 0.97
 
 

@@ -19,11 +19,11 @@ import rootmatch as rm
 from rig_scenes import LABELS, NOISE, VIEW, RigScene, controllers, four_about, frame, headset
 from rootmatch.cli import app
 from rootmatch.errors import InputError
+from rootmatch.explain.image_density import clutter_area, crowded_density
+from rootmatch.explain.predicted_likelihood import PriorFrame
+from rootmatch.explain.rig_copies import copies_task
+from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
-from rootmatch.pipeline.image_density import clutter_area, crowded_density
-from rootmatch.pipeline.prior_frame import PriorFrame
-from rootmatch.pipeline.rig_task import copies_task
-from rootmatch.pipeline.task import MatchingTask
 from rootmatch.report.json_record import match_record
 from rootmatch.samplers.guided.detection_grid import local_density
 
@@ -31,7 +31,7 @@ SPREAD = np.repeat([0.03, 0.01], 3)
 RIG = headset()
 POINTS, NORMALS, NAMES = controllers()
 LEDS = len(POINTS) // 2
-KNOWN: dict[str, Any] = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": VIEW}
+KNOWN: dict[str, Any] = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": np.radians(VIEW)}
 
 
 def predicted(scene: RigScene, seed: int, spread: NDArray = SPREAD, body: int = 0) -> rm.Pose:
@@ -62,19 +62,19 @@ def test_a_right_prediction_decides_with_all_cameras(seed: int) -> None:
     found = rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=predicted(scene, seed), **KNOWN)
     assert found.status is rm.Status.MATCHED
     assert found.prior_holds
-    assert found.hyperedges == 0
+    assert found.evaluated == 0
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     # the first sighting of each point stands for it
     seen = (scene.truth >= 0).any(axis=0)
     np.testing.assert_array_equal(found.assignment >= 0, seen)
-    assert (found.soft[seen].max(axis=1) == found.probability).all()
+    assert (found.soft_assignment[seen].max(axis=1) == found.probability).all()
     cameras = scene.rows[found.sightings.assignment, 2]
     assert (cameras == np.arange(4)[:, None])[found.sightings.assignment >= 0].all()
     assert off(found.fused_pose, scene.poses[0]) < 30.0
     whole = found.poses[0]  # fitted by other code, to the bottom
     np.testing.assert_allclose(whole.t, found.fused_pose.t, atol=1e-4)
     np.testing.assert_allclose(np.diag(whole.covariance), np.diag(found.fused_pose.covariance), rtol=0.05)
-    assert whole.freedom == 2 * (scene.truth >= 0).sum()
+    assert whole.dof == 2 * (scene.truth >= 0).sum()
     assert found.confidence.shape == (LEDS,)
     assert found.confidence[seen].min() > 0.9
     again = pickle.loads(pickle.dumps(found))
@@ -137,7 +137,7 @@ def test_three_points_in_three_cameras_are_enough() -> None:
     scene = kept(scene, chosen)
     assert len(scene.rows) == 3
     prior = predicted(scene, 2, SPREAD / 5.0)
-    found = rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=prior, detection=0.3, **KNOWN)
+    found = rm.match(scene.points, scene.rows, rm.P3P(RIG), prior=prior, detection_rate=0.3, **KNOWN)
     assert found.status is rm.Status.MATCHED
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     assert off(found.poses[0], scene.poses[0]) < 30.0
@@ -156,7 +156,7 @@ def test_a_wrong_prediction_is_noticed() -> None:
     assert found.status is rm.Status.MATCHED
     assert found.prior_holds is False
     assert "wrong" in found.advice
-    assert found.hyperedges > 0
+    assert found.evaluated > 0
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     assert found.fused_pose is None
     assert off(found.poses[0], scene.poses[0]) < 30.0
@@ -216,12 +216,12 @@ def test_a_flight_with_an_occlusion() -> None:
     for k in range(60):
         covered = (0, 1, 2, 3) if 30 <= k < 38 else (0, 1) if k >= 52 else ()
         scene = frame(11, k, RIG, covered=covered)
-        found = tracker.match((scene.rows[:, :2], scene.rows[:, 2].astype(int)))
+        found = tracker.update((scene.rows[:, :2], scene.rows[:, 2].astype(int)))
         sightings = found.sightings.assignment
         matched = sightings >= 0
         assert not found.status or (sightings == scene.truth)[matched].all()
         right += bool(found.status) and matched.sum() >= 0.9 * (scene.truth >= 0).sum()
-        searched += found.hyperedges > 0
+        searched += found.evaluated > 0
         if len(covered) == 4:
             assert not found.status
             assert tracker.state is rm.TrackingState.COASTING
@@ -235,16 +235,16 @@ def test_a_flight_with_an_occlusion() -> None:
 def test_frames_that_show_nothing() -> None:
     tracker = rm.Tracker(POINTS[:LEDS], rm.P3P(RIG), **KNOWN)
     scene = frame(0, 0, RIG)
-    assert tracker.match(scene.rows).status is rm.Status.MATCHED
+    assert tracker.update(scene.rows).status is rm.Status.MATCHED
     for rows in (np.empty((0, 3)), np.repeat(scene.rows[:1], 2, axis=0), scene.rows[:1]):
-        found = tracker.match(rows)
+        found = tracker.update(rows)
         assert found.status is rm.Status.UNTRUSTED
         assert (found.sightings.assignment == -1).all()
         assert found.sightings.assignment.shape == (4, LEDS)
     with pytest.raises(InputError, match="camera 9"):
-        tracker.match((scene.rows[:, :2], np.full(len(scene.rows), 9)))
+        tracker.update((scene.rows[:, :2], np.full(len(scene.rows), 9)))
     later = frame(0, 4, RIG)
-    assert tracker.match(later.rows).prior_holds
+    assert tracker.update(later.rows).prior_holds
 
 
 def test_a_callers_prediction_counts_instead() -> None:
@@ -252,12 +252,12 @@ def test_a_callers_prediction_counts_instead() -> None:
     scene = frame(2, 0, RIG, clutter=0)
     seen = [np.flatnonzero(scene.truth[k] >= 0) for k in range(3)]
     scene = kept(scene, [(k, own[j]) for k, own in enumerate(seen) for j in (0, len(own) // 2, -1)])
-    tracker = rm.Tracker(POINTS[:LEDS], rm.P3P(RIG), detection=0.4, **KNOWN)
-    found = tracker.match(scene.rows, prior=predicted(scene, 4, SPREAD / 3.0))
+    tracker = rm.Tracker(POINTS[:LEDS], rm.P3P(RIG), detection_rate=0.4, **KNOWN)
+    found = tracker.update(scene.rows, prior=predicted(scene, 4, SPREAD / 3.0))
     assert found.status is rm.Status.MATCHED
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     assert tracker.state is rm.TrackingState.TRACKING
-    assert tracker.match(scene.rows).prior_holds
+    assert tracker.update(scene.rows).prior_holds
 
 
 def test_two_bodies_share_no_detection() -> None:
@@ -269,7 +269,7 @@ def test_two_bodies_share_no_detection() -> None:
     assert len(np.unique(used)) == len(used)
     assert list(found.bodies) == list(LABELS)
     assert found.probability == pytest.approx(np.prod([body.probability for body in found.bodies.values()]))
-    np.testing.assert_array_equal(found.motions[found.assignment >= 0], (NAMES == "right")[found.assignment >= 0])
+    np.testing.assert_array_equal(found.motion_labels[found.assignment >= 0], (NAMES == "right")[found.assignment >= 0])
     for k, (label, body) in enumerate(found.bodies.items()):
         np.testing.assert_array_equal(body.sightings.assignment, scene.truth[:, label == NAMES])
         np.testing.assert_array_equal(body.sightings.assignment, found.sightings.assignment[:, label == NAMES])
@@ -283,7 +283,7 @@ def test_two_bodies_share_no_detection() -> None:
     )
     np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
     assert found.bodies["left"].prior_holds
-    assert found.bodies["left"].hyperedges == 0
+    assert found.bodies["left"].evaluated == 0
     assert not found.bodies["right"].prior_holds
 
 
@@ -295,7 +295,7 @@ def test_a_predicted_body_in_doubt_keeps_what_is_believed() -> None:
     prior = {label: predicted(scene, 3, SPREAD / 5.0, body) for body, label in enumerate(LABELS)}
     known = KNOWN | {"normals": NORMALS}
     found = rm.match(POINTS, np.vstack([scene.rows, beside]), rm.P3P(RIG), bodies=NAMES, prior=prior, **known)
-    assert found.hyperedges == 0
+    assert found.evaluated == 0
     assert found.bodies["left"].status is rm.Status.AMBIGUOUS
     assert found.bodies["left"].prior_holds
     assert found.bodies["right"].status is rm.Status.MATCHED
@@ -317,9 +317,9 @@ def test_two_bodies_are_followed() -> None:
     tracker = rm.Tracker(POINTS, rm.P3P(RIG), bodies=NAMES, **(KNOWN | {"normals": NORMALS}))
     for k in range(8):
         scene = frame(3, k, RIG, hands=2)
-        found = tracker.match(scene.rows)
+        found = tracker.update(scene.rows)
         np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
-        assert (found.hyperedges > 0) == (k == 0)
+        assert (found.evaluated > 0) == (k == 0)
     assert {state.name for state in tracker.states.values()} == {"TRACKING"}
 
 
@@ -338,7 +338,7 @@ def test_without_sizes_frames_are_followed_too() -> None:
     tracker = rm.Tracker(POINTS[:LEDS], rm.P3P(rig), **KNOWN)
     for k in range(6):
         scene = frame(5, k, rig)
-        found = tracker.match(scene.rows)
+        found = tracker.update(scene.rows)
         assert found.status is rm.Status.MATCHED
         assert (found.sightings.assignment == scene.truth)[found.sightings.assignment >= 0].all()
 
@@ -396,7 +396,7 @@ def test_a_flight_of_bodies_on_the_command_line(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.stderr
     record = json.loads(result.stdout)
     assert record["sightings"] == scene.truth.tolist()
-    assert record["hyperedges"] == 0
+    assert record["evaluated"] == 0
 
     output = tmp_path / "matches.csv"
     result = CliRunner().invoke(app, [*image[:-1], "--prior", str(tmp_path / "prior.json"), "--output", str(output)])
@@ -436,11 +436,11 @@ def test_a_pixel_that_a_lens_cannot_show_stops_no_flight() -> None:
     ]
     index = np.array([0] * 8 + [1] * 9)
     tracker = rm.Tracker(points, rm.P3P(rig), noise=0.3)
-    found = tracker.match((np.concatenate(pixels), index))
+    found = tracker.update((np.concatenate(pixels), index))
     assert found.status is rm.Status.UNTRUSTED
     assert "folds over" in found.advice
     assert (found.sightings.assignment == -1).all()
-    assert tracker.match((np.concatenate(pixels[:2]), index[:16])).status is rm.Status.MATCHED
-    found = tracker.match((np.concatenate(pixels), index))
+    assert tracker.update((np.concatenate(pixels[:2]), index[:16])).status is rm.Status.MATCHED
+    found = tracker.update((np.concatenate(pixels), index))
     assert found.status is rm.Status.MATCHED
     np.testing.assert_array_equal(found.sightings.assignment, np.arange(16).reshape(2, 8))

@@ -28,10 +28,10 @@ def test_twenty_points_of_which_each_camera_sees_five(seed: int) -> None:
     np.testing.assert_array_equal(found.sightings.assignment, truth)
     np.testing.assert_array_equal(found.assignment, truth.max(axis=0))
     pose = found.poses[0]
-    assert pose is found.pose()[0]
+    assert pose is found.pose
     error = np.concatenate([_rotation_vector(R @ pose.R.T), t - pose.t])
     assert error @ np.linalg.solve(pose.covariance, error) < 30.0
-    assert pose.freedom == 2 * 20 - 6
+    assert pose.dof == 2 * 20 - 6
     assert 0.5 < pose.rms_sigma < 1.6
     np.testing.assert_allclose(found.poses_of(found.assignment)[0].t, pose.t, atol=1e-9)
     again = rm.Matcher(points, rm.P3P(rig), noise=0.5).match((rows[:, :2], rows[:, 2]))
@@ -138,7 +138,7 @@ def test_what_a_rig_does_not_take() -> None:
         {"preset": "paper"},
         {"solver": "ascent"},
         {"noise": "auto"},
-        {"hyperedges": "random"},
+        {"sampler": "random"},
     ):
         with pytest.raises(InputError, match=next(iter(options))):
             rm.match(points, rows, problem, **options)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rootmatch.pipeline.sampling import sample
-from rootmatch.pipeline.searched_solution import completed, searched_solution
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
+from rootmatch.explain.sampling import sample
+from rootmatch.explain.searched_solution import completed, searched_solution
+from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.simulation import up2p_scene
 from rootmatch.solvers import MultiStartAscent
@@ -19,9 +19,7 @@ SCENE = up2p_scene(20, 20, noise=1.0, seed=7)
 
 @pytest.fixture(scope="module")
 def searched() -> tuple[MatchingTask, SampledTensor]:
-    task = MatchingTask.of(
-        SCENE.problem, SCENE.source, SCENE.target, noise=1.0, options=MatchOptions(hyperedges="guided")
-    )
+    task = MatchingTask.of(SCENE.problem, SCENE.source, SCENE.target, noise=1.0, options=MatchOptions(sampler="guided"))
     return task, sample(task)
 
 

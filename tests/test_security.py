@@ -39,10 +39,10 @@ def calls() -> dict[str, set[str]]:
 def test_what_executes_text_is_said() -> None:
     made = calls()
     assert made.get("exec", set()) == EXECUTES
-    never = "eval", "os.system", "os.popen", "yaml.unsafe_load", "marshal.loads", "shell=", "allow_pickle="
+    never = "eval", "os.system", "os.popen", "yaml.unsafe_load", "marshal.loads", "shell=", "allow_pickle=", "yaml.load"
     for name in never:
         assert name not in made, f"{name} in {made.get(name)}"
-    assert made["yaml.load"] == {"io/calibrations/values.py"}
+    assert made["loader.construct_document"] == {"io/calibrations/values.py"}
     assert "class Loader(yaml.SafeLoader)" in (SOURCES / "io/calibrations/values.py").read_text(encoding="utf-8")
     assert made.get("pickle.loads", set()) | made.get("pickle.load", set()) <= UNPICKLES
     text = " ".join((ROOT / "SECURITY.md").read_text(encoding="utf-8").split())

@@ -25,7 +25,7 @@ Case = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], rm.Pro
 
 
 def test_no_inside_of_numba_is_missing() -> None:
-    program = [sys.executable, "-W", "error::RuntimeWarning", "-c", "import rootmatch.match"]
+    program = [sys.executable, "-W", "error::RuntimeWarning", "-c", "import rootmatch.api"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -106,7 +106,7 @@ def test_each_problem_matches(name: str) -> None:
 
 def test_a_guided_search_matches() -> None:
     source, target, truth, problem, sigma = simulated(up2p_scene, 10)
-    match = rm.match(source, target, problem, noise=sigma, hyperedges="guided", seed=1)
+    match = rm.match(source, target, problem, noise=sigma, sampler="guided", seed=1)
     assert match.assignment.tolist() == truth.tolist()
 
 

@@ -75,7 +75,7 @@ def test_help_scenes_and_bad_input_take_no_numba(tmp_path: Path) -> None:
 def test_a_match_imports_scipy_where_it_is_needed_only() -> None:
     """SciPy's optimisation and search trees take longer to import than Numba's kernels to load."""
     code = (
-        "import sys, rootmatch.match, rootmatch.cli.match, rootmatch.tracker\n"
+        "import sys, rootmatch.match, rootmatch.cli.match, rootmatch.tracking.tracker\n"
         "print([name for name in ('scipy.optimize', 'scipy.spatial', 'scipy.linalg') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -83,7 +83,7 @@ def test_a_match_imports_scipy_where_it_is_needed_only() -> None:
 
 
 def test_match_is_the_function_after_its_module_was_imported() -> None:
-    code = "import rootmatch.match, rootmatch; assert type(rootmatch.match).__name__ == 'function'"
+    code = "import rootmatch.api, rootmatch; assert type(rootmatch.match).__name__ == 'function'"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

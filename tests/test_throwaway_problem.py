@@ -35,7 +35,7 @@ for argument, use in (
     ("pose", found.pose),
     ("normals", lambda: rm.match(source, target, problem, normals=np.ones((6, 3)))),
     ("noise", lambda: rm.match(source, target, problem, noise=(0.1, 0.1))),
-    ("hyperedges", lambda: rm.match(source, target, problem, hyperedges="guided")),
+    ("hyperedges", lambda: rm.match(source, target, problem, sampler="guided")),
     ("residual", lambda: rm.match(source, target, problem, residual="qr")),
     ("residual", lambda: rm.residuals(source, target, problem, [[0, 1, 2]], [[0, 1, 2]], "svd")),
 ):

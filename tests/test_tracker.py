@@ -13,15 +13,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.pipeline.motion_filter import MotionFilter, MotionOptions
-from rootmatch.pipeline.near_symmetries import near_symmetries
-from rootmatch.pipeline.pose_flip import flipped_pose
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.prior_frame import PriorFrame, unbiased_frame
-from rootmatch.pipeline.task import MatchingTask
-from rootmatch.rival_poses import TEMPER, RivalPose, Shape, decided
-from rootmatch.rival_search import challengers
-from rootmatch.tracker import TrackingOptions
+from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_likelihood import PriorFrame, unbiased_frame
+from rootmatch.explain.task import MatchingTask
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+from rootmatch.tracking.pose_flip import flipped_pose
+from rootmatch.tracking.rival_poses import TEMPER, RivalPose, Shape, decided
+from rootmatch.tracking.searched_poses import challengers
+from rootmatch.tracking.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 BODY = np.random.default_rng(4).uniform(-0.3, 0.3, (7, 3)) + np.array([1.0, 0.0, 0.0])
@@ -59,7 +59,7 @@ def test_a_flight_with_an_occlusion() -> None:
         hidden = 30 <= k < 40
         target, truth = frame(k, hidden)
         match = one.match(target)
-        searched += match.hyperedges > 0
+        searched += match.evaluated > 0
         if hidden:
             assert one.state is rm.TrackingState.COASTING
             assert match.status is rm.Status.UNTRUSTED
@@ -89,7 +89,7 @@ def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
         one.match(frame(k, hidden=True)[0])
     assert one.state is rm.TrackingState.LOST
     assert str(one.state).startswith("lost")
-    assert one.match(np.empty((0, 2))).fault is not None
+    assert one.match(np.empty((0, 2))).finding.reason is not None
     one.match(frame(90)[0])
     assert one.state is rm.TrackingState.TRACKING
     one.reset()
@@ -198,7 +198,7 @@ def test_a_scant_body_is_searched_for_now_and_then() -> None:
             kept = truth[:3]
             clutter = np.random.default_rng(k).uniform((0.0, 0.0), (640.0, 480.0), (5, 2))
             target = np.concatenate([target[kept], clutter])
-        searched.append(one.match(target).hyperedges > 0)
+        searched.append(one.match(target).evaluated > 0)
     assert searched[0]
     assert not any(searched[1:3])
     assert 1 <= sum(searched[3:]) <= 3
@@ -214,7 +214,7 @@ def test_two_visible_points_keep_a_body_that_is_followed() -> None:
             if 6 <= k < 22:
                 target = np.concatenate([target[truth[:seen]], [[20.0, 30.0], [600.0, 470.0]]])
             match = one.match(target)
-            searched.append(match.hyperedges > 0)
+            searched.append(match.evaluated > 0)
             if 6 <= k < 22:
                 assert match.status is rm.Status.UNTRUSTED
             if k == 21:
@@ -353,7 +353,7 @@ def test_a_callers_prior_counts_instead() -> None:
     known = rm.Pose(R, t, np.diag([1e-3] * 6))
     match = one.match(frame(0)[0], prior=known)
     assert match.prior_holds
-    assert match.hyperedges == 0
+    assert match.evaluated == 0
     assert one.state is rm.TrackingState.TRACKING
 
 

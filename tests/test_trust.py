@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import rootmatch as rm
-from rootmatch.pipeline.detection_odds import DEFAULT_OPTIONS
-from rootmatch.pipeline.posterior import ranked
-from rootmatch.pipeline.task import MatchingTask
+from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 
@@ -34,7 +34,7 @@ def test_unrelated_points_and_sampled_hyperedges() -> None:
     rng = np.random.default_rng(5)
     for _ in range(5):
         source, target = rng.uniform(-2.0, 2.0, (20, 3)), rng.uniform((0.0, 0.0), (640.0, 480.0), (20, 2))
-        match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, hyperedges="random", samples=100_000)
+        match = rm.match(source, target, rm.P3P(CAMERA), noise=1.0, sampler="random", samples=100_000)
         assert match.status is rm.Status.UNTRUSTED
 
 

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.assessment import rivals_beyond_chance
+from rootmatch.explain.assignment_posterior import Misfit, Ranked
+from rootmatch.explain.confidence import Marginals
+from rootmatch.explain.decide import TRUST
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.twin_poses import twins_of
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import solve
-from rootmatch.pipeline.assessment import rivals_beyond_chance
-from rootmatch.pipeline.confidence import Marginals
-from rootmatch.pipeline.posterior import Misfit, Ranked
-from rootmatch.pipeline.status import TRUST
-from rootmatch.pipeline.task import MatchingTask, MatchOptions
-from rootmatch.pipeline.twin_poses import twins_of
+from rootmatch.result import report
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
@@ -47,7 +48,7 @@ def image(off: float, noise: float, more: int = 0) -> tuple[MatchingTask, Intege
     target = np.concatenate([pixels, rng.uniform((0.0, 0.0), (1280.0, 960.0), (5, 2))])
     truth = np.full(len(source), -1)
     truth[seen] = np.arange(len(seen))
-    task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=noise, normals=normals, view_angle=70.0)
+    task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=noise, normals=normals, view_angle=np.radians(70.0))
     return task, truth
 
 
@@ -60,7 +61,7 @@ def twin(truth: Integers) -> Integers:
 
 def found_alone(task: MatchingTask, assignment: Integers) -> MatchingTask:
     """The task with a search that finds one assignment, and thinks that it has seen everything."""
-    there = assignment[task.order]
+    there = assignment[task.permutation]
     groups = np.array(list(itertools.combinations(np.flatnonzero(there >= 0), 4)))
 
     def sampler(sampling: SamplingTask) -> SampledTensor:
@@ -68,13 +69,13 @@ def found_alone(task: MatchingTask, assignment: Integers) -> MatchingTask:
         tensor = AffinityTensor(indices, np.ones(len(groups)), sampling.shape)
         return SampledTensor(tensor, 1000, chance_weight=1e-6, assignments=there[None])
 
-    return replace(task, options=MatchOptions(hyperedges=sampler))
+    return replace(task, options=MatchOptions(sampler=sampler))
 
 
 @pytest.mark.parametrize("first", [True, False])
 def test_the_twin_is_listed_where_the_points_do_not_decide(first: bool) -> None:
     task, truth = image(0.0, 0.3)
-    match = solve(found_alone(task, truth if first else twin(truth)), 0.0)
+    match = report(explain(found_alone(task, truth if first else twin(truth))), seconds=0.0)
     assert match.status is rm.Status.AMBIGUOUS
     assert match.probability == pytest.approx(0.5, abs=0.05)
     both = [match.assignment, match.alternatives[0][0]]
@@ -86,7 +87,7 @@ def test_the_twin_is_listed_where_the_points_do_not_decide(first: bool) -> None:
 @pytest.mark.parametrize("first", [True, False])
 def test_it_is_matched_where_they_do(first: bool) -> None:
     task, truth = image(0.0003, 0.03)
-    match = solve(found_alone(task, truth if first else twin(truth)), 0.0)
+    match = report(explain(found_alone(task, truth if first else twin(truth))), seconds=0.0)
     assert match.status is rm.Status.MATCHED
     assert np.array_equal(match.assignment, truth)
     assert match.confidence[match.assignment >= 0].min() > 0.99

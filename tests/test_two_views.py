@@ -140,12 +140,12 @@ def test_points_are_found_among_clutter(baseline: float) -> None:
 
 def test_hidden_points_and_candidates() -> None:
     scene = three_plus_one_scene(14, 6, 0.5, 7, 3.0, hidden=4)
-    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="guided")
+    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, sampler="guided")
     assert scene.accuracy(match.assignment) > 0.7
     allowed = np.random.default_rng(0).random((18, 20)) < 0.5
     seen = np.flatnonzero(scene.truth >= 0)
     allowed[seen, scene.truth[seen]] = True
-    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, hyperedges="guided", candidates=allowed)
+    match = rm.match(scene.source, scene.target, scene.problem, noise=0.5, sampler="guided", candidates=allowed)
     matched = np.flatnonzero(match.assignment >= 0)
     assert allowed[matched, match.assignment[matched]].all()
     assert scene.accuracy(match.assignment) > 0.8
@@ -158,7 +158,7 @@ def test_a_match_depends_on_its_seed_alone() -> None:
         before = numba.get_num_threads()
         numba.set_num_threads(min(threads, before))
         try:
-            return rm.match(scene.source, scene.target, scene.problem, noise=1.0, hyperedges="guided", seed=4)
+            return rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="guided", seed=4)
         finally:
             numba.set_num_threads(before)
 
@@ -171,5 +171,5 @@ def test_unrelated_images_are_not_trusted() -> None:
     for seed in range(6):
         rng = np.random.default_rng([seed, 7])
         points = [rng.uniform(0.0, (640.0, 480.0), (count, 2)) for count in (14, 18)]
-        match = rm.match(*points, rm.ThreePlusOne(CAMERA), noise=0.5, hyperedges="guided")
+        match = rm.match(*points, rm.ThreePlusOne(CAMERA), noise=0.5, sampler="guided")
         assert match.status is not rm.Status.MATCHED

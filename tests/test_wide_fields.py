@@ -93,7 +93,7 @@ def test_the_guided_search_finds_what_lies_all_around(camera: str) -> None:
     points, image, truth = room(CAMERAS[camera], sigma, seed=5)
     rays = CAMERAS[camera].bearings(image)
     assert rays[:, 2].min() < -0.2
-    found = rm.match(points, image, rm.P3P(CAMERAS[camera]), noise=sigma, hyperedges="guided")
+    found = rm.match(points, image, rm.P3P(CAMERAS[camera]), noise=sigma, sampler="guided")
     assert found.status is rm.Status.MATCHED
     np.testing.assert_array_equal(found.assignment[truth >= 0], truth[truth >= 0])
 

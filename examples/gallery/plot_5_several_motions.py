@@ -22,12 +22,12 @@ scene = up2p_scene(
 # The vertical is known (``UP2P``), and nobody says how many objects there are.
 match = rm.match(scene.source, scene.target, scene.problem, noise=scene.noise, motions="auto")
 print(match.advice)
-print(f"{match.motions.max() + 1} motions found, {scene.accuracy(match.assignment):.0%} of the points right")
-for label in range(match.motions.max() + 1):
-    members = np.flatnonzero(match.motions == label)
+print(f"{match.motion_labels.max() + 1} motions found, {scene.accuracy(match.assignment):.0%} of the points right")
+for label in range(match.motion_labels.max() + 1):
+    members = np.flatnonzero(match.motion_labels == label)
     print(f"motion {label}: points {members.tolist()}, truly of object {sorted(set(scene.motions[members].tolist()))}")
 
 # %%
-figure = match_figure(scene.source, scene.target, match.assignment, motions=match.motions, truth=scene.truth)
+figure = match_figure(scene.source, scene.target, match.assignment, motions=match.motion_labels, truth=scene.truth)
 plt.figure(figure)
 plt.show()

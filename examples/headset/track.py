@@ -14,14 +14,14 @@ folder, poses, picture = (Path(name) for name in sys.argv[1:])
 camera, model = read_camera(folder / "camera.json").camera, read_points(folder / "model.csv", 3)
 rows = np.loadtxt(folder / "frames.csv", delimiter=",", skiprows=1)
 tracker = rm.Tracker(
-    model.points, rm.P3P(camera), noise=0.4, normals=model.normals, view_angle=65.0, bodies=model.bodies
+    model.points, rm.P3P(camera), noise=0.4, normals=model.normals, view_angle=np.radians(65.0), bodies=model.bodies
 )
 shown = []
 with poses.open("w") as file:
     print("frame,body,status,tx,ty,tz,qx,qy,qz,qw", file=file)
     for frame in np.unique(rows[:, 0]):
         target = rows[rows[:, 0] == frame, 1:]
-        match = tracker.match(target, time=frame / 60.0)
+        match = tracker.update(target, time=frame / 60.0)
         for label, body in match.bodies.items():
             pose = body.poses[0] if body.status else None
             cells = ["", "", "", "", "", "", ""] if pose is None else [*pose.t, *pose.quaternion]

@@ -1,8 +1,6 @@
 """Which point is which, from geometry alone: minimal problems that share a root, matched as a hypergraph."""
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from rootmatch._version import __version__
@@ -10,6 +8,7 @@ from rootmatch.errors import InputError, RootmatchError
 from rootmatch.problems import MODULES
 
 if TYPE_CHECKING:
+    from rootmatch.api import match, residuals
     from rootmatch.cameras.pinhole import Camera
     from rootmatch.cameras.rig import Rig
     from rootmatch.derivation.derive import derive
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from rootmatch.hypergraph.invariants import invariant_affinities, nearest_hyperedges
     from rootmatch.hypergraph.tensor import AffinityTensor
     from rootmatch.io.calibrations.reading import read_cameras
-    from rootmatch.match import match, residuals
     from rootmatch.matcher import Matcher
     from rootmatch.problems.base import Problem
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.up2pf import UP2PF as UP2PF
     from rootmatch.result import Match, Status
     from rootmatch.samplers.guided.sampler import Guided
-    from rootmatch.tracker import Tracker, TrackingState
+    from rootmatch.tracking.tracker import Tracker, TrackingState
 
 _LATER = {
     **MODULES,
@@ -48,29 +46,18 @@ _LATER = {
     "Residual": "hypergraph.affinity",
     "Rig": "cameras.rig",
     "Status": "result",
-    "Tracker": "tracker",
-    "TrackingState": "tracker",
+    "Tracker": "tracking.tracker",
+    "TrackingState": "tracking.tracker",
     "Uncalibrated": "problems.derived.measurements",
     "derive": "derivation.derive",
     "read_cameras": "io.calibrations.reading",
     "invariant_affinities": "hypergraph.invariants",
-    "match": "match",
+    "match": "api",
     "nearest_hyperedges": "hypergraph.invariants",
-    "residuals": "match",
+    "residuals": "api",
 }
 """Module of each public name, imported when first asked for: a command that fails early needs none of them, and no
 Numba."""
-
-
-class _Package(ModuleType):
-    """The package, whose `match` is the function also after the module of that name has been imported."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name == "match" and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

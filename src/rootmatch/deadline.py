@@ -38,7 +38,7 @@ class Deadline:
         return self.ends < math.inf
 
     @property
-    def limited(self) -> bool:
+    def stopped_early(self) -> bool:
         """Whether any work was left out because of it."""
         return bool(self._cuts)
 

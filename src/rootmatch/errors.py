@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from reprlib import Repr
+
 
 class RootmatchError(Exception):
     """Base class of every error that rootmatch raises deliberately."""
@@ -22,6 +24,12 @@ MOST_QUOTED = 60
 MOST_LISTED = 8
 """Entries of a list or mapping that it quotes; of longer ones it says how many they are."""
 
+BRIEF = Repr()
+"""Notation of a value that stays short however large the value is: lists within lists may stand for gigabytes."""
+BRIEF.maxlevel = 3
+BRIEF.maxlist = BRIEF.maxtuple = BRIEF.maxdict = BRIEF.maxset = BRIEF.maxfrozenset = MOST_LISTED
+BRIEF.maxstring = BRIEF.maxother = BRIEF.maxlong = 10 * MOST_QUOTED
+
 
 def printable(text: str) -> str:
     """A text with every character that a terminal may obey as its escape, in the notation of Python."""
@@ -35,7 +43,7 @@ def quoted(value: object) -> str:
     if isinstance(value, list | dict) and len(value) > MOST_LISTED:
         return f"a {'list' if isinstance(value, list) else 'mapping'} of {len(value)}"
     try:
-        text = printable(" ".join(repr(value).split()))
+        text = printable(" ".join(BRIEF.repr(value).split()))
     except (ValueError, RecursionError):
         return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
     return text if len(text) <= MOST_QUOTED else f"{text[: MOST_QUOTED - 3]}..."

@@ -2,49 +2,35 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.bodies import match_bodies
-from rootmatch.cameras.rig import rig_of
-from rootmatch.deadline import Deadline
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError, UnseenPixelError
+from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.body_labels import Label, check_bodies
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
+from rootmatch.explain.rig_copies import copies_task, is_rig
+from rootmatch.explain.task import OPTIONS, MatchingTask, MatchOptions
+from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
-from rootmatch.match import solve
-from rootmatch.pipeline.body_labels import Label, check_bodies
-from rootmatch.pipeline.prior import Found
-from rootmatch.pipeline.rig_task import copies_task, is_rig
-from rootmatch.pipeline.task import OPTIONS, MatchingTask, MatchOptions
-from rootmatch.pipeline.validation import check_problem
-from rootmatch.predicted import UNCONFIRMED, empty_match, tried
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.result import Match
-from rootmatch.rigs import shown
-from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.sampler import Guided, pays
+from rootmatch.result import Match, report
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
-
-
-@dataclass(frozen=True)
-class BoundedSearch:
-    """A sampler that spends a bounded number of evaluations, or sweeps where that is cheaper."""
-
-    budget: int
-    sweep: SmallSweep
-
-    def __call__(self, task: SamplingTask) -> SampledTensor:
-        """See `rootmatch.samplers.base.Sampler`."""
-        return Guided(budget=self.budget)(task) if pays(task) else self.sweep(task)
 
 
 class Matcher:
@@ -90,15 +76,14 @@ class Matcher:
         alone = bodies is None
         self.source = check_points(source, problem.source_dimension, "source", problem.order, distinct=alone).copy()
         self.problem = problem
-        self.noise = noise
+        self.noise = noise if isinstance(noise, str | int | float) else copy.deepcopy(noise)
         if normals is not None:
             Capability.NORMALS.require(problem.takes_normals, problem.name)
         self.normals = None if normals is None else check_normals(normals, len(self.source)).copy()
         check_view_angle(view_angle, normals, len(self.source))
-        self.view_angle = view_angle
-        if bodies is not None:
-            check_bodies(bodies, self.source, problem.order)
-        self.bodies = bodies
+        self.view_angle = None if view_angle is None else np.array(view_angle, np.float64)
+        self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
+        self.bodies = None if bodies is None else np.array(bodies)
         self.options = MatchOptions(**options)
         self._sweep = SmallSweep()
 
@@ -138,11 +123,45 @@ class Matcher:
             As `rootmatch.match`.
         """
         started = time.perf_counter()
-        detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        fault = self._fault(detections, 1 if prior is not None and self.bodies is None else self.problem.order)
-        if fault is not None:
-            return self._empty(detections, fault, started)
         options = self.options if max_seconds is None else replace(self.options, max_seconds=max_seconds)
+        deadline = Deadline(options.max_seconds, started=started)
+        found = self.explained(
+            target, noise=noise, candidates=candidates, prior=prior, options=options, deadline=deadline
+        )
+        return report(found, seconds=time.perf_counter() - started, stopped_early=deadline.stopped_early)
+
+    def explained(
+        self,
+        target: ArrayLike,
+        *,
+        noise: ArrayLike | Literal["auto"] | None = None,
+        candidates: ArrayLike | None = None,
+        prior: Pose | Mapping[Label, Pose] | None = None,
+        options: MatchOptions | None = None,
+        deadline: Deadline = NEVER,
+        budget: int | None = None,
+        find: Callable[[MatchingTask], Finding] | None = None,
+    ) -> Finding:
+        """What is found of a frame; that of the copies of its points where the camera is a rig.
+
+        Parameters
+        ----------
+        target, noise, candidates, prior
+            As `match`.
+        options : MatchOptions, optional
+            In the place of the matcher's own.
+        deadline : Deadline
+        budget : int, optional
+            Evaluations of a guided search.
+        find : callable, optional
+            Other than a search, say with a prediction alone.
+        """
+        options = options or self.options
+        detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
+        alone = find is not None or (prior is not None and self.bodies is None)
+        reason = self._fault(detections, 1 if alone else self.problem.order)
+        if reason is not None:
+            return self._nothing(detections, reason)
         task = MatchingTask.of(
             self.problem,
             self.source,
@@ -154,84 +173,44 @@ class Matcher:
             bodies=self.bodies,
             prior=prior,
             options=options,
-            deadline=Deadline(options.max_seconds, started=started),
+            deadline=deadline,
         )
-        if self.bodies is None and self._sweeps(task):
-            task = replace(task, options=replace(options, hyperedges=self._sweep))
+        if find is None and self._sweeps(task):
+            task = replace(task, options=replace(options, sampler=self._sweep))
+        elif budget is not None and options.scheduler is None:
+            task = replace(task, budget=budget)
         try:
-            return solve(task, started)
+            return explain(task) if find is None else find(copies_task(task) if is_rig(task) else task)
         except UnseenPixelError as error:
-            return self._empty(detections, str(error), started)
+            return self._nothing(detections, str(error))
 
     def follow(
         self,
         target: ArrayLike,
         prior: Pose | Mapping[Label, Pose] | None,
         noise: ArrayLike | None = None,
-        max_seconds: float | None = None,
+        deadline: Deadline = NEVER,
         searching: bool = True,
         budget: int | None = None,
-    ) -> Match:
-        """`match` for a tracker, which may bound its search.
+    ) -> Finding:
+        """What is found of a frame for a tracker, which may bound its search.
 
-        Unless ``searching``, a prediction that does not decide leaves an empty match. ``budget``: evaluations of a
-        guided search.
+        Unless ``searching``, a prediction that does not decide leaves nothing. ``budget``: evaluations of a guided
+        search.
         """
         if searching:
-            before = self.options
-            if budget is not None and before.sampler == "auto" and before.scheduler is None:
-                # a rig searches each of its cameras
-                of_rig = rig_of(self.problem) is not None
-                bounded = Guided(budget=budget) if of_rig else BoundedSearch(budget, self._sweep)
-                self.options = replace(before, hyperedges=bounded)
-            try:
-                return self.match(target, noise=noise, prior=prior, max_seconds=max_seconds)
-            finally:
-                self.options = before
-        if self.bodies is None:
-            assert isinstance(prior, Pose)
-            return self.tried(target, prior, noise)[0]
-        return self._of_frame(target, prior, noise, lambda task: _as_copies(task, _bodies_not_searched))
+            return self.explained(target, noise=noise, prior=prior, deadline=deadline, budget=budget)
+        return self.explained(target, noise=noise, prior=prior, find=_bodies_not_searched)
 
-    def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Match, Found | None]:
-        """What a predicted pose of the only body finds, and its match, which is untrusted unless that is believed."""
+    def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Finding, Found | None]:
+        """What a predicted pose of the only body finds, untrusted unless that is believed, and how sure it is."""
         known: list[Found | None] = [None]
 
-        def find(task: MatchingTask) -> Match:
-            match, known[0] = tried(task)
-            return match
+        def find(task: MatchingTask) -> Finding:
+            finding, known[0] = tried(task)
+            return finding
 
-        return self._of_frame(target, prior, noise, lambda task: _as_copies(task, find)), known[0]
-
-    def _of_frame(
-        self,
-        target: ArrayLike,
-        prior: Pose | Mapping[Label, Pose] | None,
-        noise: ArrayLike | None,
-        find: Callable[[MatchingTask], Match],
-    ) -> Match:
-        """The match of a frame that is not searched."""
-        started = time.perf_counter()
-        detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        fault = self._fault(detections, 1)
-        if fault is not None:
-            return self._empty(detections, fault, started)
-        task = MatchingTask.of(
-            self.problem,
-            self.source,
-            target,
-            noise=self.noise if noise is None else noise,
-            normals=self.normals,
-            view_angle=self.view_angle,
-            bodies=self.bodies,
-            prior=prior,
-            options=self.options,
-        )
-        try:
-            found = find(task)
-        except UnseenPixelError as error:
-            return self._empty(detections, str(error), started)
-        return replace(found, seconds=time.perf_counter() - started)
+        return self.explained(target, noise=noise, prior=prior, find=find), known[0]
 
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
@@ -244,32 +223,34 @@ class Matcher:
         same = repeated(detections)
         return None if same is None else f"detections {same[0]} and {same[1]} are the same; keep one of them"
 
-    def _empty(self, detections: NDArray[np.float64], fault: str, started: float) -> Match:
-        """The match of such a frame."""
+    def _nothing(self, detections: NDArray[np.float64], reason: str) -> Finding:
+        """The finding of a frame that cannot be matched; of several bodies that of each."""
         detections = detections.reshape(-1, self.problem.target_dimension)
         n, n_target = len(self.source), len(detections)
         noise = math.nan if isinstance(self.noise, str) else self.noise
         points = PointSets(self.source, detections, np.full(n, math.nan), np.full(n_target, math.nan), self.normals)
-        task = MatchingTask(self.problem, points, self.options.affinity(self.problem), self.options, noise=noise)
-        found = _as_copies(task, lambda task: empty_match(task, fault))
-        return replace(found, seconds=time.perf_counter() - started)
+        task = MatchingTask(
+            self.problem, points, self.options.affinity(self.problem), self.options, noise=noise, bodies=self.labels
+        )
+        if is_rig(task):
+            task = copies_task(task)
+        nothing = nothing_found(task, reason)
+        if task.bodies is None:
+            return nothing
+        parts = {label: nothing_found(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
+        return replace(nothing, parts=parts)
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
-        if is_rig(task):
-            return False  # cameras are swept one by one
+        if is_rig(task) or self.bodies is not None:
+            return False  # cameras are swept one by one, and so are bodies
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
-        return self.options.sampler == "auto" and self.options.scheduler is None and count <= SMALL
+        return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL
 
 
-def _as_copies(task: MatchingTask, find: Callable[[MatchingTask], Match]) -> Match:
-    """What is found, of a rig for the copies of its points."""
-    return shown(find(copies_task(task))) if is_rig(task) else find(task)
+def _not_searched(task: MatchingTask) -> Finding:
+    return nothing_found(task, UNCONFIRMED)
 
 
-def _not_searched(task: MatchingTask) -> Match:
-    return empty_match(task, UNCONFIRMED)
-
-
-def _bodies_not_searched(task: MatchingTask) -> Match:
+def _bodies_not_searched(task: MatchingTask) -> Finding:
     return match_bodies(task, _not_searched)

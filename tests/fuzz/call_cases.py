@@ -62,14 +62,14 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "noise": (0.5, 0.5, 0.5, 0, 1e-9, 1e-6, 100.0, 1e4, "auto", "each", "pair", "pairs", -1, math.nan, "x", None, []),
     "seed": (0, 1, 2**31, 2**63, 2**200, -1, 1.5),
     "preset": ("paper", "other"),
-    "hyperedges": ("auto", "exhaustive", "random", "guided", "some", 3),
+    "sampler": ("auto", "exhaustive", "random", "guided", "some", 3),
     "samples": (1, 50, 3000, 0, -5, 2.5, 10**12, 10**30),
     "residual": ("joint", "normalised", "qr", "qr-both", "svd", "l2", 5),
     "rho": (1.0, 1e-300, 1e-9, 1e300, 0.0, -1.0, math.inf, "x"),
     "solver": (*SOLVERS, "magic", 1),
     "motions": (1, 2, 3, "auto", 0, 50, 10**9, True, 2.5),
     "max_hyperedges": (1, 7, 1000, 0, 10**8, 10**15, 2.0),
-    "limit": (1, 1000, 10**9, -1, "x"),
+    "max_evaluations": (1, 1000, 10**9, -1, "x"),
     "backend": ("cpu", "auto", "abacus"),
     "normals": ("toward", "random", "zero", "short", "nan", "text"),
     "candidates": (
@@ -87,8 +87,8 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
         "short",
     ),
     "progress": ("count", 3),
-    "view_angle": (60.0, "each", 0.0, 181.0, math.nan, "x"),
-    "detection": (0.9, 1.0, 0.0, 1.5, math.nan, "x"),
+    "view_angle": (1.0, "each", 0.0, 3.2, math.nan, "x"),
+    "detection_rate": (0.9, 1.0, 0.0, 1.5, math.nan, "x"),
     "bodies": ("one", "two", "all", "words", "short", "floats"),
     "prior": ("near", "far", "sharp", "singular", "none", "text"),
     "max_seconds": (0.01, 1.0, 1e300, 0.0, -1.0, math.nan, "x"),
@@ -100,20 +100,20 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "noise": (0.5, 0, 1e-6, 100.0, "auto", "each"),
     "seed": (0, 1, 2**31),
     "preset": ("paper",),
-    "hyperedges": ("auto", "exhaustive", "random", "guided"),
+    "sampler": ("auto", "exhaustive", "random", "guided"),
     "samples": (50, 3000),
     "residual": ("joint", "normalised", "qr", "qr-both", "svd"),
     "rho": (1.0, 1e-300, 1e-9, 1e300),
     "solver": tuple(SOLVERS),
     "motions": (1, 2, 3, "auto", 50),
     "max_hyperedges": (1, 7, 1000),
-    "limit": (10**9,),
+    "max_evaluations": (10**9,),
     "backend": ("cpu", "auto"),
     "normals": ("toward", "random", "zero"),
     "candidates": ("all", "true", "few", "row", "column", "one", "weights", "huge", "counts"),
     "progress": ("count",),
-    "view_angle": (60.0, "each"),
-    "detection": (0.9, 0.5),
+    "view_angle": (1.0, "each"),
+    "detection_rate": (0.9, 0.5),
     "bodies": ("one", "two", "words"),
     "prior": ("near", "far", "sharp"),
     "max_seconds": (0.01, 1.0, 1e300),
@@ -315,7 +315,7 @@ def option_of(name: str, value: Any, n: int, n_target: int, seed: int) -> Any:
             made[key][index] = True
         return made[value]
     if name == "view_angle":
-        return np.full(n, 75.0) if value == "each" else value
+        return np.full(n, 1.3) if value == "each" else value
     if name == "bodies":
         labels: dict[str, Any] = {"one": np.zeros(n, int), "two": np.arange(n) % 2, "all": np.arange(n)}
         labels |= {"words": ["left" if k < n // 2 else "right" for k in range(n)], "floats": np.arange(n) / 2}
@@ -384,11 +384,11 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     assert math.isfinite(match.score)
     assert match.score >= 0.0
     assert 0.0 <= match.margin <= 1.0
-    assert match.soft.shape == (n, n_target)
-    assert np.all(np.isfinite(match.soft))
-    assert np.all(match.soft >= 0.0)
-    assert np.array_equal(match.motions >= 0, match.assignment >= 0)
-    assert match.hyperedges >= 0
+    assert match.soft_assignment.shape == (n, n_target)
+    assert np.all(np.isfinite(match.soft_assignment))
+    assert np.all(match.soft_assignment >= 0.0)
+    assert np.array_equal(match.motion_labels >= 0, match.assignment >= 0)
+    assert match.evaluated >= 0
     assert match.seconds >= 0.0
     assert np.all(np.isfinite(match.tensor.weights))
     if match.probability is not None:
@@ -398,7 +398,7 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     elif match.status is rm.Status.MATCHED:
         assert match.score > 0.0
         assert (match.assignment >= 0).any()
-        sure = match.margin >= 0.2 if match.fitted_probability is None else match.fitted_probability >= 0.9
+        sure = match.margin >= 0.2 if match.finding.probability is None else match.finding.probability >= 0.9
         assert sure, "called matched against the rule"
     if candidates is not None:
         allowed = np.asarray(candidates) > 0

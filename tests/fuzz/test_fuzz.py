@@ -19,7 +19,7 @@ KEPT = sorted(Path(__file__).with_name("kept").glob("*.json"))
 USUAL: dict[str, tuple[Any, ...]] = {
     "residual": ("joint", "qr"),
     "solver": ("ascent", "power-l1", "magic"),
-    "hyperedges": ("auto", "exhaustive", "random", "some"),
+    "sampler": ("auto", "exhaustive", "random", "some"),
     "motions": (1, "auto", 0),
 }
 """Options that other tests compile too."""

@@ -6,8 +6,8 @@ import statistics
 import time
 from typing import Any
 
+from rootmatch.api import match
 from rootmatch.benchmark.scenes import NOISE, make_scene
-from rootmatch.match import match
 from rootmatch.matcher import Matcher
 
 FRAMES = 9
@@ -22,7 +22,7 @@ def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[
         result = match(scene.source, scene.target, scene.problem, noise=NOISE, seed=seed)
         spent.append(result.seconds)
         accuracy.append(scene.accuracy(result.assignment))
-        evaluations.append(result.hyperedges)
+        evaluations.append(result.evaluated)
     return _row(f"{problem} {points} + {outliers}", spent[1:], accuracy[1:], evaluations[1:])
 
 
@@ -40,7 +40,7 @@ def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str,
             times.append(time.perf_counter() - started)
         spent.append(statistics.median(times))
         accuracy.append(scene.accuracy(result.assignment))
-        evaluations.append(result.hyperedges)
+        evaluations.append(result.evaluated)
     return _row(f"{problem} {points} + {outliers}, tracked", spent, accuracy, evaluations)
 
 

@@ -29,16 +29,16 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     for label, one in each:
         pose = _pose(one)
         cells = ["" for _ in range(7 + len(COVARIANCES))] if pose is None else _cells(pose)
-        probability = "" if one.fitted_probability is None else float(one.fitted_probability)
+        probability = "" if one.finding.probability is None else float(one.finding.probability)
         rows.append([frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum()), *cells])
     return rows
 
 
 def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
     """A row for each match of a frame, ``target`` counting its detections from 0; one without any, where none is."""
-    weights = match.soft[np.arange(len(match.assignment)), match.assignment]
+    weights = match.soft_assignment[np.arange(len(match.assignment)), match.assignment]
     found = [
-        [frame, source.names[i], j, float(weights[i]), int(match.motions[i])]
+        [frame, source.names[i], j, float(weights[i]), int(match.motion_labels[i])]
         for i, j in enumerate(match.assignment.tolist())
         if j >= 0
     ]

@@ -11,7 +11,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, Job, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
-from rootmatch.cli.problem_options import build_problem, flag
+from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
 
@@ -33,17 +33,17 @@ def match(
     dimension: option.Dimension = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
-    detection: option.Detection = None,
+    detection_rate: option.DetectionRate = None,
     prior: option.Prior = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",
     preset: option.Preset = None,
-    hyperedges: option.Hyperedges = None,
+    sampler: option.Sampler = None,
     samples: option.Samples = None,
     residual: option.Residual = None,
     rho: option.Rho = None,
     solver: option.Solver = None,
-    limit: option.Limit = None,
+    max_evaluations: option.MaxEvaluations = None,
     max_hyperedges: option.MaxHyperedges = None,
     max_seconds: option.MaxSeconds = None,
     backend: option.Backend = None,
@@ -116,14 +116,14 @@ def match(
     if source.bodies is not None and motions != "1":
         raise InputError(f"--motions: {model} has a column body, which says which points move together; leave it out")
     plain: dict[str, Any] = {
-        "view_angle": view_angle,
-        "detection": detection,
-        "hyperedges": hyperedges,
+        "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
+        "detection_rate": detection_rate,
+        "sampler": sampler,
         "samples": samples,
         "residual": residual,
         "rho": rho,
         "solver": solver,
-        "limit": limit,
+        "max_evaluations": max_evaluations,
         "max_hyperedges": max_hyperedges,
         "max_seconds": max_seconds,
         "backend": backend,
@@ -157,7 +157,7 @@ def match(
         option_names_in_errors({"source": str(model), "target": str(image), **subjects, "bodies": str(model)}),
         progress_bar("hyper-edges", progress) as show,
     ):
-        from rootmatch.match import match as find
+        from rootmatch.api import match as find
 
         found = find(
             source.points,

@@ -125,7 +125,7 @@ ViewAngle = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
-Detection = Annotated[
+DetectionRate = Annotated[
     float | None,
     typer.Option(
         metavar="P",
@@ -168,11 +168,11 @@ Preset = Annotated[
     PresetName | None,
     typer.Option(help="The method as published; other options override it.", rich_help_panel=METHOD),
 ]
-Hyperedges = Annotated[
+Sampler = Annotated[
     str | None,
     typer.Option(
         metavar="WHICH",
-        help="Which to evaluate: auto, exhaustive, random, or guided.",
+        help="Which hyper-edges to evaluate: auto, exhaustive, random, or guided.",
         show_default="auto",
         rich_help_panel=METHOD,
     ),
@@ -207,11 +207,11 @@ Solver = Annotated[
         rich_help_panel=METHOD,
     ),
 ]
-Limit = Annotated[
+MaxEvaluations = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        help="Most hyper-edges that an exhaustive search may evaluate.",
+        help="Maximum number of hyper-edges that an exhaustive search may evaluate.",
         show_default="4e9, on a card 1e11",
         rich_help_panel=METHOD,
     ),

@@ -61,6 +61,19 @@ def _owners(option: str) -> list[str]:
     return [name for name in PROBLEMS if option in {field.name for field in fields(problem_class(name))}]
 
 
+def angle(option: str, degrees: float, maximum: float) -> float:
+    """An angle of the command line, in degrees, in radians.
+
+    Raises
+    ------
+    InputError
+        If it is not from 0 to ``maximum``.
+    """
+    if not 0.0 <= degrees <= maximum:
+        raise InputError(f"{flag(option)}: {degrees:g} given; give degrees from 0 to {maximum:g}")
+    return math.radians(degrees)
+
+
 def _setting(option: str, text: str | float | int) -> Any:
     """The parsed value of an option that only some problems have."""
     from rootmatch.io import parse_camera, parse_direction, parse_numbers
@@ -68,9 +81,7 @@ def _setting(option: str, text: str | float | int) -> Any:
     if isinstance(text, int):
         return text
     if isinstance(text, float):
-        if not 0.0 <= text <= 45.0:
-            raise InputError(f"{flag(option)}: {text:g} given; give degrees from 0 to 45")
-        return math.radians(text)
+        return angle(option, text, 45.0)
     if option == "camera2":
         return parse_camera(text, flag(option)).camera
     if option == "centre":

@@ -15,7 +15,7 @@ from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs
-from rootmatch.cli.problem_options import build_problem, flag
+from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.errors import InputError, quoted
 
 Frames = Annotated[
@@ -52,7 +52,7 @@ def track(
     vertical_noise: option.VerticalNoise = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
-    detection: option.Detection = None,
+    detection_rate: option.DetectionRate = None,
     max_seconds: option.MaxSeconds = None,
     seed: option.Seed = 0,
     poses: Poses = None,
@@ -83,14 +83,14 @@ def track(
     from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, Appended, match_rows, pose_rows
     from rootmatch.io.frame_files import read_frames
-    from rootmatch.tracker import Tracker
+    from rootmatch.tracking.tracker import Tracker
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
     options: dict[str, Any] = {
         "normals": source.normals if normals else None,
-        "view_angle": view_angle,
-        "detection": detection,
+        "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
+        "detection_rate": detection_rate,
         "max_seconds": max_seconds,
         "bodies": source.bodies,
         "seed": seed,
@@ -110,7 +110,7 @@ def track(
         if table is None:
             printed.writerow(header)
         for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
-            found = tracker.match(frame.points, time=frame.number / rate)
+            found = tracker.update(frame.points, time=frame.number / rate)
             rows = pose_rows(frame.number, found)
             if table is not None:
                 table.write(rows)

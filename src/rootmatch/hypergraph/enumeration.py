@@ -139,7 +139,7 @@ def random_hyperedges(
             if tried >= 1000 * STREAM_BLOCK and accepted < 1e-5 * tried:
                 raise InputError(
                     "hyper-edges: the candidate mask allows fewer than 1 in 100,000 random tuples; "
-                    'use hyperedges="exhaustive", which walks the mask'
+                    'use sampler="exhaustive", which walks the mask'
                 )
             if len(source):
                 pending.append((source, target))

@@ -20,8 +20,8 @@ LARGEST = 100_000_000
 """Bytes of a file beyond which it is no table of points: a million of them have less."""
 
 
-def read_text(path: Path) -> str:
-    """The text of a file without a byte-order mark, line endings unchanged."""
+def read_text(path: Path, most: int = LARGEST) -> str:
+    """The text of a file without a byte-order mark, line endings unchanged; ``most`` characters are read."""
     if path.is_dir():
         raise InputError(f"{path}: it is a folder; give the name of a file")
     try:
@@ -29,7 +29,9 @@ def read_text(path: Path) -> str:
         if size > LARGEST:
             raise InputError(f"{path}: {size:,} bytes, more than the {LARGEST:,} that are read; split it")
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            text: str = stream.read()
+            text: str = stream.read(most + 1)
+        if len(text) > most:
+            raise InputError(f"{path}: it has no end within {most:,} characters; give the name of a file")
     except InputError:
         raise
     except FileNotFoundError:

@@ -59,7 +59,7 @@ def pose_record(pose: Pose) -> dict[str, Any]:
         "parameters": list(_parameters(pose)[:size]),
         "covariance": None if pose.covariance is None else pose.covariance.tolist(),
         "chi2": _finite(pose.chi2),
-        "freedom": pose.freedom,
+        "dof": pose.dof,
         "rms": _finite(pose.rms),
         "rms_sigma": _finite(pose.rms_sigma),
         "points": None if pose.points is None else pose.points.tolist(),

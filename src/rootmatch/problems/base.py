@@ -99,7 +99,7 @@ class Problem(ABC):
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
-            Degrees from its normal within which a point is visible. Default: 90.
+            Radians from its normal within which a point is visible. Default: π/2.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool
@@ -119,7 +119,9 @@ class Problem(ABC):
         second = check_points(self.joined(target), self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))
-        sigma, sigma2 = parse_noise(noise, (len(first), len(second)), self.noisy_source, self.name)
+        sigma, sigma2 = parse_noise(
+            noise, (len(first), len(second)), self.noisy_source, self.name, self.noise_pixels(first, second)
+        )
         if self.noise_is_angular and sigma2.max() > MOST_RADIANS:
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
@@ -135,6 +137,10 @@ class Problem(ABC):
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
         return isinstance(getattr(self, "camera", None), UnitRays)
+
+    def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+        """What counts as a pixel of either set where noise is compared with one: see `checks.LEAST_NOISE`."""
+        return 1.0, 1.0
 
     def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Target points in the plane of the pose fits, (n', 2), and their noise there: the pixels themselves.

@@ -30,12 +30,12 @@ class Capability(Enum):
         "estimate one from `assignment` with a solver of your own",
     )
     """Declared by `Problem.least_for_pose`."""
-    GUIDED = "hyperedges", "has no hypotheses to guide a search", 'use hyperedges="exhaustive" or "random"'
+    GUIDED = "hyperedges", "has no hypotheses to guide a search", 'use sampler="exhaustive" or "random"'
     """Declared by `ProblemKernels.hypotheses`."""
     COMPLETION = (
         "hyperedges",
         "has no predictions to complete minimal sets",
-        'use hyperedges="exhaustive" or "random"',
+        'use sampler="exhaustive" or "random"',
     )
     """Declared by `ProblemKernels.completion`."""
     RESIDUAL = "residual", "has no kernels of that kind", 'use another kind, such as residual="joint"'

@@ -98,22 +98,24 @@ def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
 
 
 def check_view_angle(angle: ArrayLike | None, normals: object, count: int) -> NDArray[np.float64] | None:
-    """Cosines (count,) of view angles in degrees from the normals; None where no angle is given."""
+    """Cosines (count,) of view angles from the normals, in radians; None where no angle is given."""
     if angle is None:
         return None
     if normals is None:
         raise InputError("view_angle: no normals given, from which it is measured; give normals=, or leave it out")
     try:
-        degrees = np.asarray(angle, dtype=np.float64)
+        radians = np.asarray(angle, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"view_angle: {angle!r} given; give degrees, one number or one for each point") from None
-    if degrees.shape not in ((), (count,)):
+        raise InputError(f"view_angle: {angle!r} given; give radians, one number or one for each point") from None
+    if radians.shape not in ((), (count,)):
         raise InputError(
-            f"view_angle: shape {degrees.shape} given; give one number or one for each of {count} source points"
+            f"view_angle: shape {radians.shape} given; give one number or one for each of {count} source points"
         )
-    if not np.all((degrees > 0.0) & (degrees <= 180.0)):
-        raise InputError("view_angle: an angle is not in (0, 180]; give degrees from the normal, such as 70")
-    return np.ascontiguousarray(np.broadcast_to(np.cos(np.radians(degrees)), (count,)))
+    if not np.all((radians > 0.0) & (radians <= np.pi)):
+        raise InputError(
+            "view_angle: an angle is not in (0, π]; give radians from the normal, such as 1.22 (np.radians(70))"
+        )
+    return np.ascontiguousarray(np.broadcast_to(np.cos(radians), (count,)))
 
 
 def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
@@ -127,23 +129,39 @@ def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
 
 
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e4
-"""Of a coordinate, in pixels: what zero is taken as, and what is wider than an image."""
+"""Of a coordinate, in pixels: what zero is taken as, and what is wider than an image. Of points whose unit is the
+caller's, a thousandth of their extent stands for a pixel."""
 
 
-def check_noise(noise: ArrayLike, count: int, name: str = "noise") -> NDArray[np.float64]:
-    """Standard deviations (count,) in pixels of a scalar or an array.
+def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise") -> NDArray[np.float64]:
+    """Standard deviations (count,) of a scalar or an array.
 
-    Zero is taken as 1e-6 px: exact data then still yields finite normalised residuals.
+    Zero is taken as a millionth of a pixel: exact data then still yields finite normalised residuals.
+
+    Parameters
+    ----------
+    noise : float or (count,) array
+    count : int
+        Points of the set.
+    pixel : float
+        What counts as a pixel: 1 for an image, a thousandth of the extent of points whose unit is the caller's.
+    name : str
+        For the message.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or a number is negative, not finite or absurdly large.
     """
-    if isinstance(noise, float) and 0.0 <= noise <= MOST_NOISE:
-        return np.full(count, max(noise, LEAST_NOISE))
-    sigma = as_floats(noise, name, "a number of pixels, or one for each target point")
+    least, most = LEAST_NOISE * pixel, MOST_NOISE * pixel
+    if isinstance(noise, float) and 0.0 <= noise <= most:
+        return np.full(count, max(noise, least))
+    sigma = as_floats(noise, name, "one number, or one for each target point, in its unit")
     if sigma.shape not in ((), (count,)):
         raise InputError(f"{name}: shape {sigma.shape} given; give one number or one for each of {count} target points")
     if not np.all(np.isfinite(sigma)) or np.any(sigma < 0.0):
-        raise InputError(f"{name}: {np.min(sigma):g} px given; a standard deviation is finite and not negative")
-    if np.any(sigma > MOST_NOISE):
-        raise InputError(
-            f"{name}: {np.max(sigma):g} px given, wider than an image; give the noise of a pixel coordinate"
-        )
-    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, LEAST_NOISE), (count,)))
+        raise InputError(f"{name}: {np.min(sigma):g} given; a standard deviation is finite and not negative")
+    if np.any(sigma > most):
+        wide = "px given, wider than an image" if pixel == 1.0 else "given, wider than the points lie apart"
+        raise InputError(f"{name}: {np.max(sigma):g} {wide}; give the standard deviation of a coordinate")
+    return np.ascontiguousarray(np.broadcast_to(np.maximum(sigma, least), (count,)))

@@ -11,7 +11,9 @@ from rootmatch.problems.checks import check_noise
 Floats = NDArray[np.float64]
 
 
-def parse_noise(noise: ArrayLike, shape: tuple[int, int], noisy_source: bool, name: str) -> tuple[Floats, Floats]:
+def parse_noise(
+    noise: ArrayLike, shape: tuple[int, int], noisy_source: bool, name: str, pixels: tuple[float, float]
+) -> tuple[Floats, Floats]:
     """Standard deviations (n,) and (n',) of source and target coordinates.
 
     Parameters
@@ -24,6 +26,8 @@ def parse_noise(noise: ArrayLike, shape: tuple[int, int], noisy_source: bool, na
         Whether the problem has a noisy source. If not, the noise is that of the target alone.
     name : str
         The problem, for the message.
+    pixels : two floats
+        What counts as a pixel of the source and of the target; see `rootmatch.problems.base.Problem.noise_pixels`.
 
     Raises
     ------
@@ -34,9 +38,18 @@ def parse_noise(noise: ArrayLike, shape: tuple[int, int], noisy_source: bool, na
     if isinstance(noise, tuple | list) and len(noise) == 2:
         Capability.SOURCE_NOISE.require(noisy_source, name)
         first, second = noise
-        return check_noise(first, n, "noise of the source"), check_noise(second, n_target, "noise of the target")
-    sigma = check_noise(noise, n_target)
+        return (
+            check_noise(first, n, pixels[0], "noise of the source"),
+            check_noise(second, n_target, pixels[1], "noise of the target"),
+        )
+    sigma = check_noise(noise, n_target, pixels[1])
     return np.full(n, np.sqrt(sigma @ sigma / n_target)), sigma
+
+
+def thousandth(points: Floats) -> float:
+    """A thousandth of the extent of points: as a pixel is of an image, in whatever unit they are given."""
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    return 1e-3 * extent if extent > 0.0 else 1.0
 
 
 def usual_noise(sigma: Floats) -> float:

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 def match_record(match: Match) -> dict[str, Any]:
     """The match as numbers, lists and strings that JSON can hold.
 
-    Keys: ``assignment`` and ``motions`` (lists of n, −1 unmatched), ``score``, ``margin``, ``probability`` (null where
-    there is none), ``confidence`` (list of n, of each match or unmatched point), ``alternatives`` (objects with
-    ``assignment`` and ``score``, best first), ``status`` (``"matched"``, ``"ambiguous"`` or ``"untrusted"``),
-    ``converged``, ``limited`` (whether the time limit ended it), ``seconds``, ``hyperedges``, ``noise`` (σ in pixels,
-    null where it differs by point), ``poses`` (one for each motion, null where it has none; null for problems that fit
-    no poses; see `rootmatch.io.pose_record`), which alternatives have too. Indices are zero-based row numbers. A number
-    that is not finite becomes null.
+    Keys: ``assignment`` and ``motion_labels`` (lists of n, −1 unmatched), ``score`` (null if no hyper-edge was
+    evaluated), ``margin``, ``probability`` and ``log_odds`` (null if there is none), ``confidence`` (list of n, of each
+    match or unmatched point), ``alternatives`` (objects with ``assignment`` and ``score``, best first), ``status``
+    (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``stopped_early`` (whether the time limit ended
+    it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point), ``poses`` (one
+    for each motion, null if it has none; null for problems that fit no poses; see `rootmatch.io.pose_record`), which
+    alternatives have too. Indices are zero-based row numbers. A number that is not finite becomes null.
     """
     fits = bool(match.problem.least_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
@@ -30,9 +30,10 @@ def match_record(match: Match) -> dict[str, Any]:
         "assignment": match.assignment.tolist(),
         "score": _finite(match.score),
         "margin": _finite(match.margin),
-        "probability": None if match.probability is None else _finite(match.probability),
+        "probability": _finite(match.probability),
+        "log_odds": _finite(match.log_odds),
         "confidence": [_finite(value) for value in match.confidence.tolist()],
-        "motions": match.motions.tolist(),
+        "motion_labels": match.motion_labels.tolist(),
         "alternatives": [
             {"assignment": other.tolist(), "score": _finite(score), "poses": _records(poses)}
             for (other, score), poses in zip(match.alternatives, others, strict=True)
@@ -40,9 +41,9 @@ def match_record(match: Match) -> dict[str, Any]:
         "status": match.status.name.lower(),
         **({} if match.sightings is None else {"sightings": match.sightings.assignment.tolist()}),
         "converged": match.converged,
-        "limited": match.limited,
+        "stopped_early": match.stopped_early,
         "seconds": _finite(match.seconds),
-        "hyperedges": int(match.hyperedges),
+        "evaluated": int(match.evaluated),
         "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
         "poses": _records(match.poses) if fits else None,
     }
@@ -53,5 +54,5 @@ def _records(poses: Sequence[Pose | None] | None) -> list[dict[str, Any] | None]
     return None if poses is None else [None if pose is None else pose_record(pose) for pose in poses]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None

@@ -26,7 +26,7 @@ def match_weights(match: Match) -> NDArray[np.float64]:
     """Weight (n,) of each source point's match in the soft assignment, 0 where unmatched."""
     matched = match.assignment >= 0
     weights = np.zeros(len(match.assignment))
-    weights[matched] = match.soft[np.flatnonzero(matched), match.assignment[matched]]
+    weights[matched] = match.soft_assignment[np.flatnonzero(matched), match.assignment[matched]]
     return weights
 
 
@@ -46,10 +46,17 @@ def match_residuals(match: Match) -> NDArray[np.float64]:
     return residuals
 
 
+def weight(match: Match) -> str:
+    """What speaks for a match: its score or, where no hyper-edge was evaluated, its log-odds against clutter."""
+    if match.score is not None:
+        return f"score {match.score:.4g}"
+    return "no score" if match.log_odds is None else f"log-odds {match.log_odds:.4g}"
+
+
 def summary(match: Match) -> str:
     """One line: the number of matches, the score and the margin."""
     matched = int(np.sum(match.assignment >= 0))
-    figures = f"{matched} of {len(match.assignment)} matched, score {match.score:.4g}, margin {match.margin:.2f}"
+    figures = f"{matched} of {len(match.assignment)} matched, {weight(match)}, margin {match.margin:.2f}"
     return figures if match.probability is None else f"{figures}, probability {_share(match.probability)}"
 
 
@@ -76,8 +83,8 @@ def print_match(
     estimated : bool
         Whether σ was estimated; if so it is printed.
     """
-    sources = source_names or [str(row) for row in range(match.soft.shape[0])]
-    targets = target_names or [str(row) for row in range(match.soft.shape[1])]
+    sources = source_names or [str(row) for row in range(match.soft_assignment.shape[0])]
+    targets = target_names or [str(row) for row in range(match.soft_assignment.shape[1])]
     console.print(_table(match, sources, targets, truth))
     unmatched_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
     unmatched_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]
@@ -86,15 +93,14 @@ def print_match(
             _print_line(console, f"unmatched {side} points: {_join_names(unmatched)}")
     if truth is not None:
         _print_line(console, _compare_with_truth(match.assignment, truth))
-    _print_line(console, f"{summary(match)}; {match.hyperedges:,} hyper-edges in {match.seconds:.3g} s")
+    _print_line(console, f"{summary(match)}; {match.evaluated:,} hyper-edges in {match.seconds:.3g} s")
     if estimated:
         _print_line(console, f"noise: {match.noise:.3g} px, estimated")
     _print_line(console, match.advice)
     if match.status.name != "MATCHED":
         for rank, (other, score) in enumerate(match.alternatives[:ALTERNATIVES_SHOWN], start=1):
-            _print_line(
-                console, f"  alternative {rank}, score {score:.4g}: {_difference(other, match, sources, targets)}"
-            )
+            known = "" if score is None else f", score {score:.4g}"
+            _print_line(console, f"  alternative {rank}{known}: {_difference(other, match, sources, targets)}")
 
 
 def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: Integers | None) -> Table:
@@ -103,7 +109,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
     from rich.table import Table
     from rich.text import Text
 
-    multi_motion = len(np.unique(match.motions[match.assignment >= 0])) > 1
+    multi_motion = len(np.unique(match.motion_labels[match.assignment >= 0])) > 1
     known = bool(np.isfinite(match.confidence).any())
     table = Table(box=SIMPLE_HEAD)
     for name in (
@@ -126,7 +132,7 @@ def _table(match: Match, sources: Sequence[str], targets: Sequence[str], truth: 
         if known:
             cells.append(Text(_share(float(confidence[i]))))
         if multi_motion:
-            cells.append(Text(str(match.motions[i])))
+            cells.append(Text(str(match.motion_labels[i])))
         if truth is not None:
             expected = f"should be {targets[truth[i]]}" if truth[i] >= 0 else "has no image"
             cells.append(Text("right") if truth[i] == j else Text(f"WRONG, {expected}", style="bold red"))

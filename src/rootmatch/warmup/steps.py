@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from rootmatch.api import match, residuals
 from rootmatch.hypergraph.affinity import KINDS
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.match import match, residuals
 from rootmatch.matcher import Matcher
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.residual_dispatch import kinds_of
@@ -78,9 +78,9 @@ def first_steps() -> dict[str, Step]:
     steps |= {f"match {name}": partial(matched, sample(name)) for name in PAPER}
     for name in SEARCHED:
         scene = simulated(name, 12, 8)
-        steps[f"guided {name}"] = partial(matched, scene, hyperedges="guided")
+        steps[f"guided {name}"] = partial(matched, scene, sampler="guided")
         steps[f"motions {name}"] = partial(matched, simulated(name, 10, 2, motions=2), motions=2)
-    steps["guided p3p of many points"] = partial(matched, simulated("p3p", 30, 5), hyperedges="guided")
+    steps["guided p3p of many points"] = partial(matched, simulated("p3p", 30, 5), sampler="guided")
     return steps
 
 
@@ -96,7 +96,7 @@ def prebuilt_steps() -> dict[str, Step]:
     for name in SEARCHED:
         scene = simulated(name, 12, 8)
         facing = scene.source - scene.source.mean(axis=0)
-        steps[f"guided {name} with normals"] = partial(matched, scene, hyperedges="guided", normals=facing)
+        steps[f"guided {name} with normals"] = partial(matched, scene, sampler="guided", normals=facing)
         steps[f"frames {name}"] = partial(tracked, sample(name))
     everything = np.ones((8, 10), dtype=bool)
     steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")

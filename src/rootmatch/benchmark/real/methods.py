@@ -21,8 +21,8 @@ METHODS = ("rootmatch", "rootmatch-paper")
 
 def reply(request: dict[str, Any], method: str) -> dict[str, Any]:
     """What this library answers, with its defaults or as the paper has it."""
+    from rootmatch.api import match
     from rootmatch.errors import InputError
-    from rootmatch.match import match
 
     known: dict[str, Any] = {"noise": request["noise"]}
     source, target = np.array(request["source"]), np.array(request["target"])

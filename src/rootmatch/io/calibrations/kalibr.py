@@ -38,7 +38,7 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
         if entry["camera_model"] != "pinhole":
             raise InputError(f"{where}: camera_model is {quoted(entry['camera_model'])}; only pinhole is known")
         model = entry.get("distortion_model", "none")
-        if model not in COUNTS:
+        if not isinstance(model, str) or model not in COUNTS:
             raise InputError(f"{where}: distortion_model is {quoted(model)}; give one of {', '.join(COUNTS)}")
         intrinsics = numbers(path, f"{name}: intrinsics", entry.get("intrinsics"))
         values = numbers(path, f"{name}: distortion_coeffs", entry.get("distortion_coeffs", []))

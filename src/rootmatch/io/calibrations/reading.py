@@ -93,7 +93,7 @@ def read_small_text(path: Path) -> str:
         If it is, or cannot be read.
     """
     _check_size(path)
-    return read_text(path)
+    return read_text(path, LARGEST)
 
 
 def _bytes(path: Path) -> bytes:
@@ -101,11 +101,15 @@ def _bytes(path: Path) -> bytes:
     if path.is_dir():
         raise InputError(f"{path}: it is a folder; give the name of a file")
     try:
-        return path.read_bytes()
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+    if len(content) > LARGEST:
+        raise InputError(f"{path}: it has no end within {LARGEST:,} bytes; give the file of the camera")
+    return content
 
 
 def _check_size(path: Path) -> None:

@@ -89,7 +89,7 @@ def load_yaml(path: Path, text: str) -> Any:
     Raises
     ------
     InputError
-        If it is no YAML, or holds tags that nobody writes in a calibration.
+        If it is no YAML, holds tags that nobody writes in a calibration, or aliases that stand for far more than it.
     """
     import yaml
 
@@ -105,9 +105,36 @@ def load_yaml(path: Path, text: str) -> Any:
         lines[0] = "\n"
 
     def load() -> Any:
+        loader = Loader("".join(lines))
         try:
-            return yaml.load("".join(lines), Loader=Loader)
+            node = loader.get_single_node()
+            if node is None:
+                return None
+            if _written_out(node, {}) > LARGEST:
+                raise ValueError(f"written out, its aliases are more than {LARGEST:,} characters")
+            return loader.construct_document(node)
         except yaml.YAMLError as error:
             raise ValueError(str(error)) from None
+        finally:
+            loader.dispose()
 
     return parsed(path, "YAML", load)
+
+
+def _written_out(node: Any, known: dict[int, int]) -> int:
+    """Characters of a YAML node with each alias replaced by what it stands for, none of which is built.
+
+    ``known`` holds that of nodes that were met before, 0 while a node's own content is counted.
+    """
+    size = known.get(id(node))
+    if size == 0:
+        raise ValueError("an alias stands for a list or mapping that holds it")
+    if size is None:
+        known[id(node)] = 0
+        if isinstance(node.value, str):
+            size = 1 + len(node.value)
+        else:
+            parts = [part for entry in node.value for part in (entry if isinstance(entry, tuple) else (entry,))]
+            size = 1 + sum(_written_out(part, known) for part in parts)
+        known[id(node)] = size
+    return size

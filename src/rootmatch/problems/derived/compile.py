@@ -25,6 +25,12 @@ VAGUE_RATIO = 1e4
 NAMED_KINDS = {"qr": QR, "both": QRBoth, "svd": SVD, "normalised": Normalised, "joint": Joint}
 
 
+@scalar
+def ordinary(size):  # type: ignore[no-untyped-def]
+    """The power of two that brings a size to between ½ and 1: exact, and products of many factors stay numbers."""
+    return math.ldexp(1.0, -math.frexp(size)[1])
+
+
 def compile_residuals(
     residuals: Residuals, formulas: dict[str, Callable[..., Any]], interpreted: bool = False
 ) -> dict[type, tuple[Any, Any]]:
@@ -52,6 +58,7 @@ def compile_residuals(
         "find_roots": any_degree.roots_of(degree),
         "compare_qr": any_degree.last_entry_of(degree),
         "compare_both": any_degree.lesser_last_entry_of(degree),
+        "ordinary": ordinary,
         "compare_svd": any_degree.singular_value_of(degree),
         "ORDERS": pair_orders(residuals.m),
         "BIG": UNINFORMATIVE * UNINFORMATIVE,

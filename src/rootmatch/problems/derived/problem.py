@@ -15,11 +15,12 @@ from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.compile import register_residuals, tag_name
 from rootmatch.problems.derived.evaluator import Evaluator
-from rootmatch.problems.derived.measurements import Bearings, Measurement
+from rootmatch.problems.derived.measurements import Bearings, Measurement, Points
 from rootmatch.problems.derived.residuals_text import Residuals
 from rootmatch.problems.derived.store import Generated
 from rootmatch.problems.derived.tables import DerivedTables, tag_of
 from rootmatch.problems.derived.text import Shape
+from rootmatch.problems.noise import thousandth
 from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.points import PointSets
 
@@ -76,6 +77,13 @@ class DerivedProblem(Problem):
     def noise_is_angular(self) -> bool:
         """See `Problem.noise_is_angular`."""
         return isinstance(self.target, Bearings) and self.target.camera is None
+
+    def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+        """See `Problem.noise_pixels`: coordinates given as they are have the caller's unit."""
+        return (
+            thousandth(source) if isinstance(self.source, Points) else 1.0,
+            thousandth(target) if isinstance(self.target, Points) else 1.0,
+        )
 
     def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """See `Problem.image`."""

@@ -128,6 +128,9 @@ RESULTANT = """
 def pair_<KIND>(t, <BASES>, d, k):
     <P> = polynomial(<FIRST>)
     <Q> = polynomial(<SECOND>)
+    one = ordinary(<LARGEST>)
+    <UNITS>
+    <UNITS_OF_BOTH>
     return compare_<KIND>(<P>, <Q>)
 
 
@@ -153,11 +156,14 @@ def slab_<KIND>(t, kind, i, j, first, scratch, out):
         return
     <UNPACK>
     <P> = polynomial(<FIRST>)
+    one = ordinary(<LARGEST>)
+    <UNITS>
     <VIEWS>
     for r in range(rows):
         d = first + r
         line = out[r]
         (<HOISTED>,) = row(<LOADS>)
+        <UNITS_OF_ROW>
         for k in range(targets):
             <POWERS>
             line[k] = compare_<KIND>(<P>, <Q>)

@@ -162,7 +162,7 @@ def state_text(shape: Shape, order: tuple[int, ...], interval: tuple[float, floa
     lines += [
         f"    variance = {' + '.join(squares)}",
         "    square = slope * slope + BLUR * 2.0 * abs(half) * math.sqrt(variance)",
-        f"    good = value * value <= GATE2 * variance and square > 0.0 and square < BIG{limits}",
+        f"    good = value * value <= GATE2 * variance and 0.0 < square < math.inf{limits}",
         "    inverse = (-1.0 if slope >= 0.0 else 1.0) / math.sqrt(square if square > 0.0 else 1.0)",
         f"    return good, {', '.join(f'b_{label(d)} * inverse' for d in dimensions)}",
     ]

@@ -198,10 +198,10 @@ def lens_fit(
     variance = sigma**2
     logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
     evidence: Floats = -0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms
-    freedom: NDArray[np.int64] = 2 * used.sum(axis=1) - (6 if upright is None else 4)
+    dof: NDArray[np.int64] = 2 * used.sum(axis=1) - (6 if upright is None else 4)
     return AbsoluteFit(
         chi2=chi2,
-        freedom=freedom,
+        dof=dof,
         evidence=evidence,
         target=target,
         variance=variance,
@@ -244,7 +244,7 @@ def _pinhole_fit(
     )  # fmt: skip
     return AbsoluteFit(
         chi2=found.chi2,
-        freedom=found.freedom,
+        dof=found.dof,
         evidence=found.evidence,
         target=target,
         variance=sigma**2,

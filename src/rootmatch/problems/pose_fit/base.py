@@ -36,7 +36,7 @@ class Fit(ABC):
     doubt: ClassVar[float] = 1.0
     """Factor by which log odds are too large where Laplace's method is rough; see docs/architecture.md."""
     chi2: Floats
-    freedom: NDArray[np.int64]
+    dof: NDArray[np.int64]
     evidence: Floats
 
     def of_pose(self, k: int, density: Floats) -> float:
@@ -59,7 +59,7 @@ class Fit(ABC):
         if inflation == 1.0:
             return np.where(np.isfinite(self.chi2), self.evidence, -np.inf)
         with np.errstate(invalid="ignore"):
-            change = self.chi2 * (1.0 - 1.0 / inflation) - self.freedom * np.log(inflation)
+            change = self.chi2 * (1.0 - 1.0 / inflation) - self.dof * np.log(inflation)
             return np.where(np.isfinite(self.chi2), self.evidence + 0.5 * change, -np.inf)
 
     def facing(self, k: int, normals: Floats) -> Floats:

@@ -146,7 +146,7 @@ def _pose(
         shift - turned,
         change @ found.covariance[k] @ change.T,
         chi2=float(found.chi2[k]),
-        freedom=2 * len(members) + measured,
+        dof=2 * len(members) + measured,
         points=members,
         predicted=predicted,
         residuals=np.linalg.norm(detected - predicted, axis=1),

@@ -51,7 +51,7 @@ class FittedPoses(NamedTuple):
     """(K, n, 2, p)."""
     evidence: Floats
     """(K,)."""
-    freedom: NDArray[np.int64]
+    dof: NDArray[np.int64]
     """(K,)."""
     seen: NDArray[np.bool_]
     """(K, n)."""
@@ -114,7 +114,7 @@ def fitted_poses(
         predicted=np.empty((count, n, 2)),
         jacobian=np.empty((count, n, 2, size)),
         evidence=np.empty(count),
-        freedom=np.empty(count, np.int64),
+        dof=np.empty(count, np.int64),
         seen=np.empty((count, n), np.bool_),
         position_density=np.empty(count),
     )
@@ -181,14 +181,14 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
         for p in range(size):
             normal[p, p] = normal[p, p] * (1.0 + 1e-12) + 1e-300
         out.evidence[row] = -0.5 * (chi2 + factored(normal, size))
-        out.freedom[row] = -6
+        out.dof[row] = -6
         if vertical is not None:
-            out.freedom[row] = -4
+            out.dof[row] = -4
         for i in range(n):
             out.seen[row, i] = out.positions[row, i, 2] > 0.0
             if image[i] >= 0:
                 out.evidence[row] -= math.log(2.0 * math.pi) - 2.0 * math.log(weight[image[i]])
-                out.freedom[row] += 2
+                out.dof[row] += 2
         # a pixel subtends cos³ / (fx fy), and depth is the distance times the cosine
         depth = translation[2]
         out.position_density[row] = camera[0] * camera[1] / depth**3 if depth > 0.0 else np.nan

@@ -131,7 +131,7 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
         translation - turned,
         change @ local @ change.T,
         chi2=float((off**2).sum()),
-        freedom=size * len(members) - len(local),
+        dof=size * len(members) - len(local),
         points=members,
         predicted=predicted,
         residuals=np.linalg.norm(target - predicted, axis=1),

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems.gate import GATE
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -45,12 +49,12 @@ class Pose:
         1 but for `rootmatch.Similarity`.
     focal : float, optional
         Focal length in pixels, where the problem estimates it.
-    chi2, freedom : float, int, optional
+    chi2, dof : float, int, optional
         χ² of the fit and its degrees of freedom.
     rms : float, optional
         Root mean square of ``residuals``, in pixels, or in the unit of the target where that is points in space.
     rms_sigma : float, optional
-        √(χ² / freedom): about 1 where the given σ is right. NaN where no degree of freedom is left.
+        √(χ² / dof): about 1 where the given σ is right. NaN where no degree of freedom is left.
     points : (m,) int array, optional
         Indices of the source points that were fitted, ascending.
     predicted : (m, k') array, optional
@@ -75,7 +79,7 @@ class Pose:
     scale: float = field(default=1.0, kw_only=True)
     focal: float | None = field(default=None, kw_only=True)
     chi2: float | None = field(default=None, kw_only=True)
-    freedom: int | None = field(default=None, kw_only=True)
+    dof: int | None = field(default=None, kw_only=True)
     rms: float | None = field(default=None, kw_only=True)
     rms_sigma: float | None = field(default=None, kw_only=True)
     points: Integers | None = field(default=None, kw_only=True)
@@ -103,18 +107,154 @@ class Pose:
         """Rotation and translation."""
         return iter((self.R, self.t))
 
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike, covariance: ArrayLike | None = None) -> Pose:
+        """The pose of a homogeneous matrix (k + 1, k + 1), as `matrix` gives it.
+
+        Parameters
+        ----------
+        matrix : (k + 1, k + 1) array
+            [[scale · R, t], [0, 1]].
+        covariance : (p, p) array, optional
+            See `Pose`.
+
+        Raises
+        ------
+        InputError
+            If it is no such matrix, or as `Pose`.
+        """
+        values = np.asarray(matrix, np.float64)
+        if values.shape not in ((3, 3), (4, 4)) or not np.all(np.isfinite(values)):
+            raise InputError(f"pose: matrix of shape {values.shape} given; give finite numbers, (4, 4), or (3, 3)")
+        k = len(values) - 1
+        if not np.allclose(values[k], np.eye(k + 1)[k], rtol=0.0, atol=ROUNDED):
+            raise InputError(f"pose: last row {values[k].tolist()} given; that of a rigid motion is 0 … 0 1")
+        determinant = float(np.linalg.det(values[:k, :k]))
+        scale = abs(determinant) ** (1.0 / k)
+        if scale == 0.0:
+            raise InputError("pose: a matrix without an inverse given; give a rotation, times a scale if there is one")
+        if abs(scale - 1.0) < ROUNDED:
+            scale = 1.0
+        known = None if covariance is None else np.asarray(covariance, np.float64)
+        return cls(values[:k, :k] / scale, values[:k, k], known, scale=scale, mirrored=determinant < 0.0)
+
+    @property
+    def matrix(self) -> Floats:
+        """The homogeneous matrix (k + 1, k + 1): [[scale · R, t], [0, 1]]."""
+        k = len(self.R)
+        matrix = np.eye(k + 1)
+        matrix[:k, :k], matrix[:k, k] = self.scale * self.R, self.t
+        return matrix
+
     @property
     def quaternion(self) -> Floats:
-        """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of TUM's trajectories."""
+        """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of SciPy, ROS and TUM."""
+        return np.asarray(self._rotation("quaternion").as_quat(canonical=True))
+
+    @property
+    def rvec(self) -> Floats:
+        """The rotation in space as a rotation vector (3,), radians: OpenCV's ``rvec``."""
+        return np.asarray(self._rotation("rotation vector").as_rotvec())
+
+    def _rotation(self, name: str) -> Rotation:
         from scipy.spatial.transform import Rotation  # slow to import, rarely needed
 
-        if self.mirrored:
-            raise InputError("pose: a reflection has no quaternion; write it as a matrix, to JSON")
-        return np.asarray(Rotation.from_matrix(self.R).as_quat(canonical=True))
+        if self.mirrored or len(self.R) != 3:
+            kind = "reflection" if self.mirrored else "rotation in a plane"
+            raise InputError(f"pose: a {kind} has no {name}; take its matrix")
+        return Rotation.from_matrix(self.R)
+
+    def inverse(self) -> Pose:
+        """The motion back, from the target's frame to the source's, with its covariance to first order.
+
+        What belongs to a fit, such as ``chi2`` and ``residuals``, is left out.
+        """
+        back = self.R.T / self.scale
+        covariance = None
+        if self.covariance is not None:
+            k, turns = len(self.R), _turns(len(self.R))
+            jacobian = np.eye(len(self.covariance))
+            jacobian[:turns, :turns] = -self.R.T if turns == 3 else -1.0
+            if self.mirrored:
+                jacobian[:turns, :turns] *= -1.0
+            jacobian[turns : turns + k, :turns] = back @ _turned(self.t)
+            jacobian[turns : turns + k, turns : turns + k] = -back
+            if self._scale_is_estimated:
+                jacobian[-1, -1] = -1.0 / self.scale**2
+                jacobian[turns : turns + k, -1] = back @ self.t / self.scale
+            covariance = jacobian @ self.covariance @ jacobian.T
+        return Pose(
+            self.R.T, -back @ self.t, covariance, scale=1.0 / self.scale, focal=self.focal, mirrored=self.mirrored
+        )
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """The motion after another one: ``(a @ b).apply(x) == a.apply(b.apply(x))``.
+
+        Errors count to first order and as independent; a pose without a covariance counts as exact. What belongs to a
+        fit is left out, and so is a focal length.
+
+        Raises
+        ------
+        InputError
+            If one is a pose in a plane and the other in space.
+        """
+        if not isinstance(other, Pose):
+            return NotImplemented
+        if len(self.R) != len(other.R):
+            raise InputError("pose: a motion in a plane and one in space do not follow each other")
+        moved = self.scale * self.R @ other.t
+        covariance = None
+        if self.covariance is not None or other.covariance is not None:
+            k, turns = len(self.R), _turns(len(self.R))
+            size = turns + k + (self._scale_is_estimated or other._scale_is_estimated)
+            first, second = np.eye(size), np.eye(size)
+            first[turns : turns + k, :turns] = _turned(moved)
+            second[:turns, :turns] = self.R if turns == 3 else 1.0
+            if self.mirrored:
+                second[:turns, :turns] *= -1.0
+            second[turns : turns + k, turns : turns + k] = self.scale * self.R
+            if size > turns + k:
+                first[turns : turns + k, -1] = moved / self.scale
+                first[-1, -1], second[-1, -1] = other.scale, self.scale
+            parts = [j @ one._rigid_covariance(size) @ j.T for j, one in ((first, self), (second, other))]
+            covariance = parts[0] + parts[1]
+        return Pose(
+            self.R @ other.R,
+            moved + self.t,
+            covariance,
+            scale=self.scale * other.scale,
+            mirrored=self.mirrored != other.mirrored,
+        )
+
+    @property
+    def _scale_is_estimated(self) -> bool:
+        """Whether the covariance has a row for the scale."""
+        k = len(self.R)
+        return self.covariance is not None and self.focal is None and len(self.covariance) > _turns(k) + k
+
+    def _rigid_covariance(self, size: int) -> Floats:
+        """The covariance of rotation, translation and, where there is a row for it, scale; zero where unknown."""
+        k, out = len(self.R), np.zeros((size, size))
+        if self.covariance is not None:
+            kept = _turns(k) + k + self._scale_is_estimated
+            out[:kept, :kept] = self.covariance[:kept, :kept]
+        return out
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (…, k) of the source frame in the target frame: scale · R x + t."""
         return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
+
+
+def _turns(k: int) -> int:
+    """Number of angles of a rotation in k dimensions."""
+    return 3 if k == 3 else 1
+
+
+def _turned(x: Floats) -> Floats:
+    """Derivative (k, angles) of Exp(ω) x by ω, at ω = 0: ω × x."""
+    if len(x) == 2:
+        return np.array([[-x[1]], [x[0]]])
+    return np.array([[0.0, x[2], -x[1]], [-x[2], 0.0, x[0]], [x[1], -x[0], 0.0]])
 
 
 _RIGID = {one.name: one.default for one in fields(Pose) if one.default is not MISSING}
@@ -126,7 +266,7 @@ def fitted_pose(
     covariance: Floats,
     *,
     chi2: float,
-    freedom: int,
+    dof: int,
     points: Integers,
     predicted: Floats,
     residuals: Floats,
@@ -145,9 +285,9 @@ def fitted_pose(
         scale=scale,
         focal=focal,
         chi2=chi2,
-        freedom=freedom,
+        dof=dof,
         rms=float(np.sqrt((residuals**2).mean())),
-        rms_sigma=float(np.sqrt(chi2 / freedom)) if freedom > 0 else float("nan"),
+        rms_sigma=float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan"),
         points=points,
         predicted=predicted,
         residuals=residuals,

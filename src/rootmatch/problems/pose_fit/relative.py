@@ -204,7 +204,7 @@ def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
     rows, pick = np.arange(count), evidence.argmax(axis=1)
     return RelativeFit(
         chi2=chi2,
-        freedom=matched - 3,
+        dof=matched - 3,
         evidence=np.asarray(evidence[rows, pick], dtype=np.float64),
         views=views,
         assignments=assignments,

@@ -185,7 +185,7 @@ def rig_fit(
     logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
     return AbsoluteFit(
         chi2=chi2,
-        freedom=np.asarray(2 * used.sum(axis=1) - 6),
+        dof=np.asarray(2 * used.sum(axis=1) - 6),
         evidence=np.asarray(-0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms),
         target=target,
         variance=variance,
@@ -236,7 +236,7 @@ def rig_pose(
         copies.unit * translation - turned,
         change @ covariance @ change.T,
         chi2=float(chi2[0]),
-        freedom=2 * len(members) - (6 if gaussian is None else 0),
+        dof=2 * len(members) - (6 if gaussian is None else 0),
         points=members,
         predicted=predicted - copies.offsets[copies.owner[detections]],
         residuals=np.linalg.norm(predicted - target[detections], axis=1),

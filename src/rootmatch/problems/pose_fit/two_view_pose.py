@@ -219,7 +219,7 @@ def _pose(
         to_camera @ state[1][0],
         change @ covariance @ change.T,
         chi2=chi2,
-        freedom=len(members) - model.size + (2 if views.tilt > 0.0 else 0),
+        dof=len(members) - model.size + (2 if views.tilt > 0.0 else 0),
         points=members,
         predicted=predicted,
         residuals=distance,

@@ -164,7 +164,7 @@ def _pose(
         translation,
         change @ covariance @ change.T,
         chi2=chi2,
-        freedom=2 * len(members) - 5,
+        dof=2 * len(members) - 5,
         points=members,
         predicted=predicted,
         residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),

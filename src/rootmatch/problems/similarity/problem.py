@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
+from rootmatch.problems.noise import thousandth
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
@@ -85,6 +86,10 @@ class Similarity(Problem):
         if len(shape) < 2 or shape[-1] not in (2, 3):
             raise InputError(f"source: shape {shape} given, (m, 2) or (m, 3) expected")
         return replace(self, dimension=int(shape[-1]))
+
+    def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
+        """See `Problem.noise_pixels`."""
+        return thousandth(source), thousandth(target)
 
     def tables(self, points: PointSets) -> SimilarityTables:
         """Tables for the kernels; see `Problem.tables`. Both sets have rows of ``dimension`` coordinates."""

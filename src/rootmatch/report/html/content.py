@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.pipeline.posterior import ranked
+from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.report.text import match_weights, summary
+from rootmatch.report.text import match_weights, summary, weight
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -69,10 +69,10 @@ def facts(match: Match) -> list[tuple[str, str]]:
         "Problem": repr(match.problem),
         "Points": f"{len(match.source)} source, {len(match.target)} target",
         "Noise": f"{noise:.4g}" if isinstance(noise, int | float) else "differs by point",
-        "Hyper-edges evaluated": f"{match.hyperedges:,}",
+        "Hyper-edges evaluated": f"{match.evaluated:,}",
         "Hyper-edges kept": f"{len(match.tensor.weights):,}",
         "Solver": "stopped by its own criterion" if match.converged else "stopped at a limit",
-        "Score and margin": f"{match.score:.6g}, {match.margin:.3f}",
+        "Evidence and margin": f"{weight(match)}, {match.margin:.3f}",
         "Seconds": f"{match.seconds:.3g}",
         "Seed": str(options.seed),
         "Options": ", ".join(f"{name}={value!r}" for name, value in _chosen(options).items()) or "defaults",
@@ -113,7 +113,8 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
             break
         chance = odds(other)
         differs = _difference(other, match.assignment, *named)
-        shown = f"Score {score:.4g} instead of {match.score:.4g}. Differs in: {differs}"
+        known = "" if score is None or match.score is None else f"Score {score:.4g} instead of {match.score:.4g}. "
+        shown = f"{known}Differs in: {differs}"
         views.append(_view(match, other, fitted, f"alternative {rank}", probability=chance, differs=shown))
     if labels.truth is not None:
         for view in views:
@@ -149,7 +150,8 @@ def _view(
 ) -> dict[str, Any]:
     """One assignment with its poses: what they predict, and how far the detections are from it."""
     n = len(assignment)
-    motions = np.where(assignment >= 0, match.motions if title == "best" else np.maximum(match.motions, 0), -1)
+    labels = match.motion_labels if title == "best" else np.maximum(match.motion_labels, 0)
+    motions = np.where(assignment >= 0, labels, -1)
     residuals: list[float | None] = [None] * n
     predicted: list[list[float] | None] = [None] * n
     sigma = np.broadcast_to(np.asarray(match.task.points.target_noise, dtype=float), (len(match.target),))
@@ -187,7 +189,7 @@ def _predict_unmatched(match: Match, pose: Pose, assignment: Integers, predicted
     """Where the points without a match would be, of those in front of the camera that face it."""
     camera = getattr(match.problem, "camera", None)
     unmatched = np.flatnonzero(assignment < 0)
-    if camera is None or not len(unmatched) or len({int(m) for m in match.motions if m >= 0}) > 1:
+    if camera is None or not len(unmatched) or len({int(m) for m in match.motion_labels if m >= 0}) > 1:
         return
     moved = pose.apply(match.source[unmatched])
     shown = moved[:, 2] > 0.0
@@ -211,12 +213,12 @@ def _fit(poses: Sequence[Pose | None]) -> str:
 
     parts = []
     for label, pose in enumerate(poses):
-        if pose is None or pose.chi2 is None or not pose.freedom:
+        if pose is None or pose.chi2 is None or not pose.dof:
             continue
-        tail = float(distribution.sf(pose.chi2, pose.freedom))
+        tail = float(distribution.sf(pose.chi2, pose.dof))
         which = f"Motion {label}: " if len(poses) > 1 else ""
         parts.append(
-            f"{which}χ² {pose.chi2:.3g} with {pose.freedom} degrees of freedom; "
+            f"{which}χ² {pose.chi2:.3g} with {pose.dof} degrees of freedom; "
             f"noise alone exceeds it in {tail:.1%} of the cases."
         )
     return " ".join([*parts, "Dashed: where the noise stated would put the points."])
@@ -224,7 +226,7 @@ def _fit(poses: Sequence[Pose | None]) -> str:
 
 def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
     """A pose as text, and its camera as a pyramid in the frame of the points."""
-    lines = [f"motion {label}" if match.motions.max(initial=0) > 0 else "pose"]
+    lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
     lines += [f"  R {row}  t {value: .6g}" for row, value in zip(_rows(pose.R), pose.t.tolist(), strict=True)]
     if pose.scale != 1.0:
         lines.append(f"  scale {pose.scale:.6g}")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 from rootmatch.backends import cpu
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.on_demand import Once
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.exhaustive import given_tensor
@@ -73,7 +73,7 @@ class Guided(GuidedOptions):
         search.refine()
         clusters = search.clusters()
 
-        @Once
+        @cache
         def weighed() -> tuple[AffinityTensor, float, int]:
             """The tensor, which fraction of its hyper-edges was evaluated, and how many they are."""
             few = self

@@ -226,7 +226,7 @@ class MultiStart:
             best,
             self.value,
             alternatives,
-            converged=self.cut == 0 and not self.deadline.limited,
+            converged=self.cut == 0 and not self.deadline.stopped_early,
             iterations=self.moves,
             statistics=statistics,
         )

@@ -1,0 +1,221 @@
+"""`match`, from the caller's points to a `Match`, and `residuals` of given hyper-edges."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.backends import cpu, selection
+from rootmatch.backends.strongest import Progress
+from rootmatch.cameras.rig import rig_of
+from rootmatch.deadline import Deadline
+from rootmatch.errors import InputError
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.explain import explain
+from rootmatch.explain.task import MatchingTask, MatchOptions, SamplerName
+from rootmatch.explain.validation import checked_indices
+from rootmatch.hypergraph.affinity import Residual
+from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.residual_dispatch import kinds_of
+from rootmatch.result import Match, report
+from rootmatch.samplers.base import Sampler
+from rootmatch.solvers import Solver
+
+__all__ = ["match", "residuals"]
+
+
+def residuals(
+    source: ArrayLike,
+    target: ArrayLike,
+    problem: Problem,
+    source_index: ArrayLike,
+    target_index: ArrayLike,
+    kind: str | Residual = "joint",
+    noise: ArrayLike = 1.0,
+) -> NDArray[np.float64]:
+    """Residuals (E,) of given hyper-edges.
+
+    Parameters
+    ----------
+    source : (n, 3) or (n, 2) array
+        Points in space, or pixels of the first image.
+    target : (n', 2) array
+        Pixels.
+    problem : Problem
+    source_index, target_index : (E, d) int arrays
+        The d correspondences of each hyper-edge, no index twice within one.
+    kind : str or Residual
+        See `Residual`. ``"normalised"`` and ``"joint"`` are in units of ``noise``.
+    noise : float or (n',) array
+        σ of a pixel coordinate.
+
+    Raises
+    ------
+    InputError
+        If points or indices cannot be used.
+    """
+    if rig_of(problem) is not None:
+        raise InputError("residuals: hyper-edges are within one camera; give that one instead of the rig")
+    tables = problem.prepare(source, target, noise)
+    n, n_target = len(np.asarray(source)), len(np.asarray(target))
+    first = checked_indices(source_index, n, problem.order, "source_index")
+    second = checked_indices(target_index, n_target, problem.order, "target_index")
+    if first.shape != second.shape:
+        raise InputError(
+            f"source_index {first.shape} and target_index {second.shape} differ in shape; give one of each a row"
+        )
+    chosen = kind if isinstance(kind, Residual) else Residual(kind)
+    kernel_kind = chosen.kernel_kind(problem.pair_count, problem.name)
+    Capability.RESIDUAL.require(type(kernel_kind) in kinds_of(tables), problem.name)
+    return cpu.residuals(tables, kernel_kind, first, second)
+
+
+def match(
+    source: ArrayLike,
+    target: ArrayLike,
+    problem: Problem,
+    *,
+    noise: ArrayLike | Literal["auto"] = 1.0,
+    normals: ArrayLike | None = None,
+    view_angle: ArrayLike | None = None,
+    detection_rate: float | None = None,
+    candidates: ArrayLike | None = None,
+    bodies: ArrayLike | None = None,
+    motions: int | Literal["auto"] = 1,
+    prior: Pose | Mapping[Label, Pose] | None = None,
+    seed: int = 0,
+    max_seconds: float | None = None,
+    progress: Progress | None = None,
+    sampler: SamplerName | Sampler | None = None,
+    samples: int | None = None,
+    residual: str | Residual | None = None,
+    rho: float | None = None,
+    solver: str | Solver | None = None,
+    preset: Literal["paper"] | None = None,
+    backend: selection.Name = "auto",
+    scheduler: str | None = None,
+    max_hyperedges: int = 5_000_000,
+    max_evaluations: int | None = None,
+) -> Match:
+    """Match two point sets by geometry alone.
+
+    Parameters
+    ----------
+    source : (n, 3) or (n, 2) array
+        Points in space in any frame and unit, or pixels of the first image.
+    target : (n', 2) array
+        Pixels, in any order, clutter among them. Of a `rootmatch.Rig` ``(pixels, index)`` or rows of x, y and the index
+        of the camera; of `rootmatch.Bearings` unit rays (n', 3).
+    problem : Problem
+        `P3P`, `UP2P`, `ThreePlusOne`, or another one.
+    noise : float, (n',) array or "auto"
+        Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the match, in a few
+        rounds.
+    normals : (n, 3) array, optional
+        Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
+    view_angle : float or (n,) array, optional
+        Angle from its normal within which a point is seen, radians in (0, π]; by default π/2, less likely beyond π/3.
+        Needs normals.
+    detection_rate : float, optional
+        Probability that a visible point is detected: each one that a pose predicts and nothing shows counts against
+        that pose. By default as the best assignment has it.
+    candidates : (n, n') array, optional
+        Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
+    bodies : (n,) array of whole numbers or strings, optional
+        Which rigid body each source point belongs to: each body moves for itself, hyper-edges are within a body, and no
+        detection is used twice. `Match.bodies` has the match of each; the whole is as trustworthy as the least of them.
+    motions : int or "auto"
+        Number of rigid motions to find.
+    prior : Pose or dict, optional
+        A predicted pose with its covariance, ``Pose(R, t, covariance)``: it narrows the candidates and enters the fit
+        as a Gaussian, so three visible points are enough. Where it decides, a match takes about a millisecond. Where it
+        does not, all is searched without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
+        ``bodies`` a dict from labels to poses.
+    seed : int
+        Random seed; the same seed gives the same match.
+    max_seconds : float, optional
+        Time after which what was found until then is returned, with the status that it deserves, and
+        `Match.stopped_early`. It bounds every stage, to within a tenth and 5 ms once everything is compiled. What is
+        found in time depends on the machine.
+    progress : callable, optional
+        Called with (done, total) between blocks.
+    sampler : {"auto", "exhaustive", "random", "guided"} or Sampler
+        Which hyper-edges are evaluated: all, random ones, or those that a guided search finds. A sampler can be given
+        instead: `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own,
+        which takes a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` if there are more than two
+        million; for P3P and UP2P more than a hundred thousand, and up to two million all are evaluated after it if its
+        match is not trusted. With several motions it is ``"guided"`` beyond 200 million or, if the problem supports it,
+        all hyper-edges that agree are found by completing minimal sets.
+    samples : int
+        Number of random hyper-edges.
+    residual : str or Residual
+    rho : float
+        Spread of the affinity, see `rootmatch.hypergraph.affinity.Affinity`. Default: 1 in units of σ, else
+        `Problem.paper_rho`, or `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
+    solver : str or Solver
+    preset : "paper", optional
+        The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration
+        with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
+        better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
+    backend : {"auto", "cpu", "cuda", "cuda-float32"}
+        Where hyper-edges are evaluated and the tensor is contracted: on the CPU, or on an NVIDIA GPU through numba-cuda
+        (the extra ``gpu``). ``"auto"`` is the GPU where there is one and 200 million hyper-edges or more are evaluated.
+        A guided search runs on the CPU; with ``"cuda"`` it is used only beyond a thousand million hyper-edges.
+        ``"cuda-float32"`` evaluates all hyper-edges in single precision and those that pass again in double: for
+        ``"joint"`` and ``"normalised"`` of P3P and up2p, where ``"auto"`` uses it on GPUs that are slow in double.
+    scheduler : str, optional
+        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``, to whose workers blocks of hyper-edges
+        go, all of them or random ones. The tensor is bit-identical. The workers need this version of the package.
+    max_hyperedges : int
+        Maximum number of hyper-edges kept, the strongest ones; 24 bytes each at order 4.
+    max_evaluations : int, optional
+        Maximum number of hyper-edges that an exhaustive search may evaluate; by default 4e9 on the CPU, 1e11 on a GPU.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    InputError
+        If the input cannot be used or is larger than the limits; the text says what to do.
+    """
+    started = time.perf_counter()
+    options = MatchOptions(
+        seed=seed,
+        preset=preset,
+        sampler=sampler,
+        samples=samples,
+        residual=residual,
+        rho=rho,
+        solver=solver,
+        motions=motions,
+        backend=backend,
+        max_hyperedges=max_hyperedges,
+        max_evaluations=max_evaluations,
+        scheduler=scheduler,
+        progress=progress,
+        detection_rate=detection_rate,
+        max_seconds=max_seconds,
+    )
+    task = MatchingTask.of(
+        problem,
+        source,
+        target,
+        noise=noise,
+        normals=normals,
+        view_angle=view_angle,
+        candidates=candidates,
+        bodies=bodies,
+        prior=prior,
+        options=options,
+        deadline=Deadline(max_seconds, started=started),
+    )
+    found = explain(task)
+    return report(found, seconds=time.perf_counter() - started, stopped_early=task.deadline.stopped_early)

@@ -1,0 +1,344 @@
+"""Assessment of a solution: unsupported points are unmatched, probability and margin found, the facts stated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import cpu
+from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.explain.assignment_posterior import Misfit, Ranked, misfit, ranked
+from rootmatch.explain.confidence import of_one_pose
+from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
+from rootmatch.explain.false_alarms import TRUE_WEIGHT, log10_false_alarms
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.motion_labels import motion_labels
+from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.twin_poses import twins_of
+from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.hypergraph.assignment import margin, one_hot
+from rootmatch.hypergraph.support import drop_unsupported, scores_of
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Alternatives, Solution
+
+SUPPORTED = 0.5
+"""Share of the time left at a deadline for the support of the alternatives; the rest is for fits of poses."""
+
+
+def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
+    """The solution without unsupported points, the most probable assignment near it, and whether to believe it."""
+    if task.options.packs_motions:
+        return _of_motions(task, solution, sampled)
+    assignment, score, alternatives = solution.assignment, solution.score, solution.alternatives
+    if not task.options.is_paper:
+        assignment, score, alternatives = supported(assignment, alternatives, sampled.tensor, task.deadline)
+    scores = agreement(sampled.tensor, [assignment, *(other for other, _ in alternatives)])
+    lead = margin(score, alternatives, assignment)
+    probability, trusted, support = None, False, scores[0]
+    found: Ranked | None = None
+    fault: Misfit | None = None
+    part = False  # whether it leaves out points of an object, with no other assignment weighed
+    proposed = [] if sampled.assignments is None else list(sampled.assignments)
+    if task.problem.point_clouds(task.points) is not None:
+        fault = misfit_of_motion(task, assignment)
+    elif not proposed and clear(assignment, lead, sampled.tensor):
+        # hyper-edges may agree pair by pair without a pose that suits all of them
+        if fits(task, assignment):
+            fault = misfit(task, assignment)
+            of_object = not task.problem.source_is_image
+            part = of_object and task.points.normals is None and not (assignment >= 0).all()
+    elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
+        searched = [assignment, *(other for other, _ in alternatives), *proposed]
+        found = ranked_with_twins(task, searched, consensus=sampled.consensus)
+        fault = found.misfit
+        if found.assignments:
+            kept = np.array(found.assignments[: TRUST.alternatives + 1])
+            values = scores_of(sampled.tensor, kept)
+            assignment, score = kept[0], float(values[0])
+            alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
+            lead, probability = margin(score, alternatives, assignment), found.probability
+            trusted = sure_beyond_chance(task, found) or rivals_beyond_chance(task, found)
+            # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
+            likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
+            support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
+            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well, those of a twin
+            # though no search had reason to evaluate them
+            new = not of_one_pose(kept[0], np.array(searched)).any()
+            trusted = trusted and (support > 0.0 or (new and hyperedges_agree(task, kept[0])))
+    alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
+    if fault is not None and does_not_fit(fault):
+        alarms = math.inf
+    most = TRUST.false_alarms_of_part if part else TRUST.false_alarms
+    assessed = Finding(
+        task=task,
+        assignment=assignment,
+        others=[other for other, _ in alternatives],
+        facts=Facts(
+            support=math.inf if trusted else support,
+            false_alarms=alarms,
+            tolerated_false_alarms=most,
+            lead=lead,
+            probability=probability,
+            missed=sampled.missed,
+        ),
+        tensor=sampled.tensor,
+        scores=[score, *(value for _, value in alternatives)],
+        soft=solution.soft,
+        labels=motion_labels(solution, assignment, sampled.tensor, task.options.motions),
+        converged=solution.converged,
+        evaluated=sampled.evaluated,
+        noise_factor=None if fault is None else fault.sigma,
+    )
+    if found is None:
+        return assessed
+    return point_by_point(task, assessed, found, sampled)
+
+
+def ranked_with_twins(
+    task: MatchingTask, assignments: list[NDArray[np.int64]], consensus: NDArray[np.int64] | None = None
+) -> Ranked:
+    """Assignments ranked together with their twins by the body's near symmetries, and with those of the best one."""
+    twins = twins_of(task, assignments)
+    found = ranked(task, [*assignments, *twins], consensus=consensus)
+    if not found.assignments:
+        return found
+    weighed = {other.tobytes() for other in found.assignments}
+    more = [twin for twin in twins_of(task, found.assignments[:1]) if twin.tobytes() not in weighed]
+    return ranked(task, [*assignments, *twins, *more], consensus=consensus) if more else found
+
+
+def sure_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
+    """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is sure."""
+    views = task.problem.source_is_image
+    beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
+    sure = max(found.probability_of(1 + TRUST.listed), 0.0 if found.marginals is None else found.marginals.pose)
+    return found.beyond_chance > beyond and sure > TRUST.listed_probability
+
+
+def rivals_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
+    """Whether the poses of some weighed assignments are beyond clutter together, none of them sure, but a short list.
+
+    They share the odds that the object is there. That one of them is right says less than which, and is believed from
+    even odds on, with those that the object is in view.
+    """
+    if task.problem.source_is_image or found.marginals is None or found.marginals.pose >= TRUST.probability:
+        return False
+    together = found.beyond_chance - math.log(max(found.probability, 1e-300))
+    listed = found.probability_of(1 + TRUST.listed)
+    return together > TRUST.beyond_clutter_of_rivals and listed > TRUST.listed_probability
+
+
+def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
+    """How much larger the noise looks about the motion of one point set onto another; None where a motion says nothing.
+
+    Three points of a set in space have no handedness, so all hyper-edges of a mirrored set agree without a motion.
+    """
+    problem = task.problem
+    if task.affinity.residual.kind not in NOISE_KINDS or (assignment >= 0).sum() <= problem.least_for_pose:
+        return None
+    (pose,) = problem.poses(task.points, assignment[None])
+    if pose is None or pose.chi2 is None or not pose.dof:
+        return None
+    return Misfit.of(pose.chi2, pose.dof)
+
+
+def does_not_fit(fault: Misfit) -> bool:
+    """Whether no pose fits an assignment within the noise that was given."""
+    if not fault.variances <= DEFAULT_OPTIONS.most_inflation:
+        return True
+    return fault.sigma >= TRUST.noise_factor and fault.chance < TRUST.noise_chance
+
+
+def point_by_point(task: MatchingTask, assessed: Finding, found: Ranked, sampled: SampledTensor) -> Finding:
+    """The finding with the confidence of each match.
+
+    Where the pose is sure and some of the matches are not, those are left out, and the rest is matched.
+    """
+    each = found.marginals
+    if each is None:
+        return assessed
+    if assessed.status is Status.UNTRUSTED:
+        return replace(assessed, confidence=confidence_against_chance(found, assessed.assignment))
+    if assessed.status is not Status.AMBIGUOUS or sampled.missed > TRUST.missed:
+        return replace(assessed, confidence=each.each)
+    matched = int((assessed.assignment >= 0).sum())
+    doubt = max(1.0 - TRUST.probability, TRUST.wrong * matched)
+    sure = each.without_unsure(assessed.assignment, max(task.problem.order + 1, TRUST.kept * matched), doubt)
+    if sure is None:
+        return replace(assessed, confidence=each.each)
+    left_out = (sure < 0) & (assessed.assignment >= 0)
+    probability = each.pose * float(np.prod(each.each[sure >= 0] / each.pose))
+    labels = assessed.labels
+    return replace(
+        assessed,
+        assignment=sure,
+        others=assessed.every[: TRUST.alternatives],
+        facts=replace(assessed.facts, probability=probability, sure_of_the_rest=True),
+        scores=None,
+        labels=None if labels is None else np.where(sure >= 0, labels, -1),
+        confidence=np.where(left_out, each.unmatched, each.each),
+    )
+
+
+def confidence_against_chance(found: Ranked, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Confidence (n,) in each match where all of them may be chance: then being unmatched is right."""
+    odds = found.beyond_chance if math.isfinite(found.beyond_chance) else 0.0
+    real = 1.0 / (1.0 + math.exp(min(-odds - TRUST.present, 700.0)))
+    return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * confidence_in(found, assignment))
+
+
+def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
+    """Whether an assignment has a probability: where the problem fits poses, and residuals are in units of σ."""
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    # a prior for views from one position is no part of the fits
+    able = task.problem.fits_answers and in_noise and task.problem.small_baseline == 0.0
+    alone = not task.options.is_paper and not task.options.packs_motions
+    return able and alone and int((assignment >= 0).sum()) > task.problem.minimal
+
+
+def weighed(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> Ranked | None:
+    """Assignments and their neighbours by probability, where the status had no need of the fit of the first one.
+
+    None where there is no probability.
+    """
+    if not fits(task, assignments[0]):
+        return None
+    found = ranked_with_twins(task, assignments)
+    return found if found.assignments else None
+
+
+def confidence_in(found: Ranked | None, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of an assignment that was weighed; NaN where there is no probability."""
+    if found is None or found.marginals is None:
+        return np.full(len(assignment), math.nan)
+    if np.array_equal(found.assignments[0], assignment):
+        return found.marginals.each
+    return np.asarray(found.probabilities @ (np.array(found.assignments) == assignment))
+
+
+def confidence_of_motions(
+    task: MatchingTask, assignment: NDArray[np.int64], motions: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
+
+    Being unmatched is right as often as for the least sure of the motions.
+    """
+    confidence = np.full(len(assignment), math.nan)
+    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
+    for label in range(int(motions.max(initial=-1)) + 1):
+        points = np.flatnonzero((motions == label) | (assignment < 0))
+        others = assignment[(motions != label) & (assignment >= 0)]
+        pixels = np.setdiff1d(np.arange(task.shape[1]), others)
+        place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
+        own = np.where(assignment[points] >= 0, place, -1)
+        each = confidence_in(weighed(alone.subset(points, pixels), [own]), own)
+        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
+    return confidence
+
+
+def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) -> bool:
+    """Whether every match is well supported and no other one is, nor another assignment."""
+    if lead < TRUST.clear_margin:
+        return False
+    support = tensor.contract(one_hot(assignment, tensor.shape[1]))
+    matched = np.flatnonzero(assignment >= 0)
+    own = support[matched, assignment[matched]]
+    support[matched, assignment[matched]] = 0.0
+    median = float(np.median(own))
+    return bool(own.min() >= TRUST.clear_support * median and support.max() <= TRUST.clear_rival * median)
+
+
+def _of_motions(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
+    """Of groups of one motion each, every one supported by itself; its score is the evidence of the packing."""
+    lead = solution.statistics.get("lead", 0.0)
+    alarms = log10_false_alarms_of_groups(solution, task.shape)
+    return Finding(
+        task=task,
+        assignment=solution.assignment,
+        others=[other for other, _ in solution.alternatives],
+        facts=Facts(support=solution.score, false_alarms=alarms, lead=lead),
+        tensor=sampled.tensor,
+        scores=[solution.score, *(value for _, value in solution.alternatives)],
+        soft=solution.soft,
+        labels=motion_labels(solution, solution.assignment, sampled.tensor, task.options.motions),
+        converged=solution.converged,
+        evaluated=sampled.evaluated,
+    )
+
+
+def false_alarms(task: MatchingTask, score: float, known: list[float], sampled: SampledTensor) -> float:
+    """Decimal logarithm of the expected number of false alarms with such a score.
+
+    ``known`` are the scores of the assignments that were found. The mean weight of a random hyper-edge is that of those
+    outside of the assignment where it is not known.
+    """
+    tensor, evaluated, share, chance = sampled.tensor, sampled.evaluated, sampled.share, sampled.chance
+    if evaluated == 0 and chance is None:
+        return math.inf  # no hyper-edge was possible: nothing speaks for anything
+    problem, in_noise = task.problem, task.affinity.residual.kind in NOISE_KINDS
+    true_weight = TRUE_WEIGHT[problem.constraints] if in_noise else 1.0
+    # what assignments of nearly this score share out is structure (a symmetric object), not accident
+    explained = sum(value for value in known if value >= (1.0 - TRUST.margin) * score)
+    others = max(float(tensor.weights.sum()) - explained, true_weight)
+    random = others / max(evaluated, 1) if chance is None else chance
+    return log10_false_alarms(
+        problem, tensor.shape, score=score / max(share, 1e-300), true_weight=true_weight, chance=random / true_weight
+    )
+
+
+def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) -> list[float]:
+    """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
+    alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
+    return [float(value) for value in scores_of(alone, np.array(assignments))]
+
+
+def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
+    """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
+    sampling = task.sampling_task
+    ordered = assignment[task.permutation]
+    matched = np.flatnonzero(ordered >= 0)
+    if len(matched) < sampling.order:
+        return False
+    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
+    residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
+    return bool((residuals <= sampling.affinity.gate).any())
+
+
+def supported(
+    assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
+) -> tuple[NDArray[np.int64], float, Alternatives]:
+    """Assignments without the points that nothing supports, distinct, best first; those in time for the deadline."""
+    candidates = np.array([assignment, *(other for other, _ in alternatives)])
+    pace = Pace(deadline.part(SUPPORTED))
+    # the first one whatever the time
+    parts = [_supported(candidates[:1], tensor)] if deadline.is_set else []
+    done = len(parts)
+    while done < len(candidates) and (few := pace.block(len(candidates) - done)):
+        parts.append(_supported(candidates[done : done + few], tensor))
+        done += few
+    kept = np.concatenate([part[0] for part in parts])
+    scores = np.concatenate([part[1] for part in parts])
+    distinct = {one.tobytes(): (one, float(value)) for one, value in zip(kept, scores, strict=True)}
+    ranked = sorted(distinct.values(), key=lambda pair: -pair[1])
+    (best, score), rest = ranked[0], ranked[1:]
+    # an assignment that merely leaves some of the points out is not a different one
+    different = [pair for pair in rest if np.any((pair[0] >= 0) & (pair[0] != best))]
+    return best, score, different
+
+
+def _supported(candidates: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Assignments (K, n) without the points that nothing supports, and their scores (K,)."""
+    kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
+    matched = (kept >= 0).sum(axis=1)
+    last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs
+    if last.any():
+        more, more_scores = drop_unsupported(tensor, candidates, TRUST.last_support)
+        kept[last], scores[last] = more[last], more_scores[last]
+    return kept, scores

@@ -1,0 +1,328 @@
+"""Several known rigid bodies in one image: each is matched by itself, and no detection is used twice.
+
+Sure bodies go first. Each search that succeeds takes its detections away from those that follow, so that the bodies
+which show little are searched for among few detections: short searches for all come before longer ones for those that
+are left. A body that looks like another one, or like its mirror image, takes nothing before that other one was tried on
+the same detections.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import UnseenPixelError
+from rootmatch.explain.assessment import fits
+from rootmatch.explain.assignment_posterior import ranked
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.body_options import OPTIONS, BodyOptions
+from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.predicted_pose import direct_match, judged_by_prediction
+from rootmatch.explain.rig_copies import RigCopies, twin_of
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.samplers.guided.sampler import pays
+
+Integers = NDArray[np.int64]
+Solve = Callable[[MatchingTask], Finding]
+BODY = 0.5
+"""Share of the time left at a deadline for the search for one body."""
+LISTED = 5
+"""Alternatives of a doubtful match that another body may rule out by taking their detections. A round value."""
+AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
+"""No neighbours of assignments are looked at."""
+ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
+"""Statuses in the order in which bodies that are not sure get their detections."""
+
+
+@dataclass(eq=False)
+class _Body:
+    """One body in the course of the search."""
+
+    number: int
+    label: Label
+    points: Integers
+    match: Finding | None = None
+    """Of its points, all detections and −1 where unmatched."""
+    settled: bool = False
+    budget: int = 0
+    """Of the last search for it."""
+    cut: bool = False
+    """Whether that ended by its budget."""
+    among: int = 0
+    """Free detections at that search."""
+
+    @property
+    def detections(self) -> Integers:
+        """Those that its assignment uses."""
+        assert self.match is not None
+        return self.match.assignment[self.match.assignment >= 0]
+
+    @property
+    def probability(self) -> float:
+        """Of its assignment, as far as the status needed it; 1 where a clear one needed none."""
+        assert self.match is not None
+        known = self.match.probability
+        return 1.0 if known is None else known
+
+    def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
+        """Whether a search among the free detections with such a budget may find what the last one did not."""
+        if self.settled:
+            return False
+        if self.match is None:
+            return True
+        fewer = int(free.sum()) < self.among
+        if self.cut:
+            doubt = self.match.status is Status.AMBIGUOUS and self.probability < TRUST.probability
+            return fewer or (budget > self.budget and not doubt)
+        if self.match.status is Status.UNTRUSTED:
+            return fewer
+        listed = self.match.every[: 1 + LISTED]
+        return fewer and not all(free[one[one >= 0]].all() for one in listed)
+
+
+def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
+    """The match of a task whose source points are of several bodies.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        With labels.
+    solve : callable
+        From the task of one body to its match.
+    options : BodyOptions
+    """
+    assert task.bodies is not None
+    bodies = [_Body(k, label, task.bodies.points_of(k)) for k, label in enumerate(task.bodies.names)]
+    free = np.ones(task.shape[1], np.bool_)
+    first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
+    budgets = [int(first * options.budget_growth**k) for k in range(options.rounds)]
+    evaluated = 0
+    for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
+        for body in bodies:
+            _predict(task, body, free, sure)
+    for body in bodies:
+        body.among = int(free.sum())  # what was predicted with more of them is no worse for that
+    for turn in count():
+        budget = budgets[min(turn, options.rounds - 1)]
+        searched = False
+        for body in bodies:
+            if not body.worth_a_search(free, budget):
+                continue
+            searched = True
+            before = body.match
+            body.match, body.cut = _searched(task, body, np.flatnonzero(free), budget, solve)
+            _keep_trusted(body, before)
+            body.budget, body.among = budget, int(free.sum())
+            evaluated += body.match.evaluated + _confirm(task, body, solve, options)
+            if body.match.status is Status.MATCHED:
+                _check_rivals(
+                    task, body, [other for other in bodies if not other.settled and other is not body], options
+                )
+            if body.match.status is Status.MATCHED and body.probability >= options.sure:
+                body.settled = True
+                free[body.detections] = False
+        if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
+            break
+    _make_exclusive(task, bodies, free, solve, budgets[-1])
+    return _joined(task, bodies, evaluated)
+
+
+def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: float) -> None:
+    """Match a body by its predicted pose among the free detections, and settle it where that is sure enough.
+
+    What is believed but in doubt stays, as no search would know more.
+    """
+    part = task.body(body.number)
+    if body.settled or part.prior_pose is None or not free.any():
+        return
+    columns = np.flatnonzero(free)
+    sub = replace(part.subset(np.arange(len(part.points.source)), columns), prior_pose=part.prior_pose)
+    found = direct_match(sub)
+    if found is None:
+        return
+    body.match = _widened(found, part, columns)
+    if found.status is Status.MATCHED and (found.probability or 0.0) >= sure:
+        body.settled = True
+        free[body.detections] = False
+
+
+def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> tuple[Finding, bool]:
+    """The match of one body among some detections, its indices those of all, and whether the budget ended the search.
+
+    A sampler that the caller gave has a budget of its own, or none.
+    """
+    part = task.body(body.number)
+    if task.deadline.passed():
+        return nothing_found(part, "max_seconds were over before it was searched for"), False
+    part = replace(part, deadline=task.deadline.part(BODY))
+    if len(columns) < task.problem.order:
+        fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
+        return nothing_found(part, fault), False
+    sub = part.subset(np.arange(len(body.points)), columns)
+    try:
+        of_rig = isinstance(sub.problem, RigCopies)
+        bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
+        bounded = bounded and (of_rig or pays(sub.sampling_task))
+        if bounded:
+            sub = replace(sub, budget=budget)
+        found = solve(sub)
+        if part.prior_pose is not None:
+            found = judged_by_prediction(replace(sub, prior_pose=part.prior_pose), found)
+    except UnseenPixelError as error:
+        if not task.prior_poses:
+            raise
+        return nothing_found(part, str(error)), False  # the bodies whose pose is predicted need no rays
+    # a rig has a budget for each camera
+    ended = not found.converged if of_rig else found.evaluated >= budget
+    return _widened(found, part, columns), bounded and ended
+
+
+def _keep_trusted(body: _Body, before: Finding | None) -> None:
+    """Leave a match ambiguous that was so among more detections.
+
+    Those of other bodies are gone; what was beyond chance among them is no accident without them, though it looks like
+    a larger share of what is left.
+    """
+    if before is None or body.match is None or before.status is not Status.AMBIGUOUS:
+        return
+    if body.match.status is Status.UNTRUSTED and np.array_equal(before.assignment, body.match.assignment):
+        body.match = body.match.with_facts(was_ambiguous=True)
+
+
+def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
+    """Match a sure body whose search was cut short before it looked for other poses with the same detections.
+
+    Elsewhere are other bodies, but these detections have one owner: they alone are searched. Returns the evaluations.
+    """
+    found = body.match
+    assert found is not None
+    sure = found.status is Status.AMBIGUOUS and body.probability >= options.sure
+    if not (sure and body.cut and len(body.detections) >= options.confirmed):
+        return 0
+    again, _ = _searched(task, body, np.sort(body.detections), body.budget, solve)
+    if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
+        body.match = found.with_facts(sure_of_its_detections=True)
+    return again.evaluated
+
+
+def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options: BodyOptions) -> None:
+    """Call a body's match ambiguous where one that looks alike explains its detections nearly as well.
+
+    A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
+    """
+    assert body.match is not None
+    own = task.body(body.number)
+    if not fits(own, body.match.assignment):
+        return
+    here = None
+    for other in others:
+        theirs = task.body(other.number)
+        twin = twin_of(own, theirs, options.alike)
+        if twin is None:
+            continue
+        here = here or ranked(own, [body.match.assignment], AS_GIVEN)
+        assignment = np.full(len(other.points), -1, np.int64)
+        assignment[twin] = body.match.assignment
+        lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
+        if lead < math.log(1.0 / options.doubt - 1.0):
+            probability = body.probability / (1.0 + math.exp(-lead))
+            body.match = body.match.with_facts(contested=True, probability=probability)
+
+
+def _make_exclusive(
+    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
+) -> None:
+    """Give the free detections to the bodies that are not sure, those first whose matches are least likely chance."""
+    waiting = [body for body in bodies if not body.settled]
+    _contest(waiting)
+    evidence = {body.number: _evidence(task, body) for body in waiting}
+    while waiting:
+        waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
+        body = waiting.pop(0)
+        if not free[body.detections].all():
+            body.match, _ = _searched(task, body, np.flatnonzero(free), budget, solve)
+        free[body.detections] = False
+
+
+def _contest(waiting: list[_Body]) -> None:
+    """Call matches ambiguous whose detections another body may have as well, as none of them is sure."""
+    trusted = [body for body in waiting if body.match is not None and body.match.status is not Status.UNTRUSTED]
+    used = [body.detections for body in trusted]
+    for k, body in enumerate(trusted):
+        assert body.match is not None
+        rivals = np.concatenate([*used[:k], *used[k + 1 :], np.empty(0, np.int64)])
+        if body.match.status is Status.MATCHED and np.isin(body.detections, rivals).any():
+            body.match = body.match.with_facts(contested=True)
+
+
+def _evidence(task: MatchingTask, body: _Body) -> float:
+    """Log-odds of a body's matches against all detections being clutter; −∞ where they have none."""
+    assert body.match is not None
+    own = task.body(body.number)
+    if not fits(own, body.match.assignment):
+        return -math.inf
+    found = ranked(own, [body.match.assignment], AS_GIVEN).beyond_chance
+    return found if math.isfinite(found) else -math.inf
+
+
+def _joined(task: MatchingTask, bodies: list[_Body], evaluated: int) -> Finding:
+    """The finding of all bodies: the sum of their scores, the lead of the least sure one."""
+    n, n_target = task.shape
+    assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    soft = np.zeros((n, n_target))
+    indices, weights = [], []
+    parts: dict[Label, Finding] = {}
+    for k, body in enumerate(bodies):
+        found = body.match
+        assert found is not None
+        parts[body.label] = found
+        assignment[body.points] = found.assignment
+        labels[body.points] = np.where(found.assignment >= 0, k, -1)
+        soft[body.points] = found.soft_assignment
+        i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
+        indices.append((body.points[i] * n_target + j).astype(np.int32))
+        weights.append(np.asarray(found.tensor.weights))
+    every = list(parts.values())
+    return Finding(
+        task=task,
+        assignment=assignment,
+        others=[],
+        facts=Facts(lead=min(found.margin for found in every)),
+        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
+        scores=[sum(found.every_score[0] for found in every)],
+        soft=soft,
+        labels=labels,
+        converged=all(found.converged for found in every),
+        evaluated=evaluated,
+        parts=parts,
+    )
+
+
+def _widened(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
+    """A finding among some detections as one among all of them."""
+    n, n_target = task.shape
+    i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
+    indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
+    soft = np.zeros((n, n_target))
+    soft[:, columns] = found.soft_assignment
+
+    def of_all(assignment: Integers) -> Integers:
+        return np.where(assignment >= 0, columns[assignment], -1)
+
+    return replace(
+        found,
+        task=replace(task, noise=found.task.noise),
+        assignment=of_all(found.assignment),
+        others=[of_all(other) for other in found.others],
+        scores=found.every_score,
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.weights),
+    )

@@ -1,0 +1,184 @@
+"""The decision: whether a match can be believed, by one rule from named facts.
+
+Stages of the pipeline state facts about what they found. `decide` is the only function that makes a `Status` of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from rootmatch.problems.base import Problem
+
+
+@dataclass(frozen=True)
+class TrustOptions:
+    """Thresholds of the status. Set on the development scenes of docs/comparison.md (`benchmarks/accuracy.py`).
+
+    Parameters
+    ----------
+    probability : float
+        Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
+    margin : float
+        Least lead in score of a matched assignment where no probability is known.
+    false_alarms, false_alarms_of_part : float
+        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted, and of one that
+        leaves out points of an object and whose rivals no pose has weighed: one in a thousand, which is the goal for 8
+        to 20 unrelated points. With that for all, 18 instead of 6 of 100 right matches of six LEDs without clutter
+        would not be trusted (`benchmarks/constellations.py`, seeds below 250), and of the headset with a fifth of its
+        sensors undetected 22 instead of 11.
+    beyond_clutter, beyond_clutter_of_views : float
+        Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, for an
+        object in an image and for two views, …  For an object they are odds against clutter that crowds as the
+        detections do: on the development seeds of `benchmarks/constellations.py` they never exceeded −3 where nothing
+        was to be found (300 scenes of unrelated points, 40 of the headset against a stretched copy of itself).
+    beyond_clutter_of_rivals : float
+        … from which several poses of an object are called ambiguous rather than chance, where none of them is sure: of
+        the odds of all of them together. With `present` seven in eight are right by that.
+    present : float
+        Log-odds, before anything is seen, that the object is in view, or that two views show the same: they enter the
+        confidence of what is not trusted, not the status. On development seeds (`benchmarks/constellations.py`,
+        `benchmarks/accuracy.py`) 9 of 10 matches of untrusted assignments were right whose odds against chance were
+        even, and odds above −6 never came of unrelated points.
+    listed, listed_probability : int, float
+        … if the right one is among it and so many alternatives, or the pose is right, with that probability.
+    wrong : float
+        Fraction of its matches that may be expected to be wrong in a matched assignment of many points. A round value.
+    missed : float
+        Probability of having missed another pose that explains as much, beyond which an assignment is ambiguous: the
+        search was cut short before it looked for one. A round value; searches that end by themselves are below 0.05.
+    kept : float
+        Least fraction of its matches that is left where those that are not sure are left out of an assignment, to
+        call it matched; else it is ambiguous. A round value.
+    noise_factor, noise_chance : float
+        Factor on σ, as the residuals about the best pose ask for it, from which an assignment is not trusted if
+        residuals as large as that are rarer than this chance where σ is right: it was stated too small, and points may
+        be missing. Where σ was 1.5 times too small no match is wrong, where it was four times, some are.
+    most_named : float
+        Factor up to which the advice blames the noise rather than the match. A round value.
+    alternatives : int
+        Most alternatives that are kept.
+    support : float
+        Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3,
+        and those that meet clutter by accident seldom more than 0.2.
+    last_support, last_pairs : float, int
+        That share where at most so many pairs would remain, too few for an accident to select from.
+    clear_margin, clear_support, clear_rival : float
+        Lead in score, least support of a matched point and most support of any other match, both over the median
+        support, with which an assignment is clear and its neighbours are not fitted: of 2050 such on the development
+        seeds none was wrong.
+    """
+
+    probability: float = 0.9
+    margin: float = 0.2
+    false_alarms: float = -2.0
+    false_alarms_of_part: float = -3.0
+    beyond_clutter: float = 1.0
+    beyond_clutter_of_views: float = math.log(100.0)
+    beyond_clutter_of_rivals: float = -1.0
+    present: float = 3.0
+    listed: int = 5
+    listed_probability: float = 0.95
+    noise_factor: float = 1.9
+    noise_chance: float = 1e-3
+    most_named: float = 8.0
+    kept: float = 0.9
+    wrong: float = 0.01
+    missed: float = 0.5
+    alternatives: int = 16
+    support: float = 0.25
+    last_support: float = 0.1
+    last_pairs: int = 4
+    clear_margin: float = 0.5
+    clear_support: float = 0.4
+    clear_rival: float = 0.05
+
+
+TRUST = TrustOptions()
+
+
+class Status(Enum):
+    """Whether to believe a match; `rootmatch.Match.advice` says what to do about it in the words of its problem.
+
+    `decide` derives it. UNTRUSTED: a false alarm could be as good, or no pose fits the assignment. AMBIGUOUS: it is
+    not sure; its probability is below 0.9 or, if none is known, its margin below 0.2. MATCHED otherwise.
+    """
+
+    MATCHED = "matched"
+    AMBIGUOUS = "ambiguous"
+    UNTRUSTED = "untrusted"
+
+    def __bool__(self) -> bool:
+        """Only a match that can be believed is true."""
+        return self is Status.MATCHED
+
+    def __str__(self) -> str:
+        return self.value
+
+
+ADVICE = {
+    Status.MATCHED: "matched: the assignment is well supported and no other explains the points nearly as well",
+    Status.AMBIGUOUS: (
+        "ambiguous: another assignment explains the points nearly as well; see `alternatives`, {to_tell}, "
+        "or add points that break the symmetry"
+    ),
+    Status.UNTRUSTED: (
+        "no trustworthy match: too few hyper-edges agree; check {to_check}, raise the noise, "
+        "or evaluate more hyper-edges"
+    ),
+}
+"""What to do, with what a problem says should be checked and added."""
+
+
+def advice(status: Status, problem: Problem) -> str:
+    """What to do about a match with this status, in the words of its problem."""
+    return ADVICE[status].format(to_tell=problem.to_tell, to_check=problem.to_check)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """What is known of an assignment when its status is decided. A default speaks neither for it nor against it."""
+
+    support: float = math.inf
+    """Score of the hyper-edges that agree with it; infinite if its pose is beyond clutter by itself."""
+    false_alarms: float = -math.inf
+    """Decimal logarithm of the expected number of false alarms that are as good; infinite if no pose fits it."""
+    tolerated_false_alarms: float = TRUST.false_alarms
+    """The value of that up to which it is believed."""
+    lead: float | None = None
+    """Lead in score over the best different assignment, 0 to 1, where known; it decides if no probability is known."""
+    probability: float | None = None
+    """Posterior probability of the assignment, given that one of those considered is right."""
+    missed: float = 0.0
+    """Probability that a pose which explains as much was never met."""
+    confirmed: bool = True
+    """False for what a predicted pose gathered if it was not beyond chance."""
+    was_ambiguous: bool = False
+    """It was ambiguous, not chance, among more detections: those that are gone were other bodies'."""
+    contested: bool = False
+    """Another body, which explains its detections as well, or another followed pose may be the right one."""
+    sure_of_the_rest: bool = False
+    """Its pose is sure, and the matches that are not were left out."""
+    sure_of_its_detections: bool = False
+    """A search among its own detections alone found it again, without a rival."""
+
+
+def decide(facts: Facts) -> Status:
+    """The status of an assignment: could it be a false alarm, and is it the only good one."""
+    if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > facts.tolerated_false_alarms:
+        return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
+    if facts.contested:
+        return Status.AMBIGUOUS
+    if facts.sure_of_the_rest or facts.sure_of_its_detections:
+        return Status.MATCHED
+    likely = facts.lead is None or facts.lead >= TRUST.margin
+    if facts.probability is not None:
+        likely = facts.probability >= TRUST.probability
+    return Status.MATCHED if likely and facts.missed <= TRUST.missed else Status.AMBIGUOUS
+
+
+def least_trusted(statuses: Iterable[Status]) -> Status:
+    """The status of a whole by those of its parts: that of the least trusted one."""
+    return max(statuses, key=list(Status).index)

@@ -1,0 +1,161 @@
+"""What a stage of the pipeline has found: an assignment, the facts that decide whether to believe it, and its origin.
+
+Stages exchange findings, which are plain values. `rootmatch.result.report` makes the public `Match` of the last one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Facts, Status, decide, least_trusted
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.assignment import margin, one_hot
+from rootmatch.hypergraph.support import scores_of
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.solvers.base import Alternatives
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Finding:
+    """An assignment and what is known of it; see `rootmatch.Match` for what the attributes mean to a caller.
+
+    Attributes
+    ----------
+    task : MatchingTask
+    assignment : (n,) int64
+        Index into the target points; −1 where unmatched.
+    others : sequence of (n,) int64
+        The best different assignments, the most probable first where probabilities are known.
+    facts : Facts
+        From which `status` follows.
+    tensor : AffinityTensor
+    scores : sequence of float, optional
+        Of the assignment and of the others, where they are known already; see `every_score`.
+    soft : (n, n') float64, optional
+        Soft assignment of a solver; None if none ran.
+    labels : (n,) int64, optional
+        Motion of each point; None if all matches are one motion.
+    converged : bool
+    evaluated : int
+    confidence : (n,) float64, optional
+        Where the status needed it.
+    log_odds : float, optional
+        Of the assignment against clutter alone, where the status needed it.
+    noise_factor : float, optional
+    reason : str, optional
+        Why nothing could be matched, or why the match is not trusted.
+    prior_holds : bool, optional
+    fused_pose : Pose, optional
+    parts : dict, optional
+        The findings of several bodies by their labels.
+    """
+
+    task: MatchingTask
+    assignment: Integers
+    others: Sequence[Integers]
+    facts: Facts
+    tensor: AffinityTensor
+    scores: Sequence[float] | None = None
+    soft: Floats | None = None
+    labels: Integers | None = None
+    converged: bool = True
+    evaluated: int = 0
+    confidence: Floats | None = None
+    log_odds: float | None = None
+    noise_factor: float | None = None
+    reason: str | None = None
+    prior_holds: bool | None = None
+    fused_pose: Pose | None = None
+    parts: dict[Label, Finding] | None = None
+
+    @cached_property
+    def status(self) -> Status:
+        """By the facts; of several bodies that of the least trusted one."""
+        if self.parts is not None:
+            return least_trusted(part.status for part in self.parts.values())
+        return decide(self.facts)
+
+    def with_facts(self, **facts: Any) -> Self:
+        """The same with some facts changed, from which another status may follow."""
+        return replace(self, facts=replace(self.facts, **facts))
+
+    @property
+    def probability(self) -> float | None:
+        """Of the assignment, where the status needed it."""
+        return self.facts.probability
+
+    @property
+    def matched(self) -> int:
+        """Number of matched points."""
+        return int((self.assignment >= 0).sum())
+
+    @property
+    def every(self) -> list[Integers]:
+        """The assignment and the others."""
+        return [self.assignment, *self.others]
+
+    @cached_property
+    def every_score(self) -> list[float]:
+        """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
+        if self.scores is not None:
+            return list(self.scores)
+        return [float(score) for score in scores_of(self.tensor, np.array(self.every))]
+
+    @property
+    def alternatives(self) -> Alternatives:
+        """The other assignments with their scores."""
+        return list(zip(self.others, self.every_score[1:], strict=True))
+
+    @cached_property
+    def margin(self) -> float:
+        """Lead in score over the best different assignment; see `rootmatch.hypergraph.assignment.margin`."""
+        if self.facts.lead is not None:
+            return self.facts.lead
+        return margin(self.every_score[0], self.alternatives, self.assignment)
+
+    @cached_property
+    def soft_assignment(self) -> Floats:
+        """That of the solver or, if none ran, what supports each correspondence, each row over its sum; (n, n')."""
+        if self.soft is not None:
+            return self.soft
+        gains = np.maximum(self.tensor.contract(one_hot(self.assignment, self.tensor.shape[1])), 0.0)
+        rows = gains.sum(axis=1, keepdims=True)
+        return np.asarray(gains / np.where(rows > 0.0, rows, 1.0))
+
+    @cached_property
+    def motion_labels(self) -> Integers:
+        """Label of the rigid motion of each point, −1 where unmatched; (n,)."""
+        return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels
+
+
+def nothing_found(task: MatchingTask, reason: str) -> Finding:
+    """The finding of a task that leaves nothing to match."""
+    n, n_target = task.shape
+    return Finding(
+        task=task,
+        assignment=np.full(n, -1, np.int64),
+        others=[],
+        facts=Facts(confirmed=False, lead=0.0),
+        tensor=empty_tensor(task),
+        scores=[0.0],
+        soft=np.zeros((n, n_target)),
+        reason=reason,
+    )
+
+
+def empty_tensor(task: MatchingTask) -> AffinityTensor:
+    """The tensor of a task of which no hyper-edge was evaluated."""
+    return AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.shape)

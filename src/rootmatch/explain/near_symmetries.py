@@ -1,0 +1,256 @@
+"""Near symmetries of a body: rotations that put many of its points onto others of it, as half a turn does a headset's.
+
+From some side a pose and the same pose after such a motion show nearly the same image. A search that is cut short may
+find either alone; knowing the motions, the other one is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.samplers.point_sets.motions import fitted_motions
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+TOLERANCE = 0.01
+"""Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
+value: the radius of a headset is 10 cm, and the halves of the one in benchmarks/tracking.py differ by 0.22 mm."""
+LEAST, SHARE = 6, 0.25
+"""Points that have to be mapped, and part of all: with fewer hardly a side shows nothing else. Round values."""
+ANGLE = 0.2
+"""Least angle, in radians, of a motion that is not the identity. A round value."""
+FACING = 0.8
+"""Least cosine between the normals of a point's image and of the point there. A round value."""
+WIDE, HIGH = 0.5, 0.25
+"""Least side of a triple that is laid onto others, and its least height, over the body's radius. Round values."""
+TRIPLES, DRAWN = 256, 4096
+"""Most triples that are, and how many are drawn for that. A motion is found by any triple that it maps: a share s³ of
+them where it maps a share s of many points. So one that maps half of them is missed with a probability of e⁻³², three
+eighths e⁻¹³, and a quarter, the least that counts, e⁻⁴, or e⁻⁸ where its inverse is another, which is asked for too."""
+MOST_LAID, MOST_MOTIONS = 1024, 256
+"""Most pairs of triples, and most of their motions whose mapped points are counted: a body that has more has many
+symmetries, of which those that map most remain."""
+MOST = 4
+"""Most motions that are kept. A round value."""
+ROUGH = 2.0
+"""Factor on the distance before a motion is fitted to more than a triple. A round value."""
+REFINED = 4
+"""Different motions that are fitted for each that is returned, as the number of mapped points may change."""
+ROUNDS = 3
+"""Most fits of a motion, each with the points that the one before maps."""
+STEPS = 16
+"""Steps of the tolerance in which distances are compared: the largest that there can be, √(2 n) / `TOLERANCE`
+tolerances, is 18,100 of them, and a word of 16 bits holds twice that."""
+MOST_POINTS = 64
+"""Points beyond which none are sought: bits of the words in which third points are noted."""
+
+
+def body_radius(source: Floats) -> float:
+    """Root mean square distance of a body's points (n, 3) from their centre."""
+    return math.sqrt(float(((source - source.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+class NearSymmetry(NamedTuple):
+    """A motion x' = R x + t that puts many points of a body onto others."""
+
+    rotation: Floats
+    shift: Floats
+    image: Integers
+    """(n,) point at the place of each after the motion, each once; −1 for none."""
+
+    @property
+    def mapped(self) -> int:
+        """Number of points that have an image."""
+        return int(np.count_nonzero(self.image >= 0))
+
+
+def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[tuple[Floats, Floats]]:
+    """Motions (R, t), x' = R x + t, that map a quarter of a body's points onto others, those that map most first.
+
+    See `symmetries_of`.
+    """
+    return [(found.rotation, found.shift) for found in symmetries_of(source, normals)[:most]]
+
+
+def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry, ...]:
+    """The near symmetries of a body, those that map most points first; found once for each body.
+
+    Triples of points, at most `TRIPLES`, are laid onto all triples of the same sides; the points that such a motion
+    maps are counted, and it is fitted to them.
+
+    Parameters
+    ----------
+    source : (n, 3) array
+    normals : (n, 3) array, optional
+        A point is mapped onto one that faces alike only; zero where unknown.
+    """
+    if not LEAST <= len(source) <= MOST_POINTS:
+        return ()
+    faces = b"" if normals is None else np.ascontiguousarray(normals, np.float64).tobytes()
+    return _known(np.ascontiguousarray(source, np.float64).tobytes(), faces)
+
+
+@lru_cache(maxsize=64)
+def _known(source: bytes, normals: bytes) -> tuple[NearSymmetry, ...]:
+    """Those of points and normals by their values: every frame, search and body asks anew."""
+    points = np.frombuffer(source).reshape(-1, 3)
+    faces = np.frombuffer(normals).reshape(-1, 3) if normals else None
+    found = _found(points, faces)
+    for one in found:
+        for array in one:
+            array.setflags(write=False)
+    return tuple(found)
+
+
+def _found(source: Floats, normals: Floats | None) -> list[NearSymmetry]:
+    near, least = TOLERANCE * body_radius(source), max(LEAST, math.ceil(SHARE * len(source)))
+    unit = None
+    if normals is not None:
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        unit = normals / np.where(length > 0.0, length, 1.0)
+    rotations, shifts = _laid_onto_others(source, unit, near)
+    counts = _counts(source, unit, (rotations, shifts), near=near)
+    found: list[NearSymmetry] = []
+    for _ in range(REFINED * MOST):
+        if not len(counts) or counts.max() < least:
+            break
+        k = int(counts.argmax())
+        one = _refined(source, unit, (rotations[k], shifts[k]), near=near)
+        inverse = one.rotation.T, -one.rotation.T @ one.shift
+        for other in (one, _refined(source, unit, inverse, near=near)):
+            if other.mapped >= least and not any(_alike(other.rotation, known.rotation) for known in found):
+                found.append(other)
+        counts = np.where(_alike(rotations, rotations[k]), 0, counts)
+    found.sort(key=lambda one: -one.mapped)
+    return found[:MOST]
+
+
+def _laid_onto_others(source: Floats, unit: Floats | None, near: float) -> tuple[Floats, Floats]:
+    """Motions (M, 3, 3) and (M, 3) of random triples onto others of the same sides, without the identity."""
+    a, b, c = _triples(source)
+    n = len(source)
+    distance = np.linalg.norm(source[:, None] - source, axis=2)
+    steps = (distance * (STEPS / near)).astype(np.int16)
+    pairs = np.flatnonzero(_same(steps, steps[a, b]))
+    triple, pair = np.divmod(pairs, n * n)
+    k, j = np.divmod(pair, n)
+    both = _bits(_same(steps, steps[a, c])).ravel()[triple * n + k]
+    both &= _bits(_same(steps, steps[b, c])).ravel()[triple * n + j]
+    some = np.flatnonzero(both)
+    row, m = np.divmod(np.flatnonzero(np.unpackbits(both[some].view(np.uint8), bitorder="little")), MOST_POINTS)
+    triple, k, j = triple[some][row], k[some][row], j[some][row]
+    first, second = (np.column_stack(one) for one in ((a[triple], b[triple], c[triple]), (k, j, m)))
+    moved = np.flatnonzero((first != second).any(axis=1))
+    if len(moved) > MOST_LAID:
+        moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
+    first, second = first[moved], second[moved]
+    frames = _frames(source[first]), _frames(source[second])
+    rotations = frames[1] @ frames[0].swapaxes(1, 2)
+    own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
+    if unit is not None:
+        turned = np.einsum("hij,hmj->hmi", rotations, unit[first])
+        cosine = (turned * unit[second]).sum(axis=2)
+        known = unit[first].any(axis=2) & unit[second].any(axis=2)
+        own &= ((cosine >= FACING) | ~known).all(axis=1)
+    kept = np.flatnonzero(own)[:MOST_MOTIONS]
+    rotations, first, second = rotations[kept], first[kept], second[kept]
+    shifts = source[second].mean(axis=1) - np.einsum("hij,hj->hi", rotations, source[first].mean(axis=1))
+    return rotations, shifts
+
+
+def _triples(source: Floats) -> tuple[Integers, Integers, Integers]:
+    """Random triples of points far apart and not in line, each once."""
+    n, radius = len(source), body_radius(source)
+    drawn = np.random.default_rng(0).integers(0, n, (DRAWN, 3))
+    drawn = drawn[(drawn[:, 0] < drawn[:, 1]) & (drawn[:, 1] < drawn[:, 2])]
+    _, unique = np.unique(drawn @ (n * n, n, 1), return_index=True)
+    drawn = drawn[np.sort(unique)]
+    a, b, c = source[drawn].swapaxes(0, 1)
+    sides = np.array([np.linalg.norm(one, axis=1) for one in (b - a, c - a, c - b)])
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    fair = (sides.min(axis=0) > WIDE * radius) & (area > HIGH * radius * sides.max(axis=0))
+    first, second, third = drawn[fair][:TRIPLES].T
+    return first, second, third
+
+
+def _same(steps: NDArray[np.int16], sides: NDArray[np.int16]) -> NDArray[np.bool_]:
+    """Which of all distances (n, n) are that of a side (T,), as (T, n, n); all in steps."""
+    # what is less than the least is a large number without its sign: one comparison instead of two
+    return np.asarray((steps - (sides - STEPS)[:, None, None]).view(np.uint16) <= np.uint16(2 * STEPS))
+
+
+def _bits(mask: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Rows (..., n) of at most 64 truth values as words (...)."""
+    packed = np.packbits(mask, axis=-1, bitorder="little")
+    words = np.zeros((*mask.shape[:-1], 8), np.uint8)
+    words[..., : packed.shape[-1]] = packed
+    return words.view(np.uint64)[..., 0]
+
+
+def _frames(triples: Floats) -> Floats:
+    """Orthonormal frames (H, 3, 3), as columns, of triples (H, 3, 3)."""
+    first = triples[:, 1] - triples[:, 0]
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    third = np.cross(first, triples[:, 2] - triples[:, 0])
+    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    return np.stack([first, np.cross(third, first), third], axis=2)
+
+
+def _counts(source: Floats, unit: Floats | None, motions: tuple[Floats, Floats], near: float) -> Integers:
+    """Points (M,) that each motion maps onto others; a coarser distance, as triples alone tell a motion roughly."""
+    rotations, shifts = motions
+    if not len(rotations):
+        return np.empty(0, np.int64)
+    centred = (source - source.mean(axis=0)).astype(np.float32)
+    moved = (source @ rotations.swapaxes(1, 2) + shifts[:, None] - source.mean(axis=0)).astype(np.float32)
+    squared = (moved**2).sum(axis=2)[:, :, None] - 2.0 * moved @ centred.T + (centred**2).sum(axis=1)
+    possible = squared < np.float32((ROUGH * near) ** 2)
+    if unit is not None:
+        facing = (unit @ rotations.swapaxes(1, 2)).astype(np.float32) @ unit.T.astype(np.float32) >= FACING
+        possible &= facing | _unknown(unit)
+    return np.asarray(possible.any(axis=2).sum(axis=1))
+
+
+def _refined(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], near: float) -> NearSymmetry:
+    """A motion fitted to the points that it maps, and once more to those that it maps then."""
+    found = NearSymmetry(*motion, _image(source, unit, motion, near=ROUGH * near))
+    for _ in range(ROUNDS):
+        own = np.flatnonzero(found.image >= 0)
+        if len(own) < 3:
+            break
+        fitted = fitted_motions(source[None, own], source[None, found.image[own]], scaled=False, mirror=False)
+        motion = fitted.linear[0], fitted.shift[0]
+        before, found = found, NearSymmetry(*motion, _image(source, unit, motion, near=near))
+        if np.array_equal(before.image, found.image):
+            break
+    return found
+
+
+def _image(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], near: float) -> Integers:
+    """The point (n,) at the place of each after a motion, nearest to each other; −1 for none."""
+    R, t = motion
+    off = np.linalg.norm((source @ R.T + t)[:, None] - source, axis=2)
+    possible = off < near
+    if unit is not None:
+        possible &= ((unit @ R.T) @ unit.T >= FACING) | _unknown(unit)
+    off = np.where(possible, off, np.inf)
+    to, back = off.argmin(axis=1), off.argmin(axis=0)
+    place = np.arange(len(source))
+    return np.where(possible.any(axis=1) & (back[to] == place), to, -1)
+
+
+def _unknown(unit: Floats) -> NDArray[np.bool_]:
+    """Pairs (n, n) of points of which one has no normal."""
+    known = unit.any(axis=1)
+    return np.asarray(~np.logical_and.outer(known, known))
+
+
+def _alike(first: Floats, second: Floats) -> NDArray[np.bool_]:
+    """Whether rotations (..., 3, 3) are hardly different."""
+    return np.asarray((first * second).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE))

@@ -1,0 +1,130 @@
+"""Estimation of σ for ``noise="auto"``: match with an initial σ, take the residuals of the inliers, match again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.backends import cpu
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.affinity import Residual
+from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.hypergraph.random_tuples import permuted_tuples
+
+FIRST_GUESS = 0.004
+"""σ of the first match over the diagonal of the image points: 2 pixels of 500. A round value, generous on purpose."""
+CUT = 9.0
+"""Squared residual beyond which all count alike: three deviations."""
+WITHIN = 1.5
+"""Factor within which σ is to be as often as possible."""
+CENTRE = 4.0 * math.log(WITHIN) / (WITHIN**2 - WITHIN**-2)
+"""Of χ² over its degrees of freedom, for that: 0.90, whatever they are, as F(c k² ν) − F(c ν / k²) is largest there."""
+SUBSETS = 2000
+"""Hyper-edges of one motion that are evaluated, at most."""
+SETTLED, ROUNDS = 1.15, 5
+"""Factor by which a guess may be off, and matches at most (`benchmarks/noise_estimation.py`)."""
+ROUND = 0.5
+"""Share of the time left at a deadline for each of those matches."""
+LEAST = 1e-3
+"""Least σ over the first guess: exact data have none."""
+
+
+def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
+    """What is found at a σ consistent with its own residuals.
+
+    Parameters
+    ----------
+    task : MatchingTask
+    solve : callable
+        What is found of a task whose noise is known.
+    """
+    guess = first = first_guess(task.image[0])
+    match = solve(_round(task, guess))
+    for _ in range(ROUNDS):
+        sigma = estimated_noise(match, guess)
+        if math.isnan(sigma) or max(sigma / guess, guess / sigma) < SETTLED:
+            break
+        if task.deadline.passed():
+            break
+        guess = min(max(sigma, LEAST * first), 4.0 * first)
+        match = solve(_round(task, guess))
+    return match
+
+
+def _round(task: MatchingTask, sigma: float) -> MatchingTask:
+    """The task with a guess of σ, and a part of the time that is left."""
+    return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
+
+
+def first_guess(target: NDArray[np.float64]) -> float:
+    """An initial, generous σ for points (n', 2)."""
+    return FIRST_GUESS * float(np.linalg.norm(np.ptp(target, axis=0)))
+
+
+def estimated_noise(match: Finding, sigma: float) -> float:
+    """σ from the residuals inside an assignment that was found with ``sigma``, NaN where there are too few.
+
+    By χ² of the points of each motion about their best pose, where the problem fits poses. Else it is the scale at
+    which the squared residuals of the hyper-edges among them, cut off at 9, have the mean of their law.
+    """
+    problem = match.task.problem
+    squares, freedom = [], []
+    labels = range(int(match.motion_labels.max(initial=-1)) + 1)
+    groups = [np.flatnonzero((match.motion_labels == label) & (match.assignment >= 0)) for label in labels]
+    for members in groups:
+        if len(members) <= problem.order:
+            continue
+        scale = _scale(match, members)
+        if math.isfinite(scale):
+            squares.append(scale * (len(members) - problem.minimal))
+            freedom.append(len(members) - problem.minimal)
+    if not freedom:
+        return math.nan
+    return sigma * math.sqrt(sum(squares) / sum(freedom))
+
+
+def _scale(match: Finding, members: NDArray[np.int64]) -> float:
+    """Square of the true σ over the assumed one, by one group."""
+    problem, points = match.task.problem, match.task.points
+    if problem.fits_answers:
+        alone = np.full_like(match.assignment, -1)
+        alone[members] = match.assignment[members]
+        assignments = [alone]
+        if len(members) == (match.assignment >= 0).sum():
+            # with σ far too large a wrong assignment can seem as good as the right one, which fits far better
+            assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
+        fit = problem.fitted(points, np.array(assignments))
+        scale = np.maximum(fit.chi2 / fit.dof, LEAST**2)
+        evidence = [float(fit.inflated(scale[k])[k]) for k in range(len(assignments))]
+        return float(scale[int(np.argmax(evidence))]) / CENTRE
+    order = members[wide_first(points.source[members])]
+    tables = problem.tables(points.subset(order, match.assignment[order]))
+    rng = np.random.default_rng(0)
+    chosen = np.sort(permuted_tuples(rng, SUBSETS, len(members), problem.order), axis=1)
+    residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
+    return scale_of(residuals**2, mean_cut(problem.constraints))
+
+
+def mean_cut(freedom: int) -> float:
+    """Mean of min(χ², CUT) with so many degrees of freedom."""
+    from scipy.special import gammainc  # slow to import, rarely needed
+
+    below, weighted = (float(gammainc(0.5 * k, 0.5 * CUT)) for k in (freedom, freedom + 2))
+    return freedom * weighted + CUT * (1.0 - below)
+
+
+def scale_of(squared: NDArray[np.float64], mean: float) -> float:
+    """The s with mean(min(squared / s, CUT)) = mean, by bisection."""
+    low, high = 1e-12, 1e12
+    for _ in range(100):
+        middle = math.sqrt(low * high)
+        if float(np.minimum(squared / middle, CUT).mean()) > mean:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low * high)

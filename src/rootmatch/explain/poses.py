@@ -1,0 +1,50 @@
+"""Poses of a match, one per motion, fitted after the assignment was found; matching itself does not use them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.pose_fit.pose import Pose as Pose
+
+Integers = NDArray[np.int64]
+
+
+def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers) -> list[list[Pose | None]]:
+    """Poses of each assignment, one per motion.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        The points with their noise, and the problem.
+    assignments : list of (n,) int arrays
+        −1 where unmatched. All are fitted at once.
+    motions : (n,) int array
+        Motion of each source point; what is matched but of none is left out, unless there is but one.
+
+    Returns
+    -------
+    list of list of Pose or None
+        None where a motion has fewer matches than the problem's pose needs, or no pose puts them before the camera.
+
+    Raises
+    ------
+    InputError
+        If the problem fits no poses.
+    """
+    problem = task.problem
+    Capability.POSE.require(problem.least_for_pose, problem.name)
+    count = int(motions.max(initial=-1)) + 1
+    labels = np.zeros_like(motions) if count == 1 else motions
+    groups = [np.where(labels == label, assignment, -1) for assignment in assignments for label in range(count)]
+    enough = [k for k, group in enumerate(groups) if (group >= 0).sum() >= problem.least_for_pose]
+    fitted = problem.poses(task.points, np.array([groups[k] for k in enough])) if enough else []
+    poses = {k: pose for k, pose in zip(enough, fitted, strict=True) if pose is not None and _predicts(pose)}
+    return [[poses.get(row * count + label) for label in range(count)] for row in range(len(assignments))]
+
+
+def _predicts(pose: Pose) -> bool:
+    """Whether a pose says where each of its points is seen: none of them is beside the camera."""
+    return pose.predicted is None or bool(np.all(np.isfinite(pose.predicted)))

@@ -1,0 +1,150 @@
+"""Matching with a predicted pose: at once where the prediction decides, otherwise without it, and it is then judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
+from rootmatch.explain.predicted_assignment import DEFAULT_PRIOR, Found, match_with_prior, prior_of
+from rootmatch.explain.predicted_likelihood import PriorFit, PriorFrame, unbiased_frame
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.pose_fit.absolute import AbsoluteFit
+from rootmatch.problems.pose_fit.pose import Pose
+
+UNCONFIRMED = "the prior pose is not confirmed"
+
+
+def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
+    """The match of a task with a predicted pose.
+
+    Where the prediction and the detections do not agree on an assignment that is beyond chance, all is searched without
+    the prediction; `Match.prior_holds` says what came of it.
+    """
+    direct = direct_match(task)
+    if direct is not None:
+        return direct
+    without = replace(task, prior_pose=None)
+    if task.shape[1] < task.problem.order:
+        return nothing_found(
+            without,
+            f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
+            f"needs {task.problem.order}",
+        )
+    return judged_by_prediction(task, solve(without))
+
+
+def direct_match(task: MatchingTask) -> Finding | None:
+    """The match that a prediction decides; None where it does not."""
+    match, found = tried(task)
+    return match if found is not None and found.believed else None
+
+
+def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
+    """What a prediction finds, and its match: untrusted where it is not believed, empty where nothing is found."""
+    found = match_with_prior(task, prior_of(task))
+    if found is None:
+        return nothing_found(task, UNCONFIRMED), None
+    match = match_of(task, found)
+    if found.believed:
+        return match, found
+    return replace(match.with_facts(confirmed=False), prior_holds=None, fused_pose=None, reason=UNCONFIRMED), found
+
+
+def match_of(task: MatchingTask, found: Found) -> Finding:
+    """What a prediction found, as if it is believed."""
+    matched = found.assignment >= 0
+    soft = np.zeros(task.shape)
+    soft[matched, found.assignment[matched]] = found.probability
+    best = found.alternatives[0][1] - found.log_odds if found.alternatives else -math.inf
+    others = [other for other, _ in found.alternatives[: TRUST.alternatives]]
+    return Finding(
+        task=task,
+        assignment=found.assignment,
+        others=others,
+        facts=Facts(lead=1.0 - math.exp(min(best, 0.0)), probability=found.probability),
+        tensor=empty_tensor(task),
+        scores=[math.nan] * (1 + len(others)),
+        soft=soft,
+        log_odds=found.log_odds,
+        prior_holds=True,
+        fused_pose=found.pose,
+    )
+
+
+def judged_by_prediction(task: MatchingTask, found: Finding) -> Finding:
+    """What was found without the prediction, and whether that held; it decides between what else is equally good."""
+    if found.status is Status.UNTRUSTED:
+        return found
+    every = [one for one in found.every if (one >= 0).sum() > task.problem.minimal]
+    frame = PriorFrame(task, prior_of(task))
+    fits = [frame.fitted(one, R, t) for one, (R, t) in zip(every, _poses(task, every), strict=True)]
+    near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
+    if not near:
+        return replace(found, prior_holds=False)
+    if found.status is Status.MATCHED:
+        own = fits[0]
+        held = own in near
+        return replace(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
+    near.sort(key=lambda fit: -fit.log_odds)
+    best, others = near[0], near[1:]
+    share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))
+    probability = share / (1.0 + frame.neighbours(best)[0])
+    chosen = [np.array_equal(one, best.assignment) for one in found.every]
+    left = [k for k, same in enumerate(chosen) if not same]
+    return replace(
+        found,
+        task=task,
+        assignment=best.assignment,
+        others=[found.every[k] for k in left],
+        facts=Facts(lead=found.facts.lead, probability=probability),
+        scores=[found.every_score[chosen.index(True)], *(found.every_score[k] for k in left)],
+        labels=None,
+        prior_holds=True,
+        fused_pose=pose_of(best),
+    )
+
+
+def pose_of(fit: PriorFit) -> Pose:
+    """The pose of a fit."""
+    return Pose.unchecked(fit.R, fit.t, fit.covariance)
+
+
+def _poses(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[tuple[NDArray[np.float64], ...]]:
+    """Rotation and translation that fit each assignment, in the caller's frame and unit."""
+    if not assignments:
+        return []
+    fit = task.problem.fitted(task.points, np.array(assignments))
+    assert isinstance(fit, AbsoluteFit)
+    centre = task.points.source.mean(axis=0)
+    unit = math.sqrt(float(((task.points.source - centre) ** 2).mean()))
+    return [(R, unit * t - R @ centre) for R, t in zip(fit.rotation, fit.translation, strict=True)]
+
+
+def free_pose(match: Finding) -> Pose:
+    """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
+    fused = match.fused_pose
+    if (match.assignment >= 0).sum() <= match.task.problem.minimal and fused is not None:
+        return fused
+    fits = free_fits(match.task, [match.assignment])
+    if not fits and fused is not None:
+        return fused
+    return pose_of(fits[0])
+
+
+def free_fits(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[PriorFit]:
+    """Assignments fitted with a prior that says nothing, the same for all of them.
+
+    Of a rig those are left out that have too few matches in every camera.
+    """
+    known = [
+        (one, R, t) for one, (R, t) in zip(assignments, _poses(task, assignments), strict=True) if np.isfinite(t).all()
+    ]
+    size = float(np.sqrt(((task.points.source - task.points.source.mean(axis=0)) ** 2).mean()))
+    far = max((float(np.linalg.norm(t)) for _, _, t in known), default=0.0)
+    return [unbiased_frame(task, R, t, size + far).fitted(one, R, t) for one, R, t in known]

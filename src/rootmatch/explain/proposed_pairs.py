@@ -1,0 +1,237 @@
+"""Several motions among proposed pairs: few correspondences a point, many of them false, as a learned matcher gives.
+
+Where each point has a few candidates only, the minimal sets of the pairs that there are are drawn, instead of all sets
+of points with all images, nearly all of which are excluded. Neighbours in space share a motion more often than points
+drawn anywhere, so sets are drawn among neighbours. The pose that most pairs agree with is fitted to them, its pairs are
+taken out, and the next one is sought among the rest (sequential RANSAC; Vincent and Laganière 2001).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import Pace
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.options import Options, option
+from rootmatch.problems.gate import GATE
+from rootmatch.problems.pose_fit.initial_poses import poses_of_triples
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Solution
+
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+KNOWN = ("p3p", "up2p")
+"""Problems of one calibrated camera and points in space; the vertical of an upright one counts in the fits alone."""
+
+
+@dataclass(frozen=True)
+class ProposedPairsOptions(Options):
+    """How poses are sought among proposed pairs; measured in benchmarks/candidates.py."""
+
+    pairs_per_point: float = option(3.0, above=0.0)
+    """Mean candidates of a point up to which pairs are enumerated. A round value."""
+    least_pairs: int = option(60, least=4)
+    """Pairs below which the usual search is as quick. A round value."""
+    neighbours: int = option(100, least=2)
+    """Pairs nearest in space to the first one of a set, among which the others are drawn. A round value."""
+    sets: int = option(4_000, least=1)
+    """Minimal sets drawn for each motion: where a tenth of the neighbours agrees, one is missed in 50 searches; where a
+    fifth does, none. A round value."""
+    screened: int = option(400, least=1)
+    """Pairs on which all poses are screened."""
+    verified: int = option(64, least=1)
+    """Poses, those of the most screened pairs, that are verified on all pairs."""
+    rounds: int = option(6, least=1)
+    """Fits of a pose to the pairs that agree with it, at most."""
+    claimed: float = option(3.0, least=1.0)
+    """Distance from a pose, in gates, within which its pairs are no evidence for another motion."""
+    beyond_chance: float = option(7.0, above=0.0)
+    """Evidence above the logarithm of the number of poses from which a motion is no accident: one in a thousand."""
+    edges: int = option(2_000, least=1)
+    """Hyper-edges of each motion that the tensor holds, as a sample."""
+
+
+OPTIONS = ProposedPairsOptions()
+
+
+def pays(task: MatchingTask, options: ProposedPairsOptions = OPTIONS) -> bool:
+    """Whether several motions are to be found among few proposed pairs."""
+    if task.allowed is None or task.problem.name not in KNOWN or task.options.sampler != "auto":
+        return False
+    count = int(task.allowed.sum())
+    return count >= options.least_pairs and count <= options.pairs_per_point * int(task.allowed.any(axis=1).sum())
+
+
+def motions_of_pairs(task: MatchingTask, options: ProposedPairsOptions = OPTIONS) -> tuple[Solution, SampledTensor]:
+    """Groups of one motion each among the candidates, and a tensor of some of their hyper-edges."""
+    search = _Search(task, options)
+    most = math.inf if task.options.motions == "auto" else float(task.options.motions)
+    groups: list[Integers] = []
+    evidence: list[float] = []
+    while len(groups) < most:
+        group, value = search.next_motion()
+        if group is None:
+            break
+        groups.append(group)
+        evidence.append(value)
+    labels, assignment = np.full(task.shape[0], -1, np.int64), np.full(task.shape[0], -1, np.int64)
+    for label, group in enumerate(groups):
+        labels[group >= 0], assignment[group >= 0] = label, group[group >= 0]
+    tensor = _sample_of_hyperedges(task, groups, search.rng, options)
+    soft = np.zeros(task.shape)
+    matched = np.flatnonzero(assignment >= 0)
+    soft[matched, assignment[matched]] = 1.0
+    statistics = {"evidence": float(sum(evidence)), "lead": 1.0 if evidence else 0.0, "against_chance": 1.0}
+    solution = Solution(
+        soft, assignment, float(tensor.weights.sum()), [], converged=not task.deadline.stopped_early,
+        iterations=search.tried, statistics=statistics, groups=labels,
+    )  # fmt: skip
+    return solution, SampledTensor(tensor, search.tried)
+
+
+class _Search:
+    """The pairs that are left, and the poses that they propose."""
+
+    def __init__(self, task: MatchingTask, options: ProposedPairsOptions) -> None:
+        assert task.allowed is not None
+        self.task, self.options = task, options
+        self.rng = np.random.default_rng(task.options.seed)
+        self.source, self.target = np.nonzero(task.allowed)
+        problem: Any = task.problem
+        points = task.points
+        self.camera, pixels, sigma = problem.camera.chart(points.target, points.target_noise)
+        self.points, self.pixels, self.sigma = points.source[self.source], pixels[self.target], sigma[self.target]
+        self.rays = problem.camera.bearings(points.target)[self.target]
+        self.left = np.ones(len(self.source), np.bool_)
+        self.tried = 0
+
+    def next_motion(self) -> tuple[Integers | None, float]:
+        """The assignment (n,) of the motion that most of the pairs left agree with, and its evidence; or None."""
+        rows = np.flatnonzero(self.left)
+        if len(rows) <= self.task.problem.order or self.task.deadline.passed():
+            return None, 0.0
+        best, chance = self._best_hypothesis(rows)
+        if best is None:
+            return None, 0.0
+        group, near = self._fitted(rows, best)
+        evidence = self._evidence(int((group >= 0).sum()), len(rows), chance)
+        self.left[near] = False
+        if (group >= 0).sum() <= self.task.problem.order or evidence <= 0.0:
+            return None, 0.0
+        self.left &= ~np.isin(self.source, np.flatnonzero(group >= 0)) & ~np.isin(self.target, group[group >= 0])
+        return group, evidence
+
+    def _best_hypothesis(self, rows: Integers) -> tuple[tuple[Floats, Floats] | None, float]:
+        """The pose of a minimal set that most pairs agree with, and the share that agrees with any."""
+        from scipy.spatial import cKDTree  # slow to import
+
+        options = self.options
+        _, near = cKDTree(self.points[rows]).query(self.points[rows], min(options.neighbours, len(rows)))
+        screened = self.rng.permutation(rows)[: options.screened]
+        kept_r, kept_t, kept_count, shares = [], [], [], []
+        pace, done = Pace(self.task.deadline.part(0.5), 64), 0
+        while done < options.sets and (few := pace.block(min(500, options.sets - done))):
+            done += few
+            first = self.rng.integers(0, len(rows), few)
+            others = near[first[:, None], self.rng.integers(0, near.shape[1], (few, 2))]
+            triple = rows[np.column_stack([first, others])]
+            i, j = np.sort(self.source[triple], axis=1), np.sort(self.target[triple], axis=1)
+            triple = triple[((np.diff(i) > 0) & (np.diff(j) > 0)).all(axis=1)]
+            if not len(triple):
+                continue
+            rotation, t = poses_of_triples(self.points[triple], self.rays[triple])
+            rotation, t = rotation.reshape(-1, 3, 3), t.reshape(-1, 3)
+            real = np.isfinite(t).all(axis=1)
+            rotation, t = rotation[real], t[real]
+            self.tried += len(t)
+            count = self._agree(rotation, t, screened).sum(axis=1)
+            strongest = np.argsort(-count, kind="stable")[: options.verified]
+            kept_r.append(rotation[strongest])
+            kept_t.append(t[strongest])
+            kept_count.append(count[strongest])
+            shares.append(float(np.median(count)) / len(screened))
+        if not kept_r:
+            return None, 1.0
+        rotation, t, count = np.concatenate(kept_r), np.concatenate(kept_t), np.concatenate(kept_count)
+        strongest = np.argsort(-count, kind="stable")[: options.verified]
+        rotation, t = rotation[strongest], t[strongest]
+        agree = self._agree(rotation, t, rows)
+        best = int(np.argmax([len(np.unique(self.target[rows[one]])) for one in agree]))
+        return (rotation[best], t[best]), max(float(np.mean(shares)), 1.0 / len(rows))
+
+    def _agree(self, rotation: Floats, t: Floats, rows: Integers) -> NDArray[np.bool_]:
+        """Which pairs (R,) lie within the gate of each pose: (K, R)."""
+        with np.errstate(all="ignore"):
+            placed = self.points[rows] @ rotation.swapaxes(-1, -2) + t[:, None]
+            squared = ((self.camera.project(placed) - self.pixels[rows]) ** 2).sum(axis=-1)
+        return np.asarray((placed[..., 2] > 0.0) & (squared <= (GATE * self.sigma[rows]) ** 2))
+
+    def _fitted(self, rows: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Integers]:
+        """The assignment that agrees with a pose fitted to it, and all pairs near it."""
+        rotation, t = pose
+        with np.errstate(all="ignore"):
+            placed = self.points[rows] @ rotation.T + t
+            distance = np.linalg.norm(self.camera.project(placed) - self.pixels[rows], axis=1) / self.sigma[rows]
+        distance[~(placed[:, 2] > 0.0)] = np.inf
+        group = self._one_to_one(rows, distance)
+        for _ in range(self.options.rounds):
+            if (group >= 0).sum() <= self.task.problem.order:
+                break
+            fit: Any = self.task.problem.fitted(self.task.points, group[None])
+            offset = fit.predicted[0][self.source[rows]] - self.pixels[rows]
+            distance = np.linalg.norm(offset, axis=1) / self.sigma[rows]
+            before, group = group, self._one_to_one(rows, distance)
+            if np.array_equal(before, group):
+                break
+        return group, rows[distance <= self.options.claimed * GATE]
+
+    def _one_to_one(self, rows: Integers, distance: Floats) -> Integers:
+        """The assignment (n,) of pairs within the gate, the nearest first, each point and detection once."""
+        group, used = np.full(self.task.shape[0], -1, np.int64), np.zeros(self.task.shape[1], np.bool_)
+        for number in np.argsort(distance, kind="stable"):
+            if not distance[number] <= GATE:
+                break
+            i, j = self.source[rows[number]], self.target[rows[number]]
+            if group[i] < 0 and not used[j]:
+                group[i], used[j] = j, True
+        return group
+
+    def _evidence(self, agreeing: int, pairs: int, chance: float) -> float:
+        """Logarithm of the odds that so many of the pairs agree with a pose, over what chance and trying make of it.
+
+        A bound of the binomial tail (Chernoff 1952).
+        """
+        share = min(agreeing / pairs, 1.0 - 1e-12)
+        if share <= chance:
+            return -math.inf
+        tail = share * math.log(share / chance) + (1.0 - share) * math.log((1.0 - share) / max(1.0 - chance, 1e-12))
+        return pairs * tail - math.log(max(self.tried, 1)) - self.options.beyond_chance
+
+
+def _sample_of_hyperedges(
+    task: MatchingTask, groups: list[Integers], rng: np.random.Generator, options: ProposedPairsOptions
+) -> AffinityTensor:
+    """Random hyper-edges within each group, with their weights."""
+    from rootmatch.backends import cpu
+    from rootmatch.hypergraph.random_tuples import permuted_tuples
+
+    indices, weights = [np.empty((0, task.problem.order), np.int32)], [np.empty(0)]
+    kind = task.affinity.residual.kernel_kind(task.problem.pair_count)
+    for group in groups:
+        members = np.flatnonzero(group >= 0)
+        source = members[np.sort(permuted_tuples(rng, options.edges, len(members), task.problem.order), axis=1)]
+        residuals = cpu.residuals(task.tables_as_given, kind, source, group[source])
+        keep = residuals <= task.affinity.gate
+        indices.append((source[keep] * task.shape[1] + group[source[keep]]).astype(np.int32))
+        weights.append(task.affinity.weights(residuals[keep]))
+    tensor = AffinityTensor.unchecked(
+        np.ascontiguousarray(np.concatenate(indices)), np.concatenate(weights), task.shape, task.weights
+    )
+    return tensor.merged() if tensor.size else tensor

@@ -1,0 +1,157 @@
+"""The task of a rig's copies: every camera has a copy of every point, and what holds for one camera holds for all.
+
+A copy has one image, in its camera, so its assignment is one number. Copies share one pose of the rig; the detections
+of all cameras lie side by side in one plane. Bodies, predictions and the posterior take such a task as any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.cameras.rig import Rig, rig_of
+from rootmatch.errors import InputError
+from rootmatch.explain.body_labels import BodyLabels, twin_points
+from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.base import Problem
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies, CopiesAsGiven, rig_fit, rig_pose
+from rootmatch.samplers.guided.sampler import Guided
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class RigCopies(Problem):
+    """Copies of points, one for each camera, against the detections of all; no kernels, but a fit.
+
+    Attributes
+    ----------
+    copies : Copies
+    task : MatchingTask
+        Of the points and the rig itself.
+    """
+
+    copies: Copies
+    task: MatchingTask
+    name: ClassVar[str] = "rig"
+    order: ClassVar[int] = 4
+    minimal: ClassVar[int] = 3
+    degree: ClassVar[int] = 4
+    constraints: ClassVar[int] = 2
+    pair_count: ClassVar[int] = 6
+    source_dimension: ClassVar[int] = 3
+    takes_normals: ClassVar[bool] = True
+    takes_prior: ClassVar[bool] = True
+    fits_answers: ClassVar[bool] = True
+    least_for_pose: ClassVar[int] = LEAST
+    to_check: ClassVar[str] = "units and cameras"
+    to_tell: ClassVar[str] = "give normals"
+
+    @cached_property
+    def camera(self) -> CopiesAsGiven:
+        """The rig as one camera of the copies, in the caller's unit."""
+        copies = self.copies
+        return CopiesAsGiven(copies.rig, copies.points, copies.offsets, copies.owner)
+
+    def fitted(self, points: PointSets, assignments: Integers) -> Fit:
+        """Assignments of copies fitted by a pose of the rig each; see `Problem.fitted`."""
+        return rig_fit(self.copies, points.target, points.target_noise, assignments)
+
+    def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
+        """Poses of the rig; see `Problem.poses`."""
+        return [rig_pose(self.copies, points.target, points.target_noise, one) for one in assignments]
+
+    def of_some(self, source: Integers, target: Integers) -> RigCopies:
+        """The problem of the copies of some points, all copies of each, and of some detections."""
+        points = source[source < self.copies.count]
+        part = Copies(self.copies.rig, self.copies.points[points], self.copies.offsets, self.copies.owner[target])
+        return RigCopies(part, self.task.subset(points, target))
+
+    def tables(self, points: PointSets) -> Any:
+        """None: hyper-edges are within a camera.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError("rig: hyper-edges of several cameras are not evaluated; take one camera")
+
+    def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
+        """As `tables`."""
+        raise InputError("rig: minimal sets of several cameras are not solved; take one camera")
+
+
+def is_rig(task: MatchingTask) -> bool:
+    """Whether the detections of a task are those of a rig."""
+    return rig_of(task.problem) is not None
+
+
+def copies_task(task: MatchingTask) -> MatchingTask:
+    """The task of the copies of a rig's points, each of which may be any detection of its camera.
+
+    Raises
+    ------
+    InputError
+        For an option that rigs do not take.
+    """
+    _check(task)
+    rig: Rig = task.problem.camera  # type: ignore[attr-defined]
+    points, rows, cameras = task.points, task.points.target, len(rig.views)
+    _, plane, sigma = rig.chart(rows, points.target_noise)
+    copies = Copies(rig, points.source, rig.offsets(rows), rows[:, 2].astype(np.int64))
+    own = np.repeat(np.arange(cameras), copies.count)[:, None] == copies.owner
+    bodies = task.bodies
+    return replace(
+        task,
+        problem=RigCopies(copies, task),
+        points=PointSets(
+            source=np.tile(points.source, (cameras, 1)),
+            target=plane,
+            source_noise=np.tile(points.source_noise, cameras),
+            target_noise=sigma,
+            normals=None if points.normals is None else np.tile(points.normals, (cameras, 1)),
+            view_cosine=None if points.view_cosine is None else np.tile(points.view_cosine, cameras),
+        ),
+        allowed=own if task.allowed is None else own & np.tile(task.allowed, (cameras, 1)),
+        weights=None if task.weights is None else np.tile(task.weights, (cameras, 1)),
+        bodies=None if bodies is None else BodyLabels(bodies.names, np.tile(bodies.index, cameras)),
+    )
+
+
+def twin_of(first: MatchingTask, second: MatchingTask, tolerance: float) -> Integers | None:
+    """`twin_points` of the points of two bodies, or of their copies: camera by camera."""
+    one, two = first.problem, second.problem
+    if not (isinstance(one, RigCopies) and isinstance(two, RigCopies)):
+        return twin_points(first.points.source, second.points.source, tolerance)
+    twin = twin_points(one.copies.points, two.copies.points, tolerance)
+    if twin is None:
+        return None
+    cameras = np.arange(len(one.copies.offsets))
+    return np.asarray((cameras[:, None] * len(twin) + twin).ravel())
+
+
+def _check(task: MatchingTask) -> None:
+    """Refuse what rigs do not take."""
+    options = task.options
+    if task.problem.name != "p3p":
+        raise InputError(f"rig: {task.problem.name} takes one camera; use P3P(rig)")
+    searches = options.sampler in (None, "auto", "guided") or isinstance(options.sampler, Guided)
+    given = {
+        "motions": options.motions != 1,
+        "preset": options.preset is not None,
+        "solver": options.solver is not None,
+        "scheduler": options.scheduler is not None,
+        "samples": options.samples is not None,
+        "hyperedges": not searches,
+    }
+    for name, is_given in given.items():
+        if is_given:
+            raise InputError(f"{name}: a rig does not take it; leave it out")

@@ -1,0 +1,209 @@
+"""Matches of a rig: several cameras see one body at once.
+
+Hypotheses come from minimal sets within one camera. Each is a pose of the rig, which predicts the detections of all
+cameras; what it gathers there is fitted, gathered again, and ranked by its posterior probability with all cameras.
+All of that is of the points' copies (`rootmatch.explain.rig_copies`), and so are predictions and bodies: `shown` makes
+the match of the points of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.assessment import does_not_fit, point_by_point, sure_beyond_chance
+from rootmatch.explain.assignment_posterior import NO_POSE, Ranked, ranked
+from rootmatch.explain.decide import TRUST, Facts
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.sampling import sample
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.assignment import margin, one_hot
+from rootmatch.hypergraph.support import scores_of
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.options import Options, option
+from rootmatch.problems.gate import GATE
+from rootmatch.problems.pose_fit.absolute import AbsoluteFit
+from rootmatch.problems.pose_fit.rig_fit import LEAST, STEPS, Copies, rig_fit
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.samplers.clutter import CROWDING
+from rootmatch.samplers.guided.sampler import Guided
+
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigOptions(Options):
+    """How hypotheses of single cameras are verified with all of them; what it finds and costs: benchmarks/rigs.py."""
+
+    hypotheses: int = option(100, least=1)
+    """Of each camera, those of the highest evidence. A round value: with 30 as many of the benchmark's scenes are
+    right, but of 40 with four of ten detections right in each camera (σ 1, seeds from 2000) one instead of three."""
+    kept: int = option(40, least=1)
+    """Of all, after the first round of gathering. A round value."""
+    few: float = option(0.3, above=0.0, most=1.0)
+    """Part of both if the search is bounded, as those for bodies and of a tracker are: two thirds of the time. As many
+    are right on development seeds, also among eight clutter points in each image."""
+    rounds: int = option(3, least=1)
+    """Rounds of gathering and fitting."""
+    gate: float = option(GATE, above=0.0)
+    """Distance from a prediction, in standard deviations of it, within which a detection is gathered."""
+    budget: int = option(3_000_000, least=1)
+    """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
+
+
+OPTIONS = RigOptions()
+UNREACHABLE = 1e9
+"""Cost of a detection beyond the gate: no assignment takes it."""
+
+
+def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
+    """The match of a task of copies, searched without a prediction.
+
+    `Finding.converged` says whether each camera's search ended before its budget.
+    """
+    problem = task.problem
+    assert isinstance(problem, RigCopies)
+    if task.budget is not None:
+        few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
+        options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
+    sampled, hypotheses, whole = _searched(task, problem, options)
+    proposals = _verified(task, problem.copies, hypotheses, options)
+    found = ranked(task, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
+    return _judged(task, sampled, found, whole)
+
+
+def _searched(
+    task: MatchingTask, problem: RigCopies, options: RigOptions
+) -> tuple[SampledTensor, list[Integers], bool]:
+    """Hyper-edges within the cameras, and assignments of copies that hypotheses of single cameras name.
+
+    And whether every camera's search ended before its budget. What one camera's search would have met was not missed.
+    """
+    copies, points = problem.copies, problem.task
+    n, n_target = points.shape
+    guided = task.options.sampler
+    if not isinstance(guided, Guided):
+        guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
+    indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
+    for k, camera in enumerate(copies.rig.cameras):
+        own = np.flatnonzero(copies.owner == k)
+        if len(own) < task.problem.order or task.deadline.passed():
+            continue
+        part = points.subset(np.arange(n), own)
+        part = replace(
+            part,
+            problem=replace(points.problem, camera=camera),  # type: ignore[type-var]
+            points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
+            options=replace(part.options, sampler=guided),
+            deadline=task.deadline,
+        )
+        sampled = sample(part)
+        evaluated += sampled.evaluated
+        whole, missed = whole and sampled.evaluated < guided.budget, min(missed, sampled.missed)
+        i, j = np.divmod(sampled.tensor.indices.astype(np.int64), len(own))
+        indices.append(((k * n + i) * n_target + own[j]).astype(np.int32))
+        weights.append(np.asarray(sampled.tensor.weights))
+        for assignment in sampled.assignments if sampled.assignments is not None else []:
+            if (assignment >= 0).sum() >= LEAST:
+                one = np.full(len(task.points.source), -1, np.int64)
+                one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
+                hypotheses.append(one)
+    joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
+    values = np.concatenate(weights) if weights else np.empty(0)
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.weights)
+    return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
+
+
+def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
+    """Assignments that hypotheses gather in all cameras, the best first."""
+    if not hypotheses:
+        return []
+    target, sigma = whole.points.target, whole.points.target_noise
+    assert whole.allowed is not None
+    low, high = target.min(axis=0), target.max(axis=0)
+    density = CROWDING * len(target) / max(float(np.prod(high - low)), 1e-300)
+    current, start = np.array(hypotheses), None
+    for turn in range(options.rounds):
+        # at first all matches are of one camera, whose own fit is the best one
+        fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS, start=start)
+        possible = np.flatnonzero(np.isfinite(fit.chi2))
+        gathered = [
+            _gathered(fit, k, copies, whole.allowed, density=density, options=options) for k in possible.tolist()
+        ]
+        order = np.argsort([-gain for _, gain in gathered], kind="stable")
+        if not len(order):
+            break
+        current = np.array([gathered[k][0] for k in order])
+        _, first = np.unique(current, axis=0, return_index=True)
+        first = np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]
+        rows = possible[order[first]]
+        current, start = current[first], (fit.rotation[rows], fit.translation[rows])
+    return list(current)
+
+
+def _gathered(
+    fit: AbsoluteFit, k: int, copies: Copies, allowed: NDArray[np.bool_], *, density: float, options: RigOptions
+) -> tuple[Integers, float]:
+    """What the pose of assignment k predicts, and its log-odds against clutter of some density.
+
+    Within each camera the one-to-one assignment of least χ².
+    """
+    from scipy.optimize import linear_sum_assignment  # slow to import, and few have a rig
+
+    out, gain = np.full(len(allowed), -1, np.int64), 0.0
+    jacobian = fit.jacobian[k]
+    with np.errstate(all="ignore"):  # of a point in the plane of a camera's centre
+        spread = jacobian @ fit.covariance[k] @ jacobian.transpose(0, 2, 1)
+    for camera in range(len(copies.offsets)):
+        rows, own = slice(camera * copies.count, (camera + 1) * copies.count), np.flatnonzero(copies.owner == camera)
+        if not len(own):
+            continue
+        total = spread[rows, None] + fit.variance[own][:, None, None] * np.eye(2)
+        difference = fit.target[own] - fit.predicted[k][rows, None]
+        a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
+        x, y = difference[..., 0], difference[..., 1]
+        with np.errstate(all="ignore"):
+            determinant = a * c - b * b
+            chi2 = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
+        near = (chi2 <= options.gate**2) & allowed[rows][:, own] & fit.seen[k][rows, None] & (determinant > 0.0)
+        i, j = linear_sum_assignment(np.where(near, chi2 - options.gate**2, UNREACHABLE))
+        kept = near[i, j]
+        out[camera * copies.count + i[kept]] = own[j[kept]]
+        found = i[kept], j[kept]
+        gain -= float((0.5 * (chi2[found] + np.log(determinant[found])) + math.log(2.0 * math.pi * density)).sum())
+    return out, gain
+
+
+def _judged(task: MatchingTask, sampled: SampledTensor, found: Ranked, whole: bool) -> Finding:
+    """The finding of the most probable assignment of copies, judged as that of one camera."""
+    every = found.assignments[: TRUST.alternatives + 1] or [np.full(task.shape[0], -1, np.int64)]
+    scores = scores_of(sampled.tensor, np.array(every)).tolist()
+    known = bool(found.assignments)
+    trusted = known and not does_not_fit(found.misfit) and sure_beyond_chance(task, found)
+    judged = Finding(
+        task=task,
+        assignment=every[0],
+        others=every[1:],
+        facts=Facts(
+            support=math.inf if trusted else -math.inf,
+            lead=margin(scores[0], list(zip(every[1:], scores[1:], strict=True)), every[0]),
+            probability=found.probability if known else None,
+            missed=sampled.missed,
+        ),
+        tensor=sampled.tensor,
+        scores=scores,
+        soft=one_hot(every[0], task.shape[1]),
+        converged=whole,
+        evaluated=sampled.evaluated,
+        confidence=np.full(len(every[0]), math.nan),
+        noise_factor=found.misfit.sigma if known else None,
+    )
+    if not known:
+        return judged
+    weighed = point_by_point(task, judged, found, sampled)
+    return replace(weighed, soft=one_hot(weighed.assignment, task.shape[1]))

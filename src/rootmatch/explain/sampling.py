@@ -1,0 +1,212 @@
+"""Sampling: which hyper-edges of a task are evaluated, on which backend, into the affinity tensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from rootmatch.backends import cpu, selection
+from rootmatch.backends.dask import Cluster
+from rootmatch.deadline import Deadline
+from rootmatch.errors import InputError
+from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.validation import check_size
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems import residual_kinds
+from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.residual_dispatch import has_single
+from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.completion import Completion
+from rootmatch.samplers.exhaustive import exhaustive_tensor
+from rootmatch.samplers.guided.sampler import Guided, is_quick, pays
+from rootmatch.samplers.limits import LIMITS
+from rootmatch.samplers.random import random_tensor
+
+PAPER_SAMPLES = 100_000
+"""Random hyper-edges drawn unless said otherwise, as in the paper."""
+INDEXED = 0.5
+"""Share of a solver's deadline for what it does once with each hyper-edge."""
+SECONDS_PER_HYPEREDGE = 1e-6
+"""Of that, at most (benchmarks/solvers.py)."""
+
+
+def sample(task: MatchingTask) -> SampledTensor:
+    """The tensor of the hyper-edges that are evaluated, source points in the caller's order.
+
+    Raises
+    ------
+    InputError
+        If there are too many, or options do not go together or are not available.
+    """
+    sampled, backend = _sampled(task)
+    tensor = sampled.tensor
+    if task.problem.small_baseline > 0.0:
+        tensor = _with_baseline_prior(task, tensor)
+    assignments, consensus, place = sampled.assignments, sampled.consensus, np.argsort(task.permutation)
+    if assignments is not None:
+        assignments = np.ascontiguousarray(assignments[:, place])
+    if consensus is not None:
+        consensus = consensus[place]
+    if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
+        made = tensor
+        tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.weights)
+    else:
+        tensor = selection.placed(_in_given_order(task, tensor), backend)
+    return sampled._replace(tensor=tensor, assignments=assignments, consensus=consensus)
+
+
+def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
+    """The task with all hyper-edges, where a match that is not trusted comes of a quick search; else None."""
+    if not sampled.partial or not _searched_first(task) or task.deadline.passed():
+        return None
+    return replace(task, options=replace(task.options, sampler="exhaustive"))
+
+
+def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
+    """The strongest hyper-edges of a tensor, as many as a solver can take in by its deadline."""
+    size = deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE)
+    if size >= tensor.size:
+        return tensor
+    kept = np.sort(np.argpartition(-tensor.weights, size)[:size])
+    return AffinityTensor.unchecked(tensor.indices[kept], tensor.weights[kept], tensor.shape, tensor.unary)
+
+
+def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
+    """The sampled tensor, and the backend that can contract it."""
+    options, sampling = task.options, task.sampling_task
+    single = has_single(task.tables, sampling.kind)
+    if options.backend == "cuda-float32":
+        Capability.SINGLE_PRECISION.require(single, task.problem.name)
+    sampler, fallback = choose_sampler(task)
+    searched = 0
+    if callable(sampler):
+        sampled = sampler(sampling)
+        if not isinstance(sampled, SampledTensor):
+            raise InputError(
+                f"sampler: {sampler!r} returned {type(sampled).__name__}; a sampler returns a "
+                "rootmatch.samplers.base.SampledTensor"
+            )
+        if sampled.conclusive or not fallback or sampling.deadline.passed():
+            return sampled, selection.chosen(options.backend, 0.0, single)
+        searched = sampled.evaluated
+    if sampler == "random":
+        samples = PAPER_SAMPLES if options.samples is None else int(options.samples)
+        most = LIMITS.random if options.max_evaluations is None else options.max_evaluations
+        if samples > most:
+            raise InputError(
+                f"samples: {samples:.3g} given, above the limit of {most:.3g}; take fewer, or raise max_evaluations="
+            )
+        backend = _backend(task, samples, single)
+        tensor, evaluated = random_tensor(
+            *_sizes(sampling),
+            samples=samples,
+            seed=sampling.seed,
+            candidates=sampling.candidates,
+            backend=backend,
+            progress=sampling.progress,
+            deadline=sampling.deadline,
+        )
+        # what was not drawn is not taken to agree: a score is worth what was found
+        return SampledTensor(tensor, evaluated), backend
+    backend = _backend(task, sampling.hyperedge_count, single)
+    most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
+    most = most if options.max_evaluations is None else options.max_evaluations
+    check_size(task.shape, sampling.hyperedge_count, most)
+    tensor, evaluated = exhaustive_tensor(
+        *_sizes(sampling),
+        max_hyperedges=options.max_hyperedges,
+        candidates=sampling.candidates,
+        backend=backend,
+        progress=sampling.progress,
+        deadline=sampling.deadline,
+    )
+    return SampledTensor(tensor, evaluated + searched), backend
+
+
+def _sizes(sampling: SamplingTask) -> tuple[Any, residual_kinds.Kind, Affinity, tuple[int, int], int]:
+    """What every sweep begins with: tables, kind, affinity, shape and order."""
+    return sampling.tables, sampling.kind, sampling.affinity, sampling.shape, sampling.order
+
+
+def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
+    """The sampler of a task, "exhaustive" and "random" by name, and whether all are evaluated if it finds nothing."""
+    options, sampling = task.options, task.sampling_task
+    sampler: Any = options.chosen_sampler
+    if options.scheduler is not None:
+        return _for_workers(sampler, options.backend), False
+    automatic = sampler == "auto"
+    if automatic and task.budget is not None:
+        return (_guided(task.budget) if pays(sampling) else "exhaustive"), False
+    affordable = LIMITS.affordable
+    if options.max_evaluations is not None:
+        affordable = min(affordable, options.max_evaluations)
+    fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
+    if automatic and options.motions != 1 and Completion().pays(sampling):
+        return Completion(), fallback
+    if fallback and _searched_first(task):
+        return _guided(max(int(sampling.hyperedge_count) // LIMITS.per_searched, LIMITS.quick)), fallback
+    if automatic and pays(sampling):
+        on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
+        sampler = "exhaustive" if on_device else "guided"
+    if sampler == "guided":
+        if not fallback:
+            return _guided(None), fallback
+        return _guided(max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)), fallback
+    return sampler, fallback
+
+
+@lru_cache(maxsize=16)
+def _guided(budget: int | None) -> Guided:
+    """The guided search with a budget: frame after frame the same, and checking its options takes 0.1 ms."""
+    return Guided() if budget is None else Guided(budget=budget)
+
+
+def _searched_first(task: MatchingTask) -> bool:
+    """Whether a quick search comes before a sweep that is cheap itself: where poses judge what it finds."""
+    options = task.options
+    default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    return default and in_noise and options.backend not in selection.ON_CARD and is_quick(task.sampling_task)
+
+
+def _for_workers(sampler: Any, backend: selection.Name) -> str:
+    """Which hyper-edges go to a cluster's workers: all, or random ones."""
+    if backend in selection.ON_CARD:
+        raise InputError(
+            f'scheduler: its workers compute on processors; leave backend="{backend}" out, or go without it'
+        )
+    if sampler == "random":
+        return "random"
+    if sampler in ("auto", "exhaustive"):
+        return "exhaustive"
+    raise InputError('scheduler: a guided search runs in one process; use sampler="exhaustive" or "random"')
+
+
+def _backend(task: MatchingTask, count: float, single: bool) -> Any:
+    """What evaluates so many hyper-edges."""
+    if task.options.scheduler is None:
+        return selection.chosen(task.options.backend, count, single)
+    return Cluster(task.options.scheduler, partial(task.problem.tables, task.ordered_points))
+
+
+def _with_baseline_prior(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+    """The tensor with the prior of views from nearly one position."""
+    source, target = np.divmod(tensor.indices.astype(np.int64), task.shape[1])
+    raw = cpu.residuals(task.tables, residual_kinds.QR(), source, target)
+    weights = tensor.weights * np.exp(-raw / task.problem.small_baseline)
+    keep = weights >= math.exp(-0.5 * task.affinity.gate**2)
+    return AffinityTensor.unchecked(tensor.indices[keep], weights[keep], tensor.shape)
+
+
+def _in_given_order(task: MatchingTask, tensor: AffinityTensor) -> AffinityTensor:
+    """The tensor with the source points in the caller's order, and the prior of the candidates."""
+    n_target = tensor.shape[1]
+    source, target = np.divmod(tensor.indices, np.int32(n_target))
+    indices = (task.permutation.astype(np.int32)[source] * np.int32(n_target) + target).astype(np.int32)
+    return AffinityTensor.unchecked(indices, tensor.weights, tensor.shape, task.weights)

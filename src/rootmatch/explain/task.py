@@ -1,0 +1,345 @@
+"""The matching task: what the caller gave, validated once, handed from stage to stage of the pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Progress
+from rootmatch.deadline import NEVER, Deadline
+from rootmatch.errors import InputError
+from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
+from rootmatch.explain.prior_validation import check_predicted
+from rootmatch.explain.validation import (
+    check_callable,
+    check_choice,
+    check_count,
+    check_motions,
+    check_positive,
+    check_probability,
+    check_problem,
+    split_candidates,
+)
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.hypergraph.enumeration import wide_first
+from rootmatch.problems.base import Problem
+from rootmatch.problems.capabilities import Capability
+from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.residual_dispatch import kinds_of
+from rootmatch.samplers.base import Sampler, SamplingTask
+from rootmatch.solvers import MultiStartAscent, Solver, get_solver
+
+SamplerName = Literal["auto", "exhaustive", "random", "guided"]
+AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
+"""Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
+accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
+EXACT = 0.01
+"""σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
+EXACT_RADIANS = 1e-5
+"""The same where detections are unit rays: that of a pixel where the focal length is 1000."""
+SAMPLED, RESERVE = 0.7, 0.5
+"""Share of the time left at a deadline that sampling may take, and seconds that always suffice for the rest."""
+SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guided")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MatchOptions:
+    """The options of `rootmatch.match`, under the same names and with the same defaults; see there.
+
+    Everything that does not depend on the points is validated here.
+
+    Raises
+    ------
+    InputError
+        For an option that is none of the choices, or that does not go with another.
+    """
+
+    seed: int = 0
+    preset: Literal["paper"] | None = None
+    sampler: SamplerName | Sampler | None = None
+    samples: int | None = None
+    residual: str | Residual | None = None
+    rho: float | None = None
+    solver: str | Solver | None = None
+    motions: int | Literal["auto"] = 1
+    backend: selection.Name = "auto"
+    max_hyperedges: int = 5_000_000
+    max_evaluations: int | None = None
+    scheduler: str | None = None
+    progress: Progress | None = None
+    detection_rate: float | None = None
+    max_seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.preset not in (None, "paper"):
+            raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
+        check_motions(self.motions)
+        check_count("seed", self.seed, least=0)
+        check_count("samples", self.samples)
+        check_count("max_evaluations", self.max_evaluations)
+        check_count("max_hyperedges", self.max_hyperedges)
+        check_positive("rho", self.rho)
+        check_probability("detection_rate", self.detection_rate)
+        check_positive("max_seconds", self.max_seconds)
+        check_choice("backend", self.backend, selection.NAMES)
+        check_callable("progress", self.progress, "a function of two numbers, done and total")
+        if self.scheduler is not None and not isinstance(self.scheduler, str):
+            raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
+        if isinstance(self.sampler, str):
+            check_choice("sampler", self.sampler, SAMPLER_NAMES)
+        else:
+            check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
+        if self.residual is not None and not isinstance(self.residual, str | Residual):
+            raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
+        get_solver("ascent" if self.solver is None else self.solver)
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether the paper's preset is the default of what is not given."""
+        return self.preset == "paper"
+
+    @property
+    def chosen_sampler(self) -> SamplerName | Sampler:
+        """Which hyper-edges are evaluated."""
+        return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
+
+    @property
+    def chosen_solver(self) -> Solver:
+        """The solver of one group of points."""
+        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
+
+    def solver_after(self, searched: bool) -> Solver:
+        """The solver; fewer starts of the default one where a search has named the assignments worth starting from."""
+        return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
+
+    @property
+    def packs_motions(self) -> bool:
+        """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
+        return self.motions != 1 and self.solver is None and not self.is_paper
+
+    def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
+        """From a hyper-edge's residual to its weight, for a problem and data with or without noise."""
+        residual = self.residual or ("qr" if self.is_paper else "joint")
+        in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
+        paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho
+        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else paper_rho)
+        chosen.residual.kernel_kind(problem.pair_count, problem.name)  # refuses pairs that the problem does not have
+        return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class MatchingTask:
+    """Points, problem and options, validated.
+
+    Attributes
+    ----------
+    problem : Problem
+    points : PointSets
+        Source and target with their noise and normals.
+    affinity : Affinity
+        From a hyper-edge's residual to its weight.
+    options : MatchOptions
+    noise : float, array or pair
+        Standard deviation as it was given, or as it was estimated.
+    estimates_noise : bool
+        Whether the noise is to be estimated: that of ``points`` says nothing then.
+    allowed : (n, n') bool, optional
+        Correspondences that are possible.
+    weights : (n, n') float64, optional
+        Prior weights of correspondences.
+    bodies : BodyLabels, optional
+        Which rigid body each source point belongs to, where there are several.
+    prior_pose : Pose, optional
+        A predicted pose with its covariance.
+    prior_poses : dict
+        Those of several bodies, by label.
+    budget : int, optional
+        Evaluations of a guided search that a tracker or the search for several bodies bounds.
+    deadline : Deadline
+        When every stage hands on what it has found.
+    """
+
+    problem: Problem
+    points: PointSets
+    affinity: Affinity
+    options: MatchOptions = field(default_factory=MatchOptions)
+    noise: Any = 1.0
+    estimates_noise: bool = False
+    allowed: NDArray[np.bool_] | None = None
+    weights: NDArray[np.float64] | None = None
+    bodies: BodyLabels | None = None
+    prior_pose: Pose | None = None
+    prior_poses: dict[Label, Pose] = field(default_factory=dict)
+    budget: int | None = None
+    deadline: Deadline = NEVER
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        source: ArrayLike,
+        target: ArrayLike,
+        *,
+        noise: ArrayLike | Literal["auto"] = 1.0,
+        normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
+        candidates: ArrayLike | None = None,
+        bodies: ArrayLike | None = None,
+        prior: Pose | Mapping[Label, Pose] | None = None,
+        options: MatchOptions | None = None,
+        deadline: Deadline = NEVER,
+    ) -> Self:
+        """The task of arguments as `rootmatch.match` takes them.
+
+        Raises
+        ------
+        InputError
+            If the input cannot be used; the text says what to do.
+        """
+        check_problem(problem)
+        options = options or MatchOptions()
+        if prior is not None:
+            Capability.PRIOR.require(problem.takes_prior, problem.name)
+        estimates = isinstance(noise, str)
+        if estimates:
+            check_choice("noise", noise, ("auto",))
+            noise = 0.0  # until it is estimated
+        problem = problem.for_points(source)
+        least = None if prior is None else 1
+        points = problem.validated(
+            source, target, noise, normals, view_angle, least_target=least, distinct=bodies is None
+        )
+        pixel = problem.noise_pixels(points.source, points.target)[1]
+        exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
+        weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
+        allowed, weights = split_candidates(candidates, *points.shape)
+        labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
+        if prior is not None:
+            check_predicted(prior, labels)
+        if labels is not None and (options.motions != 1 or estimates):
+            raise InputError(
+                "motions: bodies= says which points move together; leave motions out"
+                if options.motions != 1
+                else 'noise: "auto" is not estimated from several bodies; give a number of pixels'
+            )
+        return cls(
+            problem=problem,
+            points=points,
+            affinity=weigh,
+            options=options,
+            noise=noise,
+            estimates_noise=estimates,
+            allowed=allowed,
+            weights=weights,
+            bodies=labels,
+            prior_pose=prior if isinstance(prior, Pose) else None,
+            prior_poses=dict(prior) if isinstance(prior, Mapping) else {},
+            deadline=deadline,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of source and target points, (n, n')."""
+        return self.points.shape
+
+    @cached_property
+    def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Target points (n', 2) in the plane in which poses are fitted, pixels as a rule, and their σ (n',) there."""
+        return self.problem.image(self.points)
+
+    @cached_property
+    def image_area(self) -> float:
+        """Area that clutter fills there: the bounding box of n' uniform points, corrected for being too small."""
+        image, n_target = self.image[0], self.shape[1]
+        sides = image.max(axis=0) - image.min(axis=0)
+        return max(float(sides.prod()) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
+
+    @cached_property
+    def permutation(self) -> NDArray[np.int64]:
+        """Source points in the order in which kernels get them, (n,): points far apart first.
+
+        The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
+        none, so its preset takes the points as they are given, unless a search takes their place.
+        """
+        if self.options.is_paper and self.options.chosen_sampler in ("random", "exhaustive"):
+            return np.arange(self.shape[0])
+        return wide_first(self.points.source)
+
+    @cached_property
+    def ordered_points(self) -> PointSets:
+        """The points with the source in `permutation`."""
+        return self.points.subset(source=self.permutation)
+
+    @cached_property
+    def tables(self) -> Any:
+        """Tables for the kernels, the source points in `permutation`."""
+        return self.problem.tables(self.ordered_points)
+
+    @cached_property
+    def tables_as_given(self) -> Any:
+        """Tables for the kernels, the source points as they were given."""
+        return self.problem.tables(self.points)
+
+    @cached_property
+    def sampling_task(self) -> SamplingTask:
+        """What a sampler is given, the source points in `permutation`."""
+        kind = self.affinity.residual.kernel_kind(self.problem.pair_count)
+        Capability.RESIDUAL.require(type(kind) in kinds_of(self.tables), self.problem.name)
+        return SamplingTask(
+            problem=self.problem.name,
+            tables=self.tables,
+            kind=kind,
+            affinity=self.affinity,
+            shape=self.shape,
+            order=self.problem.order,
+            seed=self.options.seed,
+            motions=self.options.motions,
+            candidates=None if self.allowed is None else self.allowed[self.permutation],
+            progress=self.options.progress,
+            view_cosine=self.ordered_points.view_cosine,
+            deadline=self.deadline.part(SAMPLED, RESERVE),
+            clouds=self.problem.point_clouds(self.ordered_points),
+            views=self.problem.two_views(self.ordered_points),
+            later=True,
+        )
+
+    def with_noise(self, sigma: float) -> Self:
+        """The same task with another noise, the same for all points; nothing is estimated any more."""
+        pixels = self.problem.noise_pixels(self.points.source, self.points.target)
+        parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
+        points = self.points.with_noise(*parsed)
+        return replace(self, points=points, noise=sigma, estimates_noise=False)
+
+    def body(self, k: int) -> Self:
+        """The task of one of the bodies and all detections, with its predicted pose."""
+        assert self.bodies is not None
+        one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
+        return replace(one, prior_pose=self.prior_poses.get(self.bodies.names[k]))
+
+    def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
+        """The task of some of the points, evaluated in this process, without a predicted pose."""
+        some = np.ix_(source, target)
+        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
+        return replace(
+            self,
+            problem=self.problem.of_some(source, target),
+            points=self.points.subset(source, target),
+            options=replace(self.options, progress=None, scheduler=None),
+            allowed=allowed,
+            weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
+            bodies=None,
+            prior_pose=None,
+            prior_poses={},
+        )
+
+
+OPTIONS = frozenset(option.name for option in fields(MatchOptions))
+"""Names of the options of `rootmatch.match` that do not depend on a frame."""

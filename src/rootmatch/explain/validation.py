@@ -1,0 +1,117 @@
+"""Validation of arguments and options: their type, their range, and one clear error for each mistake."""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError, quoted
+from rootmatch.problems.base import Problem
+from rootmatch.problems.checks import as_floats
+
+
+def split_candidates(
+    candidates: ArrayLike | None, n: int, n_target: int
+) -> tuple[NDArray[np.bool_] | None, NDArray[np.float64] | None]:
+    """Mask and prior weights of the candidates argument."""
+    if candidates is None:
+        return None, None
+    unary = np.ascontiguousarray(as_floats(candidates, "candidates", f"a mask or prior weights ({n}, {n_target})"))
+    if unary.shape != (n, n_target):
+        raise InputError(f"candidates: shape {unary.shape} given, (n, n') = ({n}, {n_target}) expected")
+    if not np.all(np.isfinite(unary)) or np.any(unary < 0.0):
+        raise InputError("candidates: weights must be finite and not negative; 0 forbids a correspondence")
+    mask = unary > 0.0
+    if not mask.any():
+        raise InputError("candidates: none is allowed; allow at least the order of the problem")
+    return mask, None if np.asarray(candidates).dtype == np.bool_ else unary
+
+
+def checked_indices(indices: ArrayLike, points: int, order: int, name: str) -> NDArray[np.int64]:
+    """Indices (E, order) of points, distinct within each hyper-edge."""
+    array = np.asarray(indices)
+    if array.ndim != 2 or array.shape[1] != order or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name}: {array.dtype} of shape {array.shape} given, integers of shape (E, {order}) expected")
+    if array.size and (array.min() < 0 or array.max() >= points):
+        raise InputError(
+            f"{name}: indices {array.min()} to {array.max()} given; there are {points} points, 0 to {points - 1}"
+        )
+    ordered = np.sort(array, axis=1)
+    if np.any(ordered[:, 1:] == ordered[:, :-1]):
+        raise InputError(f"{name}: a hyper-edge names a point twice; its correspondences must be distinct")
+    return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """An assignment (n,) of a caller between n and n' points."""
+    array = np.asarray(assignment)
+    n, n_target = shape
+    if array.shape != (n,) or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"assignment: {array.dtype} of shape {array.shape} given, integers of shape ({n},) expected")
+    if array.size and (array.min() < -1 or array.max() >= n_target):
+        raise InputError(f"assignment: {array.min()} to {array.max()} given; give −1, or 0 to {n_target - 1}")
+    matched = array[array >= 0]
+    if len(np.unique(matched)) < len(matched):
+        raise InputError("assignment: a target point is matched twice; match each once at most")
+    return np.asarray(array, dtype=np.int64)
+
+
+def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
+    """Refuse an exhaustive sweep beyond the limit, with its size and the alternatives."""
+    if count > limit:
+        raise InputError(
+            f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges, above the limit of "
+            f'{limit:.3g}; use sampler="random" with samples=…, name candidates, or raise max_evaluations='
+        )
+
+
+def check_problem(problem: Any) -> None:
+    """Refuse anything but a problem, its class included."""
+    if not isinstance(problem, Problem):
+        kind = "the class" if isinstance(problem, type) else "given"
+        raise InputError(f"problem: {quoted(problem)} {kind}; give a problem such as rootmatch.P3P(camera)")
+
+
+def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Refuse a value that is none of the choices."""
+    if value not in choices:
+        raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
+
+
+def check_motions(motions: Any) -> None:
+    """Refuse anything but a positive whole number or ``"auto"``."""
+    whole = isinstance(motions, Integral) and not isinstance(motions, bool) and int(motions) >= 1
+    if not whole and not (isinstance(motions, str) and motions == "auto"):
+        raise InputError(f'motions: {quoted(motions)} given; give a whole number of at least 1, or "auto"')
+
+
+def check_count(name: str, value: Any, least: int = 1) -> None:
+    """Refuse anything but a whole number of at least ``least``; None passes."""
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise InputError(f"{name}: {quoted(value)} given; give a whole number of at least {least}")
+
+
+def check_positive(name: str, value: Any) -> None:
+    """Refuse anything but a positive, finite number; None passes."""
+    if value is None:
+        return
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < float("inf"):
+        raise InputError(f"{name}: {quoted(value)} given; give a positive number")
+
+
+def check_probability(name: str, value: Any) -> None:
+    """Refuse anything but a number above 0 and at most 1; None passes."""
+    check_positive(name, value)
+    if value is not None and float(value) > 1.0:
+        raise InputError(f"{name}: {quoted(value)} given; give a probability, at most 1")
+
+
+def check_callable(name: str, value: Any, purpose: str) -> None:
+    """Refuse anything that cannot be called, classes included; None passes."""
+    if value is not None and (isinstance(value, type) or not callable(value)):
+        raise InputError(f"{name}: {quoted(value)} given; give {purpose}")
