@@ -2,10 +2,9 @@
 
     python benchmarks/evidence.py --seeds 60 --first-seed 1000
 
-A body is believed if its most probable pose has ``--min-probability``, with at least four matches, nine tenths of
-those of its assignment among them (`rootmatch.model.posterior.Posterior.believed`). "Right": no match wrong and nine
-tenths of the visible points matched. "Wrong": any match wrong, of a body in view or of one that is not. The model is
-given the assignment and the alternatives of the match of each body among all detections.
+What is believed is what `rootmatch.explain.modelled.believed` says with ``--min-probability``. "Right": no match wrong
+and nine tenths of the visible points matched. "Wrong": any match wrong, of a body in view or of one that is not. The
+model is given the assignment and the alternatives of the match of each body among all detections.
 
 ``few-V-C`` is one frame of ``few_leds`` of ``xr.py`` with V LEDs of the right controller visible and C clutter points;
 ``-R``, ``-L`` and ``-LR`` say which controllers are looked for. The left one, its mirror image, is never there. The
@@ -29,11 +28,8 @@ from constellations import arguments, judge, load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.body_labels import twin_points
-from rootmatch.explain.modelled import model_of, proposals_of
-from rootmatch.model.competition import joint_posterior
-from rootmatch.model.posterior import Posterior, modes_of
-from rootmatch.model.proposals import Proposals, joined, look_alikes
+from rootmatch.explain.modelled import believed, posteriors_of
+from rootmatch.model.posterior import Posterior
 from rootmatch.result import Match
 
 Integers = NDArray[np.int64]
@@ -42,12 +38,6 @@ FAMILIES = (
     "few-4-4-LR", "few-4-6-LR", "few-5-8-LR", "few-4-6-R", "few-5-8-R", "few-4-6-L", "few-5-8-L",
     "d6-0-0", "d6-5-0", "d6-15-0", "d10-5-0", "sim-5-0", "sim-15-20", "sim-5-0-near", "unrelated-p3p", "unrelated-up2p",
 )  # fmt: skip
-LEAST, KEPT = 4, 0.9
-"""Matches that are believed at least, and their share of the assignment's."""
-ALIKE = 0.05
-"""Tolerance of two bodies that are mirror images; as `rootmatch.explain.body_options`."""
-TWINS = 4
-"""Modes of a body whose look-alikes are proposed for another one."""
 
 
 @dataclass
@@ -67,24 +57,8 @@ class Tally:
 
 def posteriors(matches: dict[Any, Match]) -> dict[Any, Posterior]:
     """What the model makes of the hypotheses of each body's match."""
-    models = {label: model_of(one.task) for label, one in matches.items()}
-    proposed = {
-        label: proposals_of(one.task, models[label], [one.assignment, *(other for other, _ in one.alternatives)])
-        for label, one in matches.items()
-    }
-    modes = {label: modes_of(models[label], proposed[label]) for label in matches}
-    if len(matches) > 1:
-        for label, model in models.items():
-            more = [proposed[label]]
-            for other, theirs in models.items():
-                image = None if other == label else twin_points(theirs.points, model.points, ALIKE)
-                if image is not None and len(modes[other].log_odds):
-                    best = modes[other].take(np.arange(min(TWINS, len(modes[other].log_odds))))
-                    found = Proposals(best.assignments, best.rotation, best.position)
-                    more.append(look_alikes(found, theirs.points, model.points, image))
-            proposed[label] = joined(more)
-        modes = {label: modes_of(models[label], proposed[label]) for label in matches}
-    return dict(zip(matches, joint_posterior(list(models.values()), list(modes.values())), strict=True))
+    found = [(one.task, [one.assignment, *(other for other, _ in one.alternatives)]) for one in matches.values()]
+    return dict(zip(matches, posteriors_of(found), strict=True))
 
 
 def few_leds(xr: ModuleType, family: str, seed: int) -> tuple[dict[Any, Match], dict[Any, Integers]]:
@@ -98,7 +72,7 @@ def few_leds(xr: ModuleType, family: str, seed: int) -> tuple[dict[Any, Match], 
         own = labels == label
         matches[label] = rm.match(
             points[own], frame["target"], rm.P3P(rm.Camera.from_matrix(xr.ROOM_K)), noise=0.3, normals=normals[own],
-            view_angle=70.0, seed=seed,
+            view_angle=np.radians(70.0), seed=seed,
         )  # fmt: skip
         truth = np.full(int(own.sum()), -1)
         if label == "R":
@@ -109,7 +83,7 @@ def few_leds(xr: ModuleType, family: str, seed: int) -> tuple[dict[Any, Match], 
         return matches, truths
     together = rm.match(
         points, frame["target"], rm.P3P(rm.Camera.from_matrix(xr.ROOM_K)), noise=0.3, normals=normals,
-        view_angle=70.0, seed=seed, bodies=labels,
+        view_angle=np.radians(70.0), seed=seed, bodies=labels,
     )  # fmt: skip
     assert together.bodies is not None
     for label in given:
@@ -142,10 +116,10 @@ def one_scene(
             continue
         first = found.modes.assignments[0]
         tally.first += bool(judge(first, truth)[2] and (truth >= 0).any())
-        believed = found.believed(least)
+        status, assignment = believed(found, least)
         right = False
-        if believed is not None and (believed >= 0).sum() >= max(LEAST, KEPT * (first >= 0).sum()):
-            _, wrong, full = judge(believed, truth)
+        if status is rm.Status.MATCHED:
+            _, wrong, full = judge(assignment, truth)
             right = bool(full and (truth >= 0).any())
             tally.right += right
             if wrong:

@@ -28,7 +28,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 GROUPS = {
     "interface": ("cli", "io", "report"),
     "measurements": ("benchmark", "experiments"),
-    "matching": ("warmup", "tracking", "api", "matcher", "result", "explain"),
+    "matching": ("warmup", "tracking", "api", "matcher", "result", "explain", "model"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
     "foundation": ("jit",),
@@ -45,6 +45,7 @@ CAPTIONS = {
     "tracking": "poses from frame to frame",
     "result": "Match",
     "explain": "a task to what was found",
+    "model": "evidence of a pose",
     "samplers": "which hyper-edges to evaluate",
     "solvers": "tensor to assignment",
     "backends": "CPU, CUDA, Dask",

@@ -19,6 +19,8 @@ SCALES = 6
 """Widths of crowds, each half as wide as the one before; the first is a quarter of the image. A round value."""
 PSEUDO = 1.0
 """Detections that each share of the mixture is given beforehand; the uniform share as many as all crowds together."""
+MOST = 256
+"""Detections about which others may crowd, drawn at random from more. A round value; it bounds time and memory."""
 STEPS = 30
 """Steps of expectation and maximisation. The shares hardly change after ten."""
 WHOLE = 3.0
@@ -58,8 +60,11 @@ class Clutter:
 
     Attributes
     ----------
-    about : (n', n') float64
-        Density per px² of a member of a crowd at each detection if it crowds about another one; zero for itself.
+    about : (n', c) float64
+        Density per px² of a member of a crowd at each detection if it crowds about one of the centres; zero about
+        itself.
+    centres : (c,) int64
+        Detections about which others may crowd: all, or `MOST` of them.
     uniform : float
         Density per px² of a point that is anywhere.
     alone : float
@@ -67,13 +72,14 @@ class Clutter:
     """
 
     about: Floats
+    centres: Integers
     uniform: float
     alone: float
 
     @cached_property
     def log_density(self) -> Floats:
         """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
-        others = self.about.sum(axis=1) / max(len(self.about) - 1, 1)
+        others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
         return np.asarray(np.log(self.alone * self.uniform + others))
 
     def log_first(self, taken: NDArray[np.bool_]) -> Floats:
@@ -82,7 +88,7 @@ class Clutter:
         Of a crowd that is taken whole, the first member was not to be expected there: it is given the rest alone, or
         begins a crowd anywhere. Which of them came first does not matter, so that this is a mean.
         """
-        rest = ~taken
+        rest = ~taken[:, self.centres]
         left = rest.sum(axis=1, keepdims=True)
         share = 1.0 - self.alone
         density = self.alone * self.uniform + (rest @ self.about + share * self.uniform) / (left + 1.0)
@@ -103,22 +109,23 @@ def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Inte
     """
     count = len(target)
     if count < FEW:
-        return Clutter(np.zeros((count, count)), 1.0 / area, 1.0)
-    same = np.ones((count, count), np.bool_)
-    if images:
-        label = np.full(count, -1)
-        for k, own in enumerate(images):
-            label[own] = k
-        same = label[:, None] == label
-    np.fill_diagonal(same, False)
-    squared = ((target[:, None] - target) ** 2).sum(axis=2)
-    noise = sigma[:, None] ** 2 + sigma**2
+        return Clutter(np.zeros((count, count)), np.arange(count), 1.0 / area, 1.0)
+    centres = np.arange(count)
+    if count > MOST:
+        centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
+    label = np.zeros(count, np.int64)
+    for k, own in enumerate(images):
+        label[own] = k
+    same = label[:, None] == label[centres]
+    same[centres, np.arange(len(centres))] = False
+    squared = ((target[:, None] - target[centres]) ** 2).sum(axis=2)
+    noise = sigma[:, None] ** 2 + sigma[centres] ** 2
     width = math.sqrt(area) / 4.0
-    kernels = np.empty((SCALES, count, count))
+    kernels = np.empty((SCALES, count, len(centres)))
     for k in range(SCALES):
         variance = (width * 0.5**k) ** 2 + noise
         kernels[k] = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
-    densities = np.concatenate([np.full((1, count), 1.0 / area), kernels.sum(axis=2) / (count - 1)])
+    densities = np.concatenate([np.full((1, count), 1.0 / area), kernels.sum(axis=2) / (len(centres) - 1)])
     prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO
     shares = prior / prior.sum()
@@ -127,4 +134,4 @@ def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Inte
         responsible /= responsible.sum(axis=0)
         shares = responsible.sum(axis=1) + prior
         shares /= shares.sum()
-    return Clutter(np.tensordot(shares[1:], kernels, 1), 1.0 / area, float(shares[0]))
+    return Clutter(np.tensordot(shares[1:], kernels, 1), centres, 1.0 / area, float(shares[0]))
