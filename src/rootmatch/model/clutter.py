@@ -1,0 +1,137 @@
+"""Clutter: how densely it lies about each detection of an image, estimated from that image alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FEW = 3
+"""Detections from which an image tells its own area: fewer span none. By construction."""
+SCALES = 6
+"""Widths of crowds, each half as wide as the one before; the first is a quarter of the image. A round value."""
+PSEUDO = 1.0
+"""Detections that each share of the mixture is given beforehand; the uniform share as many as all crowds together."""
+MOST = 256
+"""Detections about which others may crowd, drawn at random from more. A round value; it bounds time and memory."""
+STEPS = 30
+"""Steps of expectation and maximisation. The shares hardly change after ten."""
+WHOLE = 3.0
+"""σ of the detections within which an extent is no smaller than the noise makes it. A round value."""
+
+
+def clutter_area(target: Floats, sigma: Floats, images: Sequence[Integers] = (), focal: float = 1.0) -> float:
+    """Area that clutter fills, in px², as n' uniform points tell it: their bounding box, corrected for being too small.
+
+    Parameters
+    ----------
+    target, sigma : (n', 2) and (n',) arrays
+        Detections with their σ.
+    images : sequence of int arrays
+        Which of them lie in each of several images; one that holds too few is as large as the others are in the mean.
+    focal : float
+        Mean focal length, whose square is the area of such an image if all hold too few: it is 50° wide.
+    """
+    if not images:
+        if len(target) == 0:
+            return focal**2
+        extent = np.maximum(np.ptp(target, axis=0), 2.0 * WHOLE * float(sigma.max()))
+        count = len(target)
+        return float(np.prod(extent)) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2
+    known = [clutter_area(target[own], sigma[own]) for own in images if len(own) >= FEW]
+    other = float(np.mean(known)) if known else focal**2
+    return sum(known) + other * sum(0 < len(own) < FEW for own in images)
+
+
+@dataclass(frozen=True, eq=False)
+class Clutter:
+    """How clutter lies in an image: uniformly, or in crowds about other detections.
+
+    A kernel estimate: a clutter point is anywhere in the image, or about another one with one of several widths. The
+    shares of these are those under which the image is most probable, each detection predicted by all others.
+    Detections of a body crowd too, so that crowding as such is no evidence for a pose.
+
+    Attributes
+    ----------
+    about : (n', c) float64
+        Density per px² of a member of a crowd at each detection if it crowds about one of the centres; zero about
+        itself.
+    centres : (c,) int64
+        Detections about which others may crowd: all, or `MOST` of them.
+    uniform : float
+        Density per px² of a point that is anywhere.
+    alone : float
+        Share of those.
+    """
+
+    about: Floats
+    centres: Integers
+    uniform: float
+    alone: float
+
+    @cached_property
+    def log_density(self) -> Floats:
+        """Logarithm (n',) of the density of a clutter point at each detection, given all others."""
+        others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
+        return np.asarray(np.log(self.alone * self.uniform + others))
+
+    def log_first(self, taken: NDArray[np.bool_]) -> Floats:
+        """What the densities given all others owe to detections (K, n') that are taken away together, (K,).
+
+        Of a crowd that is taken whole, the first member was not to be expected there: it is given the rest alone, or
+        begins a crowd anywhere. Which of them came first does not matter, so that this is a mean.
+        """
+        rest = ~taken[:, self.centres]
+        left = rest.sum(axis=1, keepdims=True)
+        share = 1.0 - self.alone
+        density = self.alone * self.uniform + (rest @ self.about + share * self.uniform) / (left + 1.0)
+        owed = np.where(taken, self.log_density - np.log(density), 0.0)
+        return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
+
+
+def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Integers] = ()) -> Clutter:
+    """The clutter of an image.
+
+    Parameters
+    ----------
+    target, sigma : (n', 2) and (n',) arrays
+    area : float
+        Of `clutter_area`.
+    images : sequence of int arrays
+        As there: detections crowd within an image.
+    """
+    count = len(target)
+    if count < FEW:
+        return Clutter(np.zeros((count, count)), np.arange(count), 1.0 / area, 1.0)
+    centres = np.arange(count)
+    if count > MOST:
+        centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
+    label = np.zeros(count, np.int64)
+    for k, own in enumerate(images):
+        label[own] = k
+    same = label[:, None] == label[centres]
+    same[centres, np.arange(len(centres))] = False
+    squared = ((target[:, None] - target[centres]) ** 2).sum(axis=2)
+    noise = sigma[:, None] ** 2 + sigma[centres] ** 2
+    width = math.sqrt(area) / 4.0
+    kernels = np.empty((SCALES, count, len(centres)))
+    for k in range(SCALES):
+        variance = (width * 0.5**k) ** 2 + noise
+        kernels[k] = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
+    densities = np.concatenate([np.full((1, count), 1.0 / area), kernels.sum(axis=2) / (len(centres) - 1)])
+    prior = np.full(len(densities), PSEUDO / SCALES)
+    prior[0] = PSEUDO
+    shares = prior / prior.sum()
+    for _ in range(STEPS):
+        responsible = shares[:, None] * densities
+        responsible /= responsible.sum(axis=0)
+        shares = responsible.sum(axis=1) + prior
+        shares /= shares.sum()
+    return Clutter(np.tensordot(shares[1:], kernels, 1), centres, 1.0 / area, float(shares[0]))

@@ -1,0 +1,112 @@
+"""Bodies that compete for the detections of an image: the posterior over one pose of each, or none, together.
+
+Every detection has one owner. A hypothesis of all bodies is a mode of each, or that the image does not show it, which
+take no detection twice; its odds against clutter alone are the product of theirs. So no body is believed on detections
+that another one explains as well, and one that another leaves nothing for is not missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence
+from rootmatch.model.posterior import DEFAULT_POSTERIOR, LEAST, Modes, Posterior, PosteriorOptions, prior_odds
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+KEPT = 16
+"""Modes of each body that are weighed together. A round value."""
+BEAM = 4096
+"""Most joint hypotheses that are kept from one body to the next, the most probable ones. A round value."""
+
+
+def joint_posterior(
+    models: Sequence[DetectionModel],
+    every: Sequence[Modes],
+    missed: Sequence[float] | None = None,
+    options: PosteriorOptions = DEFAULT_POSTERIOR,
+) -> list[Posterior]:
+    """The posterior of each of several bodies in one image, weighed together.
+
+    Parameters
+    ----------
+    models : sequence of DetectionModel
+        Of the bodies, with the same detections.
+    every : sequence of Modes
+        Of each, proposed without regard to the others.
+    missed : sequence of float, optional
+        Probability for each that its right pose is not among them.
+    options : PosteriorOptions
+
+    Returns
+    -------
+    list of Posterior
+        The modes of each, those among them that leave detections to others, and the marginal of each.
+    """
+    parts = [_with_parts(k, models, every) for k in range(len(every))]
+    odds = prior_odds(options)
+    count = models[0].shape[1]
+    chosen = np.empty((1, 0), np.int64)
+    taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
+    for modes in parts:
+        uses = np.concatenate([_uses(modes, count), np.zeros((1, count), np.bool_)])
+        mass = np.append(modes.log_mass + odds, 0.0)
+        free = ~(taken @ uses.T)  # which of the joint hypotheses leave which modes their detections
+        row, mode = np.nonzero(free)
+        sums = value[row] + mass[mode]
+        best = np.argsort(-sums, kind="stable")[:BEAM]
+        row, mode, value = row[best], mode[best], sums[best]
+        chosen = np.column_stack([chosen[row], mode])
+        taken = taken[row] | uses[mode]
+    shares = np.exp(value - value.max())
+    shares /= shares.sum()
+    found = []
+    for k, modes in enumerate(parts):
+        known = (1.0 - (missed[k] if missed is not None else 0.0)) * (1.0 - options.wrong_model)
+        each = known * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
+        order = np.argsort(-each[:-1], kind="stable")
+        found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
+    return found
+
+
+def _uses(modes: Modes, count: int) -> Bools:
+    """Which detections (M, n') each mode takes."""
+    out = np.zeros((len(modes.assignments), count + 1), np.bool_)
+    out[np.arange(len(out))[:, None], modes.assignments] = True  # −1 is the last place
+    return out[:, :count]
+
+
+def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]) -> Modes:
+    """The best modes of a body, and what is left of them if others take the detections that both want."""
+    count = models[k].shape[1]
+    modes = every[k].take(np.arange(min(KEPT, len(every[k].log_mass))))
+    known = {one.tobytes() for one in modes.assignments}
+    rows, parts = [], []
+    for other in (*every[:k], *every[k + 1 :]):
+        for wanted in _uses(other, count)[:KEPT]:
+            contested = (modes.assignments >= 0) & wanted[modes.assignments]
+            for row in np.flatnonzero(contested.any(axis=1)).tolist():
+                part = np.where(contested[row], -1, modes.assignments[row])
+                if np.count_nonzero(part >= 0) >= LEAST and part.tobytes() not in known:
+                    known.add(part.tobytes())
+                    rows.append(row)
+                    parts.append(part)
+    if not parts:
+        return modes
+    which, assignments = np.array(rows), np.array(parts)
+    at = models[k].linearised(modes.rotation[which], modes.position[which])
+    found = evidence(models[k], assignments, at)
+    usable = np.isfinite(found.log_odds)
+    part_of = modes.take(which)
+    lost = Modes(
+        assignments, part_of.rotation, part_of.position, found.covariance, found.log_odds,
+        found.log_odds + part_of.log_mass - part_of.log_odds, part_of.local, found.squared, found.freedom,
+        found.visible,
+    )  # fmt: skip
+    return modes.and_(lost.take(np.flatnonzero(usable)))

@@ -1,0 +1,227 @@
+"""The image of a body: what is known of its points, of the detections, of clutter, and where a pose puts the points.
+
+Point i is visible in pose T with v_i(T), a visible point is detected with rate δ, at y ~ N(π(T X_i), S_j + J Σ_i Jᵀ).
+All else is clutter, a Poisson process whose density about each detection is estimated from the image
+(`rootmatch.model.clutter`). What is not known exactly is integrated out: δ under a Beta distribution, a factor on all
+variances under an inverse gamma distribution, the number of clutter points under Jeffreys' prior.
+
+A rig of cameras is no other model: its points are sightings, camera by camera, and its camera model projects each by
+its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.algebra.rotation import cross
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.model.clutter import Clutter, clutter_area, clutter_of
+from rootmatch.model.pose_prior import Broad, PosePrior
+from rootmatch.model.visibility import facing, visible, within
+from rootmatch.options import Options, option
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+ANY_POSE = Broad()
+HIGHEST_RATE = 0.999
+"""Of a detection rate that is given: beyond, one hidden point would refute a pose."""
+
+
+@dataclass(frozen=True)
+class ModelOptions(Options):
+    """Priors of what is not known exactly; their effects are measured in docs/model.md."""
+
+    rate_prior: tuple[float, ...] = option((9.0, 1.0), above=0.0)
+    """Beta distribution of the rate at which a visible point is detected, where normals tell which are: nine of ten."""
+    rate_prior_without_normals: tuple[float, ...] = option((1.0, 1.0), above=0.0)
+    """The same without normals: the rate then also stands for how much of the body hides the rest of it."""
+    rate_nodes: int = option(10, least=1)
+    """Nodes of the quadrature over the rate, exact for twice as many points."""
+    noise_freedom: float = option(20.0, above=0.0)
+    """Residuals that the given σ counts for: those of a body say by how much it was stated too small. A round value."""
+
+
+DEFAULT_MODEL = ModelOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Where K poses put the points of a body, to first order.
+
+    Attributes
+    ----------
+    pixels : (K, n, 2) float64
+    jacobian : (K, n, 2, 6) float64
+        By rotations ω about the body's centre (left perturbation, rad) and by translations τ.
+    by_position : (K, n, 2, 3) float64
+        By the points' positions in the camera frame.
+    seen : (K, n) bool
+        Whether the camera model holds there.
+    cosine : (K, n) float64 or None
+        Between normals and the direction to the camera.
+    rotation, position : (K, 3, 3) and (K, 3) float64
+        Of the poses, the position that of the body's centre.
+    """
+
+    pixels: Floats
+    jacobian: Floats
+    by_position: Floats
+    seen: NDArray[np.bool_]
+    cosine: Floats | None
+    rotation: Floats
+    position: Floats
+
+    def take(self, which: Integers) -> Linearised:
+        """Those of some of the poses."""
+        cosine = None if self.cosine is None else self.cosine[which]
+        return Linearised(
+            self.pixels[which], self.jacobian[which], self.by_position[which], self.seen[which], cosine,
+            self.rotation[which], self.position[which],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionModel:
+    """A body and its image.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        Whose detections are points of a plane (`CameraModel.chart`).
+    points : (n, 3) array
+        Of the body, in the caller's unit.
+    target : (n', 2) array
+        Detections, px.
+    sigma : (n',) array
+        Their standard deviations.
+    normals : (n, 3) array, optional
+        Outward; zero where unknown.
+    view_cosine : (n,) array, optional
+        Cosines of the view angles.
+    source_covariance : (n, 3, 3) array, optional
+        Of the model points, in the caller's unit squared.
+    rate : float, optional
+        At which a visible point is detected; integrated over if not given.
+    prior : PosePrior
+        Of the pose; a broad one if not given.
+    allowed : (n, n') bool array, optional
+        Possible correspondences.
+    log_weights : (n, n') array, optional
+        Logarithm of the prior weight of each correspondence.
+    size : (float, float), optional
+        Width and height of the image.
+    options : ModelOptions
+    """
+
+    camera: CameraModel
+    points: Floats
+    target: Floats
+    sigma: Floats
+    normals: Floats | None = None
+    view_cosine: Floats | None = None
+    source_covariance: Floats | None = None
+    rate: float | None = None
+    prior: PosePrior = ANY_POSE
+    allowed: NDArray[np.bool_] | None = None
+    log_weights: Floats | None = None
+    size: tuple[float, float] | None = None
+    options: ModelOptions = DEFAULT_MODEL
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of points and detections, (n, n')."""
+        return len(self.points), len(self.target)
+
+    @cached_property
+    def centre(self) -> Floats:
+        """Mean (3,) of the points: positions and rotations are of and about it."""
+        return np.asarray(self.points.mean(axis=0))
+
+    @cached_property
+    def images(self) -> list[Integers]:
+        """Detections of each of several images, none for one."""
+        return self.camera.images()
+
+    @cached_property
+    def area(self) -> float:
+        """Area in which clutter may lie, px²: that of the image, as its size or the camera's centre tells it."""
+        size = self.size
+        if size is None and isinstance(self.camera, Camera):
+            size = 2.0 * self.camera.cx, 2.0 * self.camera.cy
+            if not ((self.target >= 0.0) & (self.target <= size)).all():
+                size = None
+        if size is not None:
+            return float(np.prod(size))
+        return clutter_area(self.target, self.sigma, self.images, self.camera.focal)
+
+    @cached_property
+    def clutter(self) -> Clutter:
+        """How clutter lies in the image."""
+        return clutter_of(self.target, self.sigma, self.area, self.images)
+
+    @cached_property
+    def log_counts(self) -> Floats:
+        """Logarithm (n' + 1,) of the odds of 0, 1, 2 … clutter points fewer than detections, under Jeffreys' prior."""
+        count = self.shape[1]
+        left = np.array([math.lgamma(count - k + 0.5) for k in range(count + 1)])
+        return np.asarray(left - left[0])
+
+    @cached_property
+    def rates(self) -> tuple[Floats, Floats]:
+        """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""
+        if self.rate is not None:
+            return np.array([min(self.rate, HIGHEST_RATE)]), np.zeros(1)
+        known = self.normals is not None
+        first, second = self.options.rate_prior if known else self.options.rate_prior_without_normals
+        return beta_quadrature(first, second, self.options.rate_nodes)
+
+    def centred(self, rotation: ArrayLike, translation: ArrayLike) -> tuple[Floats, Floats]:
+        """Rotations (K, 3, 3) and positions (K, 3) of the body's centre, of poses x = R X + t."""
+        R, t = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
+        return R, t + R @ self.centre
+
+    def linearised(self, rotation: Floats, position: Floats) -> Linearised:
+        """Where poses (K, 3, 3) with the body's centre at (K, 3) put the points."""
+        rotated = (self.points - self.centre) @ rotation.swapaxes(-1, -2)
+        places = rotated + position[:, None]
+        with np.errstate(all="ignore"):
+            pixels, by_position = self.camera.project(places), self.camera.jacobian(places)
+            seen = self.camera.sees(places)
+        jacobian = np.empty((*pixels.shape, 6))
+        # −a [r]× = r × a, row by row
+        jacobian[..., :3] = cross(rotated[:, :, None], by_position)
+        jacobian[..., 3:] = by_position
+        seen = seen & np.isfinite(pixels).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2))
+        if not seen.all():
+            pixels = np.where(seen[..., None], pixels, 0.0)
+            jacobian = np.where(seen[..., None, None], jacobian, 0.0)
+            by_position = np.where(seen[..., None, None], by_position, 0.0)
+        cosine = facing(self.normals, self.camera.from_centre(places), rotation)
+        return Linearised(pixels, jacobian, by_position, seen, cosine, rotation, position)
+
+    def visibility(self, at: Linearised, tilt: Floats) -> Floats:
+        """How visible each point is in each pose, (K, n); ``tilt`` (K,): standard deviation of its direction, rad."""
+        shown = at.seen * visible(at.cosine, self.view_cosine, tilt)
+        shown = shown * self.camera.in_image(at.pixels)
+        if self.size is not None:
+            shown = shown * within(at.pixels, self.size, float(np.median(self.sigma)))
+        return np.asarray(shown)
+
+
+@lru_cache(maxsize=16)
+def beta_quadrature(first: float, second: float, nodes: int) -> tuple[Floats, Floats]:
+    """Nodes in (0, 1) and logarithms of weights of the mean under Beta(first, second), by Gauss and Jacobi."""
+    from scipy.special import roots_jacobi  # slow to import
+
+    places, weights = roots_jacobi(nodes, second - 1.0, first - 1.0)
+    places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
+    places.setflags(write=False)
+    weights.setflags(write=False)
+    return places, weights

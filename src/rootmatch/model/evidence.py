@@ -1,0 +1,196 @@
+"""Evidence of a hypothesis: log-odds of an assignment and its pose against clutter alone, the pose integrated out.
+
+For K hypotheses, each an owner map a and a pose T near which the integral is taken,
+
+    log B = Σ_owned [log w − log f(y_j) − log 2π√|S_ij|] + log Γ(n' − k + ½) − log Γ(n' + ½)
+          + log ∫ Beta(δ) Π_owned δ v_i Π_rest (1 − δ v_i) dδ
+          + L(Q, f) + 3 log 2π − ½ log |A| + log p(T)
+
+with f the density of clutter, k matches, S_ij = S_j + J Σ_i Jᵀ, A = Σ JᵀS⁻¹J + P the precision of the pose, Q the least
+squared deviation of detections and prior to first order, and L the logarithm of e^(−Q/2) with a factor on all variances
+integrated out. Poses need not be fitted: the least of Q is found to first order, and `Evidence.step` leads to it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.model.detection_model import DetectionModel, Linearised
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+LOG_2PI = math.log(2.0 * math.pi)
+STEEP = 0.5
+"""Longest step, over the distance of the body and in radians, of a pose that is settled. A round value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Evidence of K hypotheses.
+
+    Attributes
+    ----------
+    log_odds : (K,) float64
+        log B, natural logarithm; −∞ for a match of a point that the camera cannot see, or that is not allowed.
+    step : (K, 6) float64
+        (ω, τ) from each pose to the best one, to first order; zero for a fitted pose.
+    covariance : (K, 6, 6) float64
+        Of the pose, prior included: rad, and the caller's unit of length.
+    squared : (K,) float64
+        Q, at the pose after the step.
+    freedom : (K,) float64
+        Degrees of freedom of that: two for each match, less the parameters that the detections determine.
+    visible : (K, n) float64
+        How visible each point is.
+    """
+
+    log_odds: Floats
+    step: Floats
+    covariance: Floats
+    squared: Floats
+    freedom: Floats
+    visible: Floats
+
+
+def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Evidence:
+    """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`."""
+    used = assignments >= 0
+    image = np.maximum(assignments, 0)
+    offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
+    rows, residual, log_spread = _whitened(model, at, used, image, offset)
+    flat = rows.reshape(len(assignments), -1, 6)
+    measured = flat.swapaxes(1, 2) @ flat
+    prior = model.prior.terms(at.rotation, at.position)
+    slope = (residual.reshape(len(assignments), 1, -1) @ flat)[:, 0] + prior.slope
+    covariance, log_precision = _inverse(measured + prior.precision)
+    step = (covariance @ slope[..., None])[..., 0]
+    squared = (residual**2).sum(axis=(1, 2)) + prior.squared - (slope * step).sum(axis=1)
+    squared = np.maximum(squared, 0.0)
+    matches = used.sum(axis=1)
+    freedom = np.maximum(2.0 * matches - (covariance * measured).sum(axis=(1, 2)), 0.0)
+    tilt = np.sqrt(0.5 * np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
+    visible = model.visibility(at, np.minimum(tilt, 1.0))
+    log_clutter = model.clutter.log_density[image]
+    log_odds = (
+        np.where(used, _log_weights(model, assignments) - log_clutter - LOG_2PI - log_spread, 0.0).sum(axis=1)
+        + model.clutter.log_first(_taken(assignments, model.shape[1]))
+        + model.log_counts[matches]
+        + log_detected(model, used, visible)
+        + log_scaled(squared, freedom, model.options.noise_freedom)
+        + 3.0 * LOG_2PI
+        - 0.5 * log_precision
+        + prior.log_density
+    )
+    possible = (at.seen | ~used).all(axis=1) & np.isfinite(log_odds)
+    return Evidence(np.where(possible, log_odds, -np.inf), step, covariance, squared, freedom, visible)
+
+
+def settled(
+    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, steps: int = 2
+) -> tuple[Evidence, Linearised]:
+    """Evidence after a few steps of Gauss and Newton to the best poses; a step that makes it less is not taken."""
+    at = model.linearised(rotation, position)
+    found = evidence(model, assignments, at)
+    for _ in range(steps):
+        length = np.maximum(
+            np.linalg.norm(found.step[:, :3], axis=1),
+            np.linalg.norm(found.step[:, 3:], axis=1) / np.maximum(np.linalg.norm(at.position, axis=1), 1e-300),
+        )
+        step = found.step * np.minimum(1.0, STEEP / np.maximum(length, 1e-300))[:, None]
+        at = model.linearised(rotation_from_vector(step[:, :3]) @ at.rotation, at.position + step[:, 3:])
+        found = evidence(model, assignments, at)
+    return found, at
+
+
+def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats) -> Floats:
+    """Logarithm (K,) of the probability that just these points (K, n) are detected, the rate integrated out."""
+    rates, log_weights = model.rates
+    with np.errstate(divide="ignore"):
+        owned = np.where(used, np.log(visible), 0.0).sum(axis=1)
+    missing = np.where(used, 0.0, visible)
+    # a product of factors in (0, 1]: no logarithm for each of them
+    chance = (1.0 - rates[:, None] * missing[:, None]).prod(axis=2)
+    with np.errstate(divide="ignore"):
+        each = np.log(chance) + used.sum(axis=1)[:, None] * np.log(rates) + log_weights
+    highest = each.max(axis=1)
+    return np.asarray(owned + highest + np.log(np.exp(each - highest[:, None]).sum(axis=1)))
+
+
+def log_scaled(squared: Floats, freedom: Floats, given: float) -> Floats:
+    """Logarithm of ∫ IG(s²; ν/2, ν/2) s^(−f) e^(−Q/2s²) ds²: of a squared deviation whose unit is not quite known.
+
+    ``squared`` Q and ``freedom`` f (K,), ``given`` ν: residuals that the stated σ counts for; −Q/2 if it is infinite.
+    """
+    if math.isinf(given):
+        return -0.5 * squared
+    half = 0.5 * given
+    change = _log_gamma_ratio(half, 0.5 * freedom) - 0.5 * freedom * math.log(half)
+    return np.asarray(change - (half + 0.5 * freedom) * np.log1p(squared / given))
+
+
+def _log_gamma_ratio(a: float, b: Floats) -> Floats:
+    """Log Γ(a + b) − log Γ(a), by Stirling's series: to 1e-6 from a = 2 on."""
+
+    def series(x: Floats) -> Floats:
+        return np.asarray((x - 0.5) * np.log(x) - x + 1.0 / (12.0 * x) - 1.0 / (360.0 * x**3))
+
+    return series(a + b) - series(np.asarray(a, dtype=float))
+
+
+def _whitened(
+    model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers, offset: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched."""
+    sigma = model.sigma[image]
+    if model.source_covariance is None:
+        weight = np.where(used, 1.0 / sigma, 0.0)
+        return at.jacobian * weight[..., None, None], offset * weight[..., None], 2.0 * np.log(sigma)
+    by_point = at.by_position @ at.rotation[:, None]
+    spread = by_point @ model.source_covariance @ by_point.swapaxes(-1, -2)
+    a, b, d = spread[..., 0, 0] + sigma**2, spread[..., 0, 1], spread[..., 1, 1] + sigma**2
+    first = np.sqrt(a)
+    below = b / first
+    second = np.sqrt(d - below**2)
+    weights = np.where(used, 1.0 / first, 0.0), np.where(used, 1.0 / second, 0.0)
+
+    def white(x: Floats, y: Floats, one: Floats, two: Floats, cross: Floats) -> tuple[Floats, Floats]:
+        return x * one, (y - cross * x * one) * two
+
+    rows = np.empty_like(at.jacobian)
+    rows[..., 0, :], rows[..., 1, :] = white(
+        at.jacobian[..., 0, :], at.jacobian[..., 1, :], *(part[..., None] for part in (*weights, below))
+    )
+    residual = np.empty_like(offset)
+    residual[..., 0], residual[..., 1] = white(offset[..., 0], offset[..., 1], *weights, below)
+    return rows, residual, np.log(first * second)
+
+
+def _inverse(precision: Floats) -> tuple[Floats, Floats]:
+    """Inverses and log-determinants of (K, 6, 6), scaled to a unit diagonal, as angles and lengths differ in unit."""
+    scale = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
+    unit = precision / (scale[:, :, None] * scale[:, None])
+    unit = unit + 1e-13 * np.eye(6)
+    logarithm = np.linalg.slogdet(unit)[1] + 2.0 * np.log(scale).sum(axis=1)
+    return np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None]), logarithm
+
+
+def _taken(assignments: Integers, count: int) -> NDArray[np.bool_]:
+    """Which of so many detections each assignment (K, n) takes, (K, n')."""
+    taken = np.zeros((len(assignments), count + 1), np.bool_)
+    taken[np.arange(len(assignments))[:, None], assignments] = True  # −1 is the last place
+    return taken[:, :count]
+
+
+def _log_weights(model: DetectionModel, assignments: Integers) -> Floats | float:
+    """Logarithm (K, n) of the prior weight of each match."""
+    if model.log_weights is None and model.allowed is None:
+        return 0.0
+    rows, image = np.arange(assignments.shape[1]), np.maximum(assignments, 0)
+    weights = np.zeros(assignments.shape) if model.log_weights is None else model.log_weights[rows, image]
+    return weights if model.allowed is None else np.where(model.allowed[rows, image], weights, -np.inf)

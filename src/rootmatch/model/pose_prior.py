@@ -1,0 +1,157 @@
+"""What is known of a pose before the image is seen: a density over rotations and positions of a body's centre.
+
+Each prior answers one question: about given poses, the precision of its logarithm, its slope, and its value. That of a
+factor that is broad is its volume: it has the precision of a normal distribution of the same volume about the pose
+itself, so that what no detection determines counts as the whole of that volume and never as more.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+
+Floats = NDArray[np.float64]
+
+FIELD = 2.0
+"""Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
+value; a factor of two in it is 0.7 in the logarithm of the odds."""
+DEPTHS = 100.0
+"""Greatest over least distance of a body, each octave as probable. A round value; ten times as much is 0.4."""
+ROTATIONS = 8.0 * math.pi**2
+"""Volume of all rotations, by rotation vectors."""
+TURNS = 2.0 * math.pi
+"""Length of all rotations about an axis."""
+LEAST_TILT = 1e-4
+"""Least standard deviation, in radians, of a vertical that is called exact."""
+
+
+class Terms(NamedTuple):
+    """A prior's logarithm about K poses, as −½ (x − d)ᵀ P (x − d) + c for a step x = (ω, τ) from the pose."""
+
+    precision: Floats
+    """P, (K, 6, 6)."""
+    slope: Floats
+    """P d, (K, 6): towards the prior's mean."""
+    squared: Floats
+    """dᵀ P d, (K,)."""
+    log_density: Floats
+    """c, (K,): logarithm of the density at its peak."""
+
+
+class PosePrior(ABC):
+    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
+
+    @abstractmethod
+    def terms(self, rotation: Floats, position: Floats) -> Terms:
+        """Its logarithm about poses (K, 3, 3) and (K, 3)."""
+
+
+@dataclass(frozen=True)
+class Broad(PosePrior):
+    """Any rotation, at any place in the field of view, at any distance within two decades.
+
+    p(R, t) = 1 / (8π²) · 1 / (Ω ‖t‖³ log D) for a field of Ω steradians and distances within a factor D. Nothing in it
+    has a unit of length.
+    """
+
+    field: float = FIELD
+    depths: float = DEPTHS
+
+    def terms(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PosePrior.terms`."""
+        count = len(rotation)
+        precision = np.zeros((count, 6, 6))
+        precision[:, :3, :3] = 2.0 * math.pi / ROTATIONS ** (2.0 / 3.0) * np.eye(3)
+        precision[:, 3:, 3:], log_position = self.of_position(position)
+        zero = np.zeros((count, 6))
+        return Terms(precision, zero, np.zeros(count), log_position - math.log(ROTATIONS))
+
+    def of_position(self, position: Floats) -> tuple[Floats, Floats]:
+        """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
+        distance = np.linalg.norm(position, axis=1)
+        along = position / distance[:, None]
+        ray = along[:, :, None] * along[:, None]
+        depth = math.log(self.depths)
+        # normal distributions with the areas Ω r² across the ray and the length r log D along it
+        precision = 2.0 * math.pi * ((np.eye(3) - ray) / self.field + ray / depth**2) / distance[:, None, None] ** 2
+        return precision, -np.log(self.field * depth) - 3.0 * np.log(distance)
+
+
+@dataclass(frozen=True, eq=False)
+class Upright(PosePrior):
+    """A measured vertical: two angles of the rotation are normal, the third is any, and the position is broad.
+
+    Parameters
+    ----------
+    world, camera : (3,) arrays
+        The vertical in the frames of the body and of the camera, of any length.
+    noise : float
+        Standard deviation of the latter on each of two axes, in radians.
+    position : Broad
+    """
+
+    world: Floats
+    camera: Floats
+    noise: float
+    position: Broad = Broad()
+
+    def terms(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PosePrior.terms`."""
+        count, sigma = len(rotation), max(self.noise, LEAST_TILT)
+        down = rotation @ (self.world / np.linalg.norm(self.world))
+        off = self.camera / np.linalg.norm(self.camera) - down
+        across = -cross_matrix(down)  # how the vertical moves with a turn
+        about = down[:, :, None] * down[:, None] * (2.0 * math.pi / TURNS**2)
+        precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
+        precision[:, :3, :3] = across.swapaxes(1, 2) @ across / sigma**2 + about
+        precision[:, 3:, 3:], log_position = self.position.of_position(position)
+        slope[:, :3] = (across.swapaxes(1, 2) @ off[..., None])[..., 0] / sigma**2
+        log_density = log_position - math.log(2.0 * math.pi * sigma**2 * TURNS)
+        return Terms(precision, slope, (off**2).sum(axis=1) / sigma**2, log_density)
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian(PosePrior):
+    """A predicted pose: normal in all six parameters, or in the rotation or the position alone, and broad in the rest.
+
+    Parameters
+    ----------
+    rotation, position : (3, 3) and (3,) arrays
+        Of the mean; the position is that of the body's centre.
+    covariance : (6, 6) array
+        Of (ω, τ); infinite on the diagonal of the three parameters of which nothing is known.
+    broad : Broad
+        Of those.
+    """
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    broad: Broad = Broad()
+
+    def terms(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PosePrior.terms`."""
+        count = len(rotation)
+        known = np.isfinite(np.diag(self.covariance))
+        step = np.concatenate([rotation_vector(self.rotation @ rotation.swapaxes(1, 2)), self.position - position], 1)
+        step[:, ~known] = 0.0
+        own = self.covariance[np.ix_(known, known)]
+        whole = np.zeros((6, 6))
+        whole[np.ix_(known, known)] = np.linalg.inv(own)
+        terms = self.broad.terms(rotation, position)
+        precision = np.where(np.outer(known, known), whole, terms.precision)
+        precision[:, ~np.equal.outer(known, known)] = 0.0
+        log_density = np.full(count, -0.5 * float(np.linalg.slogdet(2.0 * math.pi * own)[1]))
+        if not known[:3].all():
+            log_density = log_density - math.log(ROTATIONS)
+        if not known[3:].all():
+            log_density = log_density + self.broad.of_position(position)[1]
+        slope = step @ whole
+        return Terms(precision, slope, (slope * step).sum(axis=1), log_density)

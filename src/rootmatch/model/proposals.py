@@ -1,0 +1,103 @@
+"""Poses that are weighed because nothing in the image excludes them: other minima of few matches, and look-alikes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FEW = 6
+"""Matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the others. A
+round value."""
+
+
+class Proposals(NamedTuple):
+    """K assignments with a pose each."""
+
+    assignments: Integers
+    """(K, n)."""
+    rotation: Floats
+    """(K, 3, 3)."""
+    position: Floats
+    """(K, 3) of the body's centre in the camera frame."""
+
+    def take(self, which: Integers | NDArray[np.bool_]) -> Proposals:
+        """Some of them."""
+        return Proposals(self.assignments[which], self.rotation[which], self.position[which])
+
+
+def joined(parts: list[Proposals]) -> Proposals:
+    """All of several proposals."""
+    return Proposals(
+        np.concatenate([part.assignments for part in parts]),
+        np.concatenate([part.rotation for part in parts]),
+        np.concatenate([part.position for part in parts]),
+    )
+
+
+def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
+    """Every pose of two minimal sets of each assignment (K, n) with three to `FEW` matches.
+
+    Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
+    """
+    count = (assignments >= 0).sum(axis=1)
+    assignments = assignments[(count >= 3) & (count <= FEW)]
+    if not len(assignments):
+        return Proposals(assignments, np.empty((0, 3, 3)), np.empty((0, 3)))
+    used = assignments >= 0
+    image = model.target[np.maximum(assignments, 0)]
+    chosen = triples(image, used).reshape(len(assignments), -1)
+    points = (model.points - model.centre)[chosen].reshape(-1, 3, 3)
+    own = np.take_along_axis(image, chosen[..., None], axis=1)
+    rays = model.camera.bearings(own.reshape(-1, 2)).reshape(-1, 3, 3)
+    rotation, position = poses_of_triples(points, rays)
+    rotation, position = rotation.reshape(-1, 3, 3), position.reshape(-1, 3)
+    whole = np.asarray(np.isfinite(position).all(axis=1))
+    every = np.repeat(assignments, len(whole) // len(assignments), axis=0)
+    return Proposals(every[whole], rotation[whole], position[whole])
+
+
+def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Integers) -> Proposals:
+    """Poses in which a second body looks as a first one does: a copy of it, or its mirror image, or itself.
+
+    A copy of a body in the pose moved along is the same. The mirror image of a body, its depth reversed, has the same
+    image but for perspective. Normals and the fit to the detections tell such poses apart, if anything does.
+
+    Parameters
+    ----------
+    proposals : Proposals
+        Of the first body.
+    first, second : (n, 3) and (m, 3) arrays
+        Points of the two bodies.
+    image : (n,) int array
+        Point of the second that corresponds to each of the first, −1 for none; at least three.
+    """
+    own = np.flatnonzero(image >= 0)
+    one, other = first[own], second[image[own]]
+    middle = one.mean(axis=0), other.mean(axis=0)
+    u, _, vt = np.linalg.svd((other - middle[1]).T @ (one - middle[0]))
+    turned = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    reflected = u @ vt
+
+    def misfit(motion: Floats) -> float:
+        return float(np.linalg.norm((one - middle[0]) @ motion.T - (other - middle[1])))
+
+    is_mirror = np.linalg.det(reflected) < 0.0 and misfit(reflected) < misfit(turned)
+    motion = reflected if is_mirror else turned
+    rotation = proposals.rotation @ motion.T
+    # where the middles of the corresponding points lie: both bodies have them there
+    place = proposals.position + (middle[0] - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
+    if is_mirror:
+        along = place / np.linalg.norm(place, axis=1, keepdims=True)
+        rotation = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation
+    position = place - (middle[1] - second.mean(axis=0)) @ rotation.swapaxes(1, 2)
+    assignments = np.full((len(proposals.assignments), len(second)), -1, np.int64)
+    assignments[:, image[own]] = proposals.assignments[:, own]
+    return Proposals(assignments, rotation, position)

@@ -1,0 +1,69 @@
+"""How visible the points of a body are in a pose: before the camera, within the image, facing it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+FULLY = 0.5
+"""Cosine between a normal and the direction to the camera up to which a point is as visible as from its front, if no
+view angle is given; beyond, light falls with the cosine (Lambert). A round value."""
+BARELY = 0.02
+"""How visible a point is, over that, from the side or from behind: normals are not exact. A round value."""
+EDGE = 0.03
+"""Standard deviation of the edge of a view angle, in cosines. A round value: 2° at 70°."""
+LOGISTIC = 1.702
+"""Of the logistic curve that is nearest to the normal distribution's integral: within 0.01 everywhere."""
+
+
+def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Floats | None:
+    """Cosines (…, n) between normals (n, 3) and the direction to the camera; NaN for a zero normal.
+
+    ``positions`` (…, n, 3) are as seen from the camera, ``rotation`` (…, 3, 3) is the pose's. None without normals.
+    """
+    if normals is None:
+        return None
+    length = np.linalg.norm(normals, axis=1) * np.linalg.norm(positions, axis=-1)
+    along = -((normals @ rotation.swapaxes(-1, -2)) * positions).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(length > 0.0, along / length, np.nan))
+
+
+def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
+    """How visible points are by their normals, from `BARELY` to 1; 1 if nothing is known.
+
+    Parameters
+    ----------
+    cosine : (…, n) array or None
+        Of `facing`.
+    view_cosine : (n,) array or None
+        Cosine of the view angle of each point.
+    tilt : (…) array
+        Standard deviation of the pose's direction, in radians: it blurs the edge.
+    """
+    if cosine is None:
+        return 1.0
+    if view_cosine is None:
+        shown = np.clip(cosine / FULLY, 0.0, 1.0)
+    else:
+        blur = np.sqrt(EDGE**2 + (1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None] ** 2)
+        with np.errstate(over="ignore"):
+            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / blur))
+    return np.asarray(np.where(np.isnan(cosine), 1.0, BARELY + (1.0 - BARELY) * shown))
+
+
+def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:
+    """How far pixels (…, 2) lie within an image of a size (width, height), with an edge as soft as their noise."""
+    inside = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
+    with np.errstate(over="ignore"):
+        return np.asarray(1.0 / (1.0 + np.exp(np.clip(-LOGISTIC * inside / sigma, -700.0, 700.0))))
+
+
+def solid_angle(fx: float, fy: float, size: tuple[float, float]) -> float:
+    """Solid angle in steradians of a pinhole image whose principal point is its centre."""
+    a, b = size[0] / (2.0 * fx), size[1] / (2.0 * fy)
+    return 4.0 * math.atan(a * b / math.sqrt(1.0 + a * a + b * b))
