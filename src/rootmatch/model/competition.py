@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.posterior import DEFAULT_POSTERIOR, LEAST, Modes, Posterior, PosteriorOptions, prior_odds
+from rootmatch.model.modes import Modes
+from rootmatch.model.posterior import DEFAULT_POSTERIOR, LEAST, Posterior, PosteriorOptions, prior_odds
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

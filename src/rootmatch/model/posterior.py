@@ -9,7 +9,7 @@ The probability of an assignment is never above that of its pose, nor above the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.detection_model import DetectionModel, Linearised
 from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, settled
+from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.proposals import Proposals
 from rootmatch.options import Options, option
 
@@ -58,47 +59,6 @@ class PosteriorOptions(Options):
 
 
 DEFAULT_POSTERIOR = PosteriorOptions()
-
-
-@dataclass(frozen=True, eq=False)
-class Modes:
-    """M poses of one body, each with its assignment, the most probable first.
-
-    Attributes
-    ----------
-    assignments : (M, n) int64
-    rotation, position : (M, 3, 3) and (M, 3) float64
-        Of the body and its centre in the camera frame.
-    covariance : (M, 6, 6) float64
-    log_odds : (M,) float64
-        Of each assignment with its pose, against clutter alone.
-    log_mass : (M,) float64
-        The same with all changes that leave the pose as it is.
-    local : (M, n) float64
-        Probability that a point's match, or its being unmatched, is right, given the mode.
-    squared, freedom : (M,) float64
-        Of the fit, see `Evidence`.
-    visible : (M, n) float64
-    """
-
-    assignments: Integers
-    rotation: Floats
-    position: Floats
-    covariance: Floats
-    log_odds: Floats
-    log_mass: Floats
-    local: Floats
-    squared: Floats
-    freedom: Floats
-    visible: Floats
-
-    def take(self, which: Integers) -> Modes:
-        """Some of them."""
-        return Modes(*(getattr(self, field.name)[which] for field in fields(self)))
-
-    def and_(self, others: Modes) -> Modes:
-        """These and others."""
-        return Modes(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +156,10 @@ def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOpti
     """The different poses among some proposals, grown and with the sums of their changes."""
     n = model.shape[0]
     if not len(proposals.assignments):
-        return _empty(n)
+        return no_modes(n)
     possible = _possible(model, proposals, options)
     if not len(possible):
-        return _empty(n)
+        return no_modes(n)
     proposals = proposals.take(possible)
     found, at = settled(model, *proposals)
     order = np.argsort(-found.log_odds, kind="stable")
@@ -359,7 +319,7 @@ def _first_order(
 
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:
     if not kept:
-        return _empty(n)
+        return no_modes(n)
     return Modes(
         assignments=np.array([one.assignment for one in kept]),
         rotation=np.array([one.rotation for one in kept]),
@@ -372,11 +332,3 @@ def _as_arrays(kept: list[_Mode], n: int) -> Modes:
         freedom=np.array([one.freedom for one in kept]),
         visible=np.array([one.visible for one in kept]),
     )
-
-
-def _empty(n: int) -> Modes:
-    none = np.empty(0)
-    return Modes(
-        np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), none, none,
-        np.empty((0, n)), none, none, np.empty((0, n)),
-    )  # fmt: skip

@@ -1,0 +1,61 @@
+"""Modes of a posterior: poses of one body, each with its assignment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """M poses of one body, each with its assignment, the most probable first.
+
+    Attributes
+    ----------
+    assignments : (M, n) int64
+    rotation, position : (M, 3, 3) and (M, 3) float64
+        Of the body and its centre in the camera frame.
+    covariance : (M, 6, 6) float64
+    log_odds : (M,) float64
+        Of each assignment with its pose, against clutter alone.
+    log_mass : (M,) float64
+        The same with all changes that leave the pose as it is.
+    local : (M, n) float64
+        Probability that a point's match, or its being unmatched, is right, given the mode.
+    squared, freedom : (M,) float64
+        Of the fit, see `Evidence`.
+    visible : (M, n) float64
+    """
+
+    assignments: Integers
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+    log_odds: Floats
+    log_mass: Floats
+    local: Floats
+    squared: Floats
+    freedom: Floats
+    visible: Floats
+
+    def take(self, which: Integers) -> Modes:
+        """Some of them."""
+        return Modes(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def and_(self, others: Modes) -> Modes:
+        """These and others."""
+        return Modes(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+
+def no_modes(n: int) -> Modes:
+    """None of a body of so many points."""
+    none = np.empty(0)
+    return Modes(
+        np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), none, none,
+        np.empty((0, n)), none, none, np.empty((0, n)),
+    )  # fmt: skip
