@@ -127,7 +127,7 @@ def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatc
         if loaded:
             return found
         loaded.append(1)
-        return replace(found, limited=True)
+        return replace(found, stopped_early=True)
 
     monkeypatch.setattr(rm.Matcher, "match", slow)
     source = read_points(folder / "model.csv", 3)
