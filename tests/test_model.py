@@ -18,8 +18,8 @@ from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel, ModelOptions
 from rootmatch.model.evidence import evidence, log_scaled, settled
-from rootmatch.model.pose_prior import Broad, Gaussian, PosePrior, Upright
 from rootmatch.model.modes import Modes
+from rootmatch.model.pose_prior import Broad, Gaussian, PosePrior, Upright
 from rootmatch.model.posterior import PosteriorOptions, modes_of, posterior, weighed
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven

@@ -63,8 +63,10 @@ def sampled_density(source: np.ndarray, target: np.ndarray, sigma: float, scaled
     else:
         a, b = (points[:, 0] + 1j * points[:, 1] for points in (first, target - target.mean(axis=0)))
         best = rotation_of_plane(float(np.angle((np.conj(a) * b).sum())))
-    count, radius = 50_000, float(np.sqrt((first**2).sum(axis=1).min()))
-    spread = 1.5 * sigma / (scale * radius)
+    # as far as points are from the axis about which they tell a turn worst
+    moments = np.linalg.eigvalsh(first.T @ first / m)
+    count, radius = 50_000, float(np.sqrt(moments.sum() - (moments[-1] if k == 3 else 0.0)))
+    spread = 1.5 * sigma / (scale * radius * np.sqrt(m))
     draws = rng.standard_t(6, (count, 3 if k == 3 else 1)) * spread
     log_q = student_t(draws / spread, 6.0).sum(axis=1) - draws.shape[1] * np.log(spread)
     if k == 3:

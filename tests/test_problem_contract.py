@@ -225,7 +225,8 @@ def test_match(name: str, case: Case) -> None:
     right(match, case)
     assert match.status is rm.Status.MATCHED
     assert match.score == pytest.approx(match.tensor.score(match.assignment))
-    assert (match.probability is not None) == case.problem.fits_answers
+    weighed = case.problem.fits_answers or case.problem.point_clouds(match.task.points) is not None
+    assert (match.probability is not None) == weighed
 
 
 def test_matcher_takes_frames_of_any_size(name: str, case: Case) -> None:

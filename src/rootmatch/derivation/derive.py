@@ -244,7 +244,7 @@ def _derive(
         ) from None
     evaluator = Evaluator(trial.plan, trial.functions, statement.source, statement.target)
     solver = Solver(statement)
-    judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES, solver))
+    judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES, solver=solver))
     shared = judge.shared_count()
     surplus, stated = _stated(solver, judge.cases)
     judge.wrong_sets_disagree(rng, surplus)

@@ -54,7 +54,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
         with np.errstate(divide="ignore"):
             log_weights = np.log(task.weights / max(float(task.weights.max(initial=0.0)), 1e-300))
     return DetectionModel(
-        camera, points.source, target, sigma, points.normals, points.view_cosine,
+        camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         rate=task.options.detection_rate, prior=prior, allowed=task.allowed, log_weights=log_weights,
     )  # fmt: skip
 

@@ -8,6 +8,7 @@ that another one explains as well, and one that another leaves nothing for is no
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,9 +106,14 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
     found = evidence(models[k], assignments, at)
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
-    lost = Modes(
-        assignments, part_of.rotation, part_of.position, found.covariance, found.log_odds,
-        found.log_odds + part_of.log_mass - part_of.log_odds, part_of.local, found.squared, found.freedom,
-        found.visible,
-    )  # fmt: skip
+    lost = replace(
+        part_of,
+        assignments=assignments,
+        covariance=found.covariance,
+        log_odds=found.log_odds,
+        log_mass=found.log_odds + part_of.log_mass - part_of.log_odds,
+        squared=found.squared,
+        freedom=found.freedom,
+        visible=found.visible,
+    )
     return modes.and_(lost.take(np.flatnonzero(usable)))

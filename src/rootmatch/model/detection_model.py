@@ -82,9 +82,14 @@ class Linearised:
         """Those of some of the poses."""
         cosine = None if self.cosine is None else self.cosine[which]
         return Linearised(
-            self.pixels[which], self.jacobian[which], self.by_position[which], self.seen[which], cosine,
-            self.rotation[which], self.position[which],
-        )  # fmt: skip
+            pixels=self.pixels[which],
+            jacobian=self.jacobian[which],
+            by_position=self.by_position[which],
+            seen=self.seen[which],
+            cosine=cosine,
+            rotation=self.rotation[which],
+            position=self.position[which],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +209,7 @@ class DetectionModel:
             jacobian = np.where(seen[..., None, None], jacobian, 0.0)
             by_position = np.where(seen[..., None, None], by_position, 0.0)
         cosine = facing(self.normals, self.camera.from_centre(places), rotation)
-        return Linearised(pixels, jacobian, by_position, seen, cosine, rotation, position)
+        return Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """How visible each point is in each pose, (K, n); ``tilt`` (K,): standard deviation of its direction, rad."""

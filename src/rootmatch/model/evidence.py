@@ -88,7 +88,8 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
         + prior.log_density
     )
     possible = (at.seen | ~used).all(axis=1) & np.isfinite(log_odds)
-    return Evidence(np.where(possible, log_odds, -np.inf), step, covariance, squared, freedom, visible)
+    log_odds = np.where(possible, log_odds, -np.inf)
+    return Evidence(log_odds, step, covariance, squared=squared, freedom=freedom, visible=visible)
 
 
 def settled(

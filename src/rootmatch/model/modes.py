@@ -56,6 +56,14 @@ def no_modes(n: int) -> Modes:
     """None of a body of so many points."""
     none = np.empty(0)
     return Modes(
-        np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), none, none,
-        np.empty((0, n)), none, none, np.empty((0, n)),
-    )  # fmt: skip
+        assignments=np.empty((0, n), np.int64),
+        rotation=np.empty((0, 3, 3)),
+        position=np.empty((0, 3)),
+        covariance=np.empty((0, 6, 6)),
+        log_odds=none,
+        log_mass=none,
+        local=np.empty((0, n)),
+        squared=none,
+        freedom=none,
+        visible=np.empty((0, n)),
+    )

@@ -210,10 +210,18 @@ class _Mode:
     def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
         """One of some weighed proposals."""
         return cls(
-            assignment, at.rotation[k], at.position[k], found.covariance[k], float(found.log_odds[k]),
-            float(found.squared[k]), float(found.freedom[k]), found.visible[k], float(found.log_odds[k]),
-            np.ones(len(assignment)), {},
-        )  # fmt: skip
+            assignment=assignment,
+            rotation=at.rotation[k],
+            position=at.position[k],
+            covariance=found.covariance[k],
+            log_odds=float(found.log_odds[k]),
+            squared=float(found.squared[k]),
+            freedom=float(found.freedom[k]),
+            visible=found.visible[k],
+            log_mass=float(found.log_odds[k]),
+            local=np.ones(len(assignment)),
+            changes={},
+        )
 
 
 def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:

@@ -159,8 +159,9 @@ def fitted_point_sets(clouds: PointClouds, assignments: Integers, mirror: bool) 
         evidence += 0.5 * np.log(TURN / (scale**2 * spread + TURN / range_of_log**2)) - math.log(range_of_log)
     own = 1.0 / (curvature + 1.0 / TURN)
     return PointSetFit(
-        chi2, np.maximum(freedom, 0).astype(np.int64), evidence, clouds, assignments, rotation,
-        centre2 - scale[:, None] * _applied(rotation, centre), scale, centre,
+        chi2=chi2, dof=np.maximum(freedom, 0).astype(np.int64), evidence=evidence, clouds=clouds,
+        assignments=assignments, rotation=rotation, shift=centre2 - scale[:, None] * _applied(rotation, centre),
+        scale=scale, centre=centre,
         spread=own if size == 3 else np.repeat(own, 2, axis=1), frame=u, total=total,
     )  # fmt: skip
 
