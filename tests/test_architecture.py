@@ -63,5 +63,7 @@ PAGES = sorted(
 def test_files_that_a_page_names_exist(page):
     files = {f"/{path.relative_to(ROOT).as_posix()}" for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
     named = {name.lstrip("./") for name in re.findall(r"[\w./-]*\w\.py\b", page.read_text(encoding="utf-8"))}
+    if page.parent.name == "notebook":  # it names modules as they were on the day; what it says to run is there
+        named = {name for name in named if name.startswith(("benchmarks/", "tests/", "docs/", "examples/"))}
     missing = {name for name in named - WRITTEN if not any(file.endswith(f"/{name}") for file in files)}
     assert missing == set()
