@@ -27,7 +27,7 @@ class SamplingLimits:
         Evaluations that such a search may spend at least: about ten milliseconds.
     guided, guided_multi_motion : int
         Up to here an exhaustive sweep takes no longer than a search, for one motion and for several
-        (docs/performance.md).
+        (docs/notebook/performance.md).
     cheap_on_device : int
         Up to here a card has evaluated all before a search has its first hypothesis.
     """

@@ -12,7 +12,7 @@ class AscentStoppingOptions(Options):
     """When no further cores are grown.
 
     Set on 226 tensors and 200 instances of each cell of the published protocols, seeds from 1000 on; see
-    docs/performance.md and docs/hypergraph.md.
+    docs/notebook/performance.md and docs/hypergraph.md.
     """
 
     lead: float = option(1.5, above=1.0)
@@ -22,14 +22,14 @@ class AscentStoppingOptions(Options):
     """Ascents without which the lead says nothing. A round value; benchmarks/solvers.py."""
     patience: int = option(24, least=1)
     """Candidates in a row that bring nothing better after which no more are tried, at least: 87 ascents then do what
-    255 did (docs/performance.md)."""
+    255 did (docs/notebook/performance.md)."""
     correspondences_per_candidate: int = option(16, least=1)
     """The same for large problems: one candidate for so many correspondences. Set with `patience`."""
     reads: int = option(110_000, least=0)
     """The same for cheap ascents: as many candidates as read so many entries of the index. Set with `patience`."""
     patience_after_walk: int = option(14, least=1)
     """Patience where nothing better than the ascent from the random walk has come yet: 52 ascents then do what 83 did,
-    and after 6 two of 226 tensors end lower (docs/performance.md)."""
+    and after 6 two of 226 tensors end lower (docs/notebook/performance.md)."""
 
 
 def patience(options: AscentStoppingOptions, correspondences: int, reads_per_ascent: float) -> int:
