@@ -13,7 +13,7 @@ from enum import Enum
 
 @dataclass(frozen=True)
 class TrustOptions:
-    """Thresholds of the status. Set on the development scenes of docs/notebook/comparison.md (`benchmarks/accuracy.py`).
+    """Thresholds of the status, set on the tuning seeds of `benchmarks/accuracy.py` (docs/notebook/comparison.md).
 
     Parameters
     ----------

@@ -53,8 +53,8 @@ class Completion(Options):
         How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
         benchmarks/matches.py, benchmarks/accuracy.py.
     cost : float
-        Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (docs/notebook/performance.md,
-        benchmarks/matches.py) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py).
+        Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (benchmarks/matches.py,
+        docs/notebook/performance.md) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py).
     most : int
         Predicted points that `pays` accepts: some seconds of two cores. A round value, not tuned.
     """
