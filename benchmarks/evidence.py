@@ -28,7 +28,7 @@ from constellations import arguments, judge, load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.modelled import believed, posteriors_of
+from rootmatch.explain.modelled import MIN_PROBABILITY, believed, posteriors_of
 from rootmatch.model.posterior import Posterior
 from rootmatch.result import Match
 
@@ -147,7 +147,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1000)
     parser.add_argument("--families", nargs="+", default=FAMILIES)
-    parser.add_argument("--min-probability", type=float, default=0.9)
+    parser.add_argument("--min-probability", type=float, default=MIN_PROBABILITY)
     parser.add_argument("--scenes", help="folder of the scenes")
     given = parser.parse_args()
     scenes = load_scenes(given.scenes)

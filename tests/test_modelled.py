@@ -1,0 +1,107 @@
+"""From a task and its assignments to a status by the model of the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.explain.modelled import believed, is_modelled, model_of, posteriors_of
+from rootmatch.explain.rig_copies import copies_task
+from rootmatch.explain.task import MatchingTask
+
+CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
+Floats = NDArray[np.float64]
+
+
+def scene(seed: int, clutter: int = 6) -> tuple[Floats, Floats, NDArray[np.int64], Floats, Floats]:
+    """Points of a body of 12 cm, detections, the true assignment, rotation and translation."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.06, 0.06, (8, 3))
+    R, t = Rotation.random(random_state=rng).as_matrix(), np.array([0.05, -0.02, 0.7])
+    places = points @ R.T + t
+    pixels = places[:, :2] / places[:, 2:] * 800.0 + (640.0, 480.0)
+    target = np.concatenate([pixels, rng.uniform((0, 0), (1280, 960), (clutter, 2))])
+    return points, target + rng.normal(0.0, 0.4, target.shape), np.arange(8), R, t
+
+
+@pytest.mark.parametrize("kind", ["p3p", "up2p", "rig"])
+def test_a_body_in_view_is_believed(kind: str) -> None:
+    points, target, truth, R, t = scene(1000)
+    problem = rm.P3P(CAMERA)
+    if kind == "up2p":
+        problem = rm.UP2P(CAMERA, (0.0, 1.0, 0.0), R.T @ [0.0, 1.0, 0.0], vertical_noise=0.01)
+    if kind == "rig":
+        away = np.array([-0.1, 0.0, 0.0])
+        problem = rm.P3P(rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, np.eye(3), away)]))
+        places = points @ R.T + t + away
+        pixels = places[:5, :2] / places[:5, 2:] * 800.0 + (640.0, 480.0)
+        target = np.column_stack([np.concatenate([target, pixels]), np.repeat([0, 1], [len(target), 5])])
+        truth = np.concatenate([truth, [14, 15, 16, 17, 18, -1, -1, -1]])
+    task = MatchingTask.of(problem, points, target, noise=0.4)
+    if kind == "rig":
+        task = copies_task(task)
+    assert is_modelled(task)
+    part = truth.copy()
+    part[2] = -1
+    (told,) = posteriors_of([(task, [part])])
+    status, assignment = believed(told)
+    assert status is rm.Status.MATCHED
+    np.testing.assert_array_equal(assignment, truth)
+    assert told.clutter < 1e-3
+
+
+def test_the_pose_is_that_of_the_points_as_given() -> None:
+    points, target, truth, R, t = scene(1001)
+    points = points + np.array([3.0, -1.0, 2.0])
+    t = t - R @ (3.0, -1.0, 2.0)
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
+    (told,) = posteriors_of([(task, [truth])])
+    rotation, position = model_of(task).centred(R, t)
+    off = np.concatenate(
+        [Rotation.from_matrix(told.modes.rotation[0] @ rotation.T).as_rotvec(), told.modes.position[0] - position]
+    )
+    assert off @ np.linalg.solve(told.modes.covariance[0], off) < 22.5  # of six degrees of freedom, one in a thousand
+
+
+def test_unrelated_points_are_untrusted() -> None:
+    for seed in range(1000, 1004):
+        points, _, truth, _, _ = scene(seed)
+        target = np.random.default_rng(seed).uniform((0, 0), (1280, 960), (14, 2))
+        task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
+        some = np.where(truth < 4, truth, -1)
+        (told,) = posteriors_of([(task, [truth, some, np.roll(some, 2)])])
+        assert believed(told)[0] is rm.Status.UNTRUSTED
+
+
+def test_of_a_body_and_its_mirror_image_one_is_believed() -> None:
+    points, target, truth, _, _ = scene(1002)
+    here = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
+    there = MatchingTask.of(rm.P3P(CAMERA), points * (-1.0, 1.0, 1.0), target, noise=0.4)
+    # the wrong one was found alone: the right one is proposed as its look-alike
+    told = posteriors_of([(here, []), (there, [truth])])
+    assert believed(told[0])[0] is rm.Status.MATCHED
+    assert believed(told[1])[0] is rm.Status.UNTRUSTED
+
+
+def test_nothing_proposed_is_nothing_believed() -> None:
+    points, target, _, _, _ = scene(1000)
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
+    (told,) = posteriors_of([(task, [np.full(8, -1)])])
+    status, assignment = believed(told)
+    assert status is rm.Status.UNTRUSTED
+    assert (assignment == -1).all()
+    assert told.probability == 0.0
+
+
+def test_weights_of_candidates_count() -> None:
+    points, target, truth, _, _ = scene(1003)
+    target = np.vstack([target, target[3] + 0.05])
+    weights = np.ones((8, len(target)))
+    weights[3, 3] = 1e-3
+    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4, candidates=weights)
+    (told,) = posteriors_of([(task, [truth])])
+    assert told.modes.assignments[0][3] == len(target) - 1
+    assert told.confidence[3] > 0.9
