@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.backends import selection
+from rootmatch.deadline import checkpoint
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.detection_odds import MOST_DETECTED
 from rootmatch.explain.finding import Finding
@@ -53,6 +54,8 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
     if model is None or not default or options.backend in selection.ON_CARD:
         return None
+    with task.deadline.enforced():
+        checkpoint()  # what follows is done whole
     if is_small(model.clouds):
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
         labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
