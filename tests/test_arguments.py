@@ -84,8 +84,27 @@ def test_a_matcher_checks_its_normals_once() -> None:
 
 
 def test_a_matcher_names_an_unknown_option() -> None:
-    with pytest.raises(InputError, match="no option 'hyperedge'"):
-        rm.Matcher(SCENE.source, SCENE.problem, hyperedge="auto")
+    with pytest.raises(TypeError, match="'hyperedge'"):
+        rm.Matcher(SCENE.source, SCENE.problem, hyperedge="auto")  # type: ignore[call-arg]
+
+
+def test_a_matcher_keeps_no_array_of_the_caller() -> None:
+    """What is changed later changes no frame."""
+    n = len(SCENE.source)
+    target = np.asarray(SCENE.target)
+    given = {
+        "noise": np.full(len(target), 0.5),
+        "bodies": np.zeros(n, int),
+        "normals": np.tile((0.0, 0.0, -1.0), (n, 1)),
+    }
+    given["view_angle"] = np.full(n, 3.0)
+    matcher = rm.Matcher(SCENE.source, SCENE.problem, **given)
+    before = matcher.match(target)
+    for array in given.values():
+        array[:] = 3
+    after = matcher.match(target)
+    assert np.array_equal(before.assignment, after.assignment)
+    assert before.probability == after.probability
 
 
 def test_points_as_opencv_gives_them() -> None:

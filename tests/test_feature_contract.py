@@ -258,16 +258,10 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("rig", "auto noise"): "noise: a rig does not estimate it",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
-    ("Tracker", "weights"): "^Tracker: candidates",
-    ("Tracker", "candidates"): "^Tracker: candidates",
 }
 """Features that do not go together, and how the error begins that says so."""
 
-NOT_THE_TRACKERS = "the error names Matcher and its match(), of which the caller of a Tracker knows nothing"
-FAILS: dict[tuple[str, ...], str] = {
-    ("Tracker", "weights"): NOT_THE_TRACKERS,
-    ("Tracker", "candidates"): NOT_THE_TRACKERS,
-}
+FAILS: dict[tuple[str, ...], str] = {}
 """What does not hold yet, and why."""
 
 

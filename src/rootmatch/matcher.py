@@ -7,13 +7,15 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
-from rootmatch.errors import InputError, UnseenPixelError
+from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
@@ -21,16 +23,19 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.predicted_assignment import Found
 from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
 from rootmatch.explain.rig_copies import copies_task, is_rig
-from rootmatch.explain.task import OPTIONS, MatchingTask, MatchOptions
+from rootmatch.explain.task import MatchingTask, MatchOptions, SamplerName
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
+from rootmatch.samplers.base import Sampler
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
+from rootmatch.solvers import Solver
 
 
 class Matcher:
@@ -47,8 +52,12 @@ class Matcher:
     problem : Problem
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
-    **options
-        Of `rootmatch.match`: normals, view_angle, bodies, seed, residual, solver, hyperedges, motions, and so on.
+    normals, view_angle, detection_rate, bodies, motions
+        What is known of the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to a
+        frame: give them to `match`.
+    seed, max_seconds, progress, sampler, samples, residual, rho, solver, preset, backend, scheduler, \
+max_hyperedges, max_evaluations
+        As for `rootmatch.match`.
 
     Raises
     ------
@@ -64,14 +73,23 @@ class Matcher:
         noise: ArrayLike | Literal["auto"] = 1.0,
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
+        detection_rate: float | None = None,
         bodies: ArrayLike | None = None,
-        **options: Any,
+        motions: int | Literal["auto"] = 1,
+        seed: int = 0,
+        max_seconds: float | None = None,
+        progress: Progress | None = None,
+        sampler: SamplerName | Sampler | None = None,
+        samples: int | None = None,
+        residual: str | Residual | None = None,
+        rho: float | None = None,
+        solver: str | Solver | None = None,
+        preset: Literal["paper"] | None = None,
+        backend: selection.Name = "auto",
+        scheduler: str | None = None,
+        max_hyperedges: int = 5_000_000,
+        max_evaluations: int | None = None,
     ) -> None:
-        for name in options:
-            if name in ("target", "candidates", "prior"):
-                raise InputError(f"Matcher: {name} belongs to a frame; give it to match()")
-            if name not in OPTIONS:
-                raise InputError(f"Matcher: no option {name!r}; the options are {', '.join(sorted(OPTIONS))}")
         check_problem(problem)
         problem = problem.for_points(source)
         alone = bodies is None
@@ -85,7 +103,23 @@ class Matcher:
         self.view_angle = None if view_angle is None else np.array(view_angle, np.float64)
         self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
         self.bodies = None if bodies is None else np.array(bodies)
-        self.options = MatchOptions(**options)
+        self.options = MatchOptions(
+            seed=seed,
+            preset=preset,
+            sampler=sampler,
+            samples=samples,
+            residual=residual,
+            rho=rho,
+            solver=solver,
+            motions=motions,
+            backend=backend,
+            max_hyperedges=max_hyperedges,
+            max_evaluations=max_evaluations,
+            scheduler=scheduler,
+            progress=progress,
+            detection_rate=detection_rate,
+            max_seconds=max_seconds,
+        )
         self._sweep = SmallSweep()
 
     def match(
@@ -193,6 +227,7 @@ class Matcher:
         deadline: Deadline = NEVER,
         searching: bool = True,
         budget: int | None = None,
+        candidates: ArrayLike | None = None,
     ) -> Finding:
         """What is found of a frame for a tracker, which may bound its search.
 
@@ -200,10 +235,14 @@ class Matcher:
         search.
         """
         if searching:
-            return self.explained(target, noise=noise, prior=prior, deadline=deadline, budget=budget)
-        return self.explained(target, noise=noise, prior=prior, find=_bodies_not_searched)
+            return self.explained(
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget
+            )
+        return self.explained(target, noise=noise, candidates=candidates, prior=prior, find=_bodies_not_searched)
 
-    def tried(self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None) -> tuple[Finding, Found | None]:
+    def tried(
+        self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None, candidates: ArrayLike | None = None
+    ) -> tuple[Finding, Found | None]:
         """What a predicted pose of the only body finds, untrusted unless that is believed, and how sure it is."""
         known: list[Found | None] = [None]
 
@@ -211,7 +250,7 @@ class Matcher:
             finding, known[0] = tried(task)
             return finding
 
-        return self.explained(target, noise=noise, prior=prior, find=find), known[0]
+        return self.explained(target, noise=noise, candidates=candidates, prior=prior, find=find), known[0]
 
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -339,7 +339,3 @@ class MatchingTask:
             prior_pose=None,
             prior_poses={},
         )
-
-
-OPTIONS = frozenset(option.name for option in fields(MatchOptions))
-"""Names of the options of `rootmatch.match` that do not depend on a frame."""

@@ -174,4 +174,4 @@ class MotionFilter:
         change = np.eye(6)
         change[3:, :3] = cross_matrix(turned)
         covariance = change @ covariance @ change.T
-        return Pose.unchecked(R, t - turned, 0.5 * (covariance + covariance.T))
+        return Pose.unchecked(R.copy(), t - turned, 0.5 * (covariance + covariance.T))

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
@@ -18,11 +19,15 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.task import SamplerName
+from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.result import Match, report
+from rootmatch.samplers.base import Sampler
+from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.rival_poses import decided
 from rootmatch.tracking.searched_poses import challengers, searched
@@ -52,9 +57,11 @@ class Tracker:
         Standard deviation of a pixel coordinate, in pixels, unless `update` is given another.
     tracking : TrackingOptions
         Frame rate, patience, and how fast bodies may move.
-    **options
-        Of `rootmatch.match`: normals, view_angle, detection, bodies, max_seconds (which bounds the searches), and so
-        on.
+    normals, view_angle, detection_rate, bodies
+        What is known of the scene in every frame, as for `rootmatch.match`.
+    seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
+max_evaluations
+        Of the searches, as for `rootmatch.match`.
 
     Attributes
     ----------
@@ -74,11 +81,46 @@ class Tracker:
         *,
         noise: ArrayLike = 1.0,
         tracking: TrackingOptions = TRACKING,
-        **options: Any,
+        normals: ArrayLike | None = None,
+        view_angle: ArrayLike | None = None,
+        detection_rate: float | None = None,
+        bodies: ArrayLike | None = None,
+        seed: int = 0,
+        max_seconds: float | None = None,
+        progress: Progress | None = None,
+        sampler: SamplerName | Sampler | None = None,
+        samples: int | None = None,
+        residual: str | Residual | None = None,
+        rho: float | None = None,
+        solver: str | Solver | None = None,
+        backend: selection.Name = "auto",
+        scheduler: str | None = None,
+        max_hyperedges: int = 5_000_000,
+        max_evaluations: int | None = None,
     ) -> None:
         if isinstance(noise, str):
             raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels, as Matcher may estimate it")
-        self.matcher = Matcher(source, problem, noise=noise, **options)
+        self.matcher = Matcher(
+            source,
+            problem,
+            noise=noise,
+            normals=normals,
+            view_angle=view_angle,
+            detection_rate=detection_rate,
+            bodies=bodies,
+            seed=seed,
+            max_seconds=max_seconds,
+            progress=progress,
+            sampler=sampler,
+            samples=samples,
+            residual=residual,
+            rho=rho,
+            solver=solver,
+            backend=backend,
+            scheduler=scheduler,
+            max_hyperedges=max_hyperedges,
+            max_evaluations=max_evaluations,
+        )
         Capability.PRIOR.require(problem.takes_prior, problem.name)
         self.tracking = tracking
         self.time: float | None = None
@@ -133,6 +175,7 @@ class Tracker:
         time: float | None = None,
         prior: Pose | Mapping[Label, Pose] | None = None,
         noise: ArrayLike | None = None,
+        candidates: ArrayLike | None = None,
         max_seconds: float | None = None,
     ) -> Match:
         """The match of the next frame.
@@ -148,6 +191,8 @@ class Tracker:
             What is known better than by the tracker's own prediction, say from an inertial sensor.
         noise : float or (n',) array, optional
             Of this frame.
+        candidates : (n, n') array, optional
+            Possible correspondences of this frame, or their prior weights; see `rootmatch.match`.
         max_seconds : float, optional
             Bounds the search of this frame.
 
@@ -166,12 +211,12 @@ class Tracker:
         self._frame += 1
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
         if self.labels is not None:
-            found = self._match_bodies(target, when, prior, noise, deadline)
+            found = self._match_bodies(target, when, prior, noise, deadline=deadline, candidates=candidates)
         elif prior is not None:
-            found = self.matcher.follow(target, prior, noise, deadline, budget=self._budget)
+            found = self.matcher.follow(target, prior, noise, deadline, budget=self._budget, candidates=candidates)
             self._bodies[None].take(found, True, when)
         else:
-            found = self._match_one(target, when, noise, deadline)
+            found = self._match_one(target, when, noise, deadline, candidates)
         self.time = when
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
@@ -180,15 +225,22 @@ class Tracker:
         """Evaluations of a search; None for the first frame, which may take as many as `rootmatch.match`."""
         return None if self.time is None else self.tracking.search_budget
 
-    def _match_one(self, target: ArrayLike, when: float, noise: ArrayLike | None, deadline: Deadline) -> Finding:
+    def _match_one(
+        self,
+        target: ArrayLike,
+        when: float,
+        noise: ArrayLike | None,
+        deadline: Deadline,
+        candidates: ArrayLike | None,
+    ) -> Finding:
         """What is found of a frame with one body: with its prediction, or several, and searched where none holds."""
         body = self._bodies[None]
 
         def search() -> Finding:
-            return self.matcher.follow(target, None, noise, deadline, budget=self._budget)
+            return self.matcher.follow(target, None, noise, deadline, budget=self._budget, candidates=candidates)
 
         def follow(pose: Pose) -> tuple[Finding, Found | None]:
-            return self.matcher.tried(target, pose, noise)
+            return self.matcher.tried(target, pose, noise, candidates)
 
         if not body.rivals:
             found = search()
@@ -230,7 +282,9 @@ class Tracker:
         when: float,
         prior: Pose | Mapping[Label, Pose] | None,
         noise: ArrayLike | None,
+        *,
         deadline: Deadline,
+        candidates: ArrayLike | None,
     ) -> Finding:
         """What is found of a frame with several bodies."""
         given = {label: pose for label, pose in self.predicted(when).items() if label is not None}
@@ -240,7 +294,9 @@ class Tracker:
             raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
         lost = self.time is None or any(body.state is not TrackingState.TRACKING for body in self._bodies.values())
         searching = lost and (self._frame - 1) % self.tracking.search_every == 0
-        found = self.matcher.follow(target, given, noise, deadline, searching=searching, budget=self._budget)
+        found = self.matcher.follow(
+            target, given, noise, deadline, searching=searching, budget=self._budget, candidates=candidates
+        )
         assert found.parts is not None
         for label, body in self._bodies.items():
             body.take(found.parts[label], label in given, when)  # type: ignore[index]
