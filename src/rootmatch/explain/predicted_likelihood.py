@@ -14,8 +14,9 @@ from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
-from rootmatch.explain.image_density import clutter_area, crowded_density, squared_deviations
+from rootmatch.explain.image_density import crowded_density, squared_deviations
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.clutter import clutter_area
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
 
