@@ -1,4 +1,4 @@
-"""A wheel's kernels serve what the README shows without compiling; a kernel that `rootmatch.warmup` misses is found.
+"""A wheel's kernels serve what README and pages show without compiling; a kernel that `rootmatch.warmup` misses is found.
 
 They run where the package is installed with kernels (`make smoke-wheel`, which `.ci/run` calls): each call in a process
 of its own whose cache is empty, by the compiler's own counters.
@@ -86,8 +86,8 @@ def programs() -> Iterator[tuple[str, str]]:
     yield (
         "README's frames",
         (
-            matching("p3p_scene(10, 5, 0.5, 1)") + "tracker = rm.Matcher(scene.source, scene.problem, noise=0.5)\n"
-            "for _ in range(3):\n    tracker.update(scene.target)\n"
+            matching("p3p_scene(10, 5, 0.5, 1)") + "matcher = rm.Matcher(scene.source, scene.problem, noise=0.5)\n"
+            "for _ in range(3):\n    matcher.match(scene.target)\n"
         ),
     )
     yield (
@@ -103,11 +103,11 @@ PROGRAMS = dict(programs())
 
 
 def commands() -> list[str]:
-    """The arguments of the README's first two commands."""
-    text = README.partition("## From the command line")[2].replace("\\\n", " ")
-    found = re.findall(r"^ +rootmatch ((?:simulate|match) [^\n]*)", text, re.MULTILINE)
-    assert len(found) == 2
-    return found
+    """The arguments of the first two commands that the page on the command line runs."""
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    found = re.findall(r"^ +\$ rootmatch ((?:simulate|match) [^\n]*)", text, re.MULTILINE)
+    assert [words.split()[0] for words in found[:2]] == ["simulate", "match"]
+    return found[:2]
 
 
 def run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -125,7 +125,7 @@ def test_nothing_is_compiled(name: str, tmp_path: Path) -> None:
 
 
 @needs_kernels
-def test_the_commands_of_the_readme_compile_nothing(tmp_path: Path) -> None:
+def test_the_first_commands_compile_nothing(tmp_path: Path) -> None:
     simulate, match = commands()
     call = "from rootmatch.cli import main\nsys.argv[1:] = {words!r}.split()\ntry:\n    main()\n"
     call += "except SystemExit as end:\n    assert not end.code, end.code\n"
