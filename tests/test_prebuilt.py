@@ -1,4 +1,4 @@
-"""A wheel's kernels serve what README and pages show without compiling; a kernel that `rootmatch.warmup` misses is found.
+"""Kernels of a wheel serve what README and pages show, without compiling; one that `rootmatch.warmup` misses is found.
 
 They run where the package is installed with kernels (`make smoke-wheel`, which `.ci/run` calls): each call in a process
 of its own whose cache is empty, by the compiler's own counters.
