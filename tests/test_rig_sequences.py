@@ -19,11 +19,12 @@ import rootmatch as rm
 from rig_scenes import LABELS, NOISE, VIEW, RigScene, controllers, four_about, frame, headset
 from rootmatch.cli import app
 from rootmatch.errors import InputError
-from rootmatch.explain.image_density import clutter_area, crowded_density
+from rootmatch.explain.image_density import crowded_density
 from rootmatch.explain.predicted_likelihood import PriorFrame
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
+from rootmatch.model.clutter import clutter_area
 from rootmatch.report.json_record import match_record
 from rootmatch.samplers.guided.detection_grid import local_density
 

@@ -169,6 +169,8 @@ def warm() -> None:
     camera = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
     for problem in (rm.P3P(camera), rm.UP2P(camera)):
         rm.match(_world, _image, problem, noise=0.5)
+    for problem in (rm.PlanarMotion(camera), rm.Similarity(2), rm.Rigid(2)):
+        _ = rm.match(_image, _image, problem, noise=0.5).score  # which is computed when it is read
 
 
 def prepared(folder: Path) -> None:
