@@ -78,7 +78,8 @@ def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     matched = int(np.count_nonzero(assignment >= 0))
     density = CROWDING * (n_target - matched + HALF) / task.image_area
     odds = np.full((n, n_target), -np.log(density))
-    odds += candidate_log_odds(task)
+    if task.weights is not None:
+        odds += candidate_log_odds(task)
     if task.allowed is not None:
         odds[~task.allowed] = -np.inf
     return odds

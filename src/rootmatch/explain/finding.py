@@ -98,11 +98,6 @@ class Finding:
         return self.facts.probability
 
     @property
-    def matched(self) -> int:
-        """Number of matched points."""
-        return int((self.assignment >= 0).sum())
-
-    @property
     def every(self) -> list[Integers]:
         """The assignment and the others."""
         return [self.assignment, *self.others]

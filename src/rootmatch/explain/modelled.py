@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.decide import Status
+from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
@@ -53,10 +54,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
     if isinstance(problem, UP2P):
         world, vertical = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
         prior = Upright(world, vertical, float(problem.vertical_noise))
-    log_weights = None
-    if task.weights is not None:
-        with np.errstate(divide="ignore"):
-            log_weights = np.log(task.weights / max(float(task.weights.max(initial=0.0)), 1e-300))
+    log_weights = None if task.weights is None else candidate_log_odds(task)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         rate=task.options.detection_rate, prior=prior, allowed=task.allowed, log_weights=log_weights,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,9 +59,3 @@ def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:
     inside = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + np.exp(np.clip(-LOGISTIC * inside / sigma, -700.0, 700.0))))
-
-
-def solid_angle(fx: float, fy: float, size: tuple[float, float]) -> float:
-    """Solid angle in steradians of a pinhole image whose principal point is its centre."""
-    a, b = size[0] / (2.0 * fx), size[1] / (2.0 * fy)
-    return 4.0 * math.atan(a * b / math.sqrt(1.0 + a * a + b * b))
