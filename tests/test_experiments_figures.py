@@ -166,6 +166,22 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     assert again == {name: before[name] for name in again}
 
 
+def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_path):
+    met = set()
+
+    def noted(unit):
+        met.update(task.setting.problem for task in unit.tasks)
+        return fake(unit)
+
+    done = reproduce(("up2p",), tmp_path, instances=1, jobs=1, function=noted)
+    assert met == {"up2p"}
+    assert done.rhos.problems == ("up2p",)
+    assert done.rhos.chosen("qr", "up2p", "one") == RHO["up2p"]
+    lines = list(csv.DictReader(io.StringIO((tmp_path / "rho-scan.csv").read_text())))
+    assert {line["problem"] for line in lines} == {"all", "up2p"}
+    assert "| residual | ρ | up2p |" in (tmp_path / "claims.md").read_text(encoding="utf-8")
+
+
 def test_writing_replaces_and_leaves_no_parts(tmp_path):
     (tmp_path / "claims.md").write_text("old")
     write(made_up_table(accuracy, problems=()), tmp_path, "new")

@@ -18,7 +18,7 @@ from rootmatch.experiments.plan import (
     Table,
 )
 from rootmatch.experiments.rho import RESIDUALS, RULE_NAMES, RULES, SCAN_INSTANCES, SCAN_SAMPLES, Rule
-from rootmatch.experiments.settings import PANELS, PROBLEMS, SCAN_SEED, SCAN_SETTINGS, TITLES, Setting, has_svd
+from rootmatch.experiments.settings import PANELS, SCAN_SEED, SCAN_SETTINGS, TITLES, Setting, has_svd
 from rootmatch.experiments.statistics import estimate
 from rootmatch.experiments.verdict import LOST, Case, verdict
 
@@ -114,20 +114,21 @@ def _origin(table: Table, versions: list[str], seconds: float) -> list[str]:
 
 
 def _rhos(table: Table) -> list[str]:
-    count = sum(len(SCAN_SETTINGS[problem]) for problem in PROBLEMS)
+    problems = table.rhos.problems
+    count = sum(len(SCAN_SETTINGS[problem]) for problem in problems)
     lines = [
         f"Chosen on {', '.join(f'{k} ({residual})' for residual, k in SCAN_INSTANCES.items())} instances, seeds from "
         f"{SCAN_SEED} on, which are not reported, of "
-        f"each of {count} settings at {SCAN_SAMPLES:,} samples: the highest mean accuracy of the sparse solver, of "
-        "equals the smallest. In brackets the accuracy of the scan, and on what share of resampled scenes the same ρ "
-        "is chosen, with the next most frequent choice.",
+        f"each of {count} settings of {', '.join(TITLES[p] for p in problems)} at {SCAN_SAMPLES:,} samples: "
+        "the highest mean accuracy of the sparse solver, of equals the smallest. In brackets the accuracy of the scan, "
+        "and on what share of resampled scenes the same ρ is chosen, with the next most frequent choice.",
         "",
     ]
     rows = []
     for residual in RESIDUALS:
         for rule in RULES:
-            rows.append((residual, RULE_NAMES[rule], *(_choice(table, residual, p, rule) for p in PROBLEMS)))
-    return lines + _markdown_table(("residual", "ρ", *(TITLES[p] for p in PROBLEMS)), rows)
+            rows.append((residual, RULE_NAMES[rule], *(_choice(table, residual, p, rule) for p in problems)))
+    return lines + _markdown_table(("residual", "ρ", *(TITLES[p] for p in problems)), rows)
 
 
 def _choice(table: Table, residual: str, problem: str, rule: Rule) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rootmatch.experiments.plan import SPARSE, Table, plan_of
 from rootmatch.experiments.rho import GRID, RESIDUALS, RULES, SCAN_SAMPLES, Rhos, Rule
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, PANELS, PROBLEMS, Method, Setting
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, PANELS, Method, Setting
 from rootmatch.experiments.statistics import estimates
 
 
@@ -101,7 +101,7 @@ def scan_csv(rhos: Rhos) -> str:
     writer.writerow(["residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"])
     for residual in RESIDUALS:
         for rule in RULES:
-            for problem in ("all",) if rule == "one" else PROBLEMS:
+            for problem in ("all",) if rule == "one" else rhos.problems:
                 chosen, curve = rhos.chosen(residual, problem, rule), rhos.curve(residual, problem, rule)
                 for rho, mean in zip(GRID, curve, strict=True):
                     values = (residual, problem, rule, SPARSE, SCAN_SAMPLES, rho, round(mean, 6), int(rho == chosen))

@@ -122,9 +122,9 @@ def draw_scan(rhos: Rhos) -> Figure:
     figure = Figure(figsize=(13.0, 4.8))
     colours = dict(zip(PROBLEMS, ("#0072B2", "#E69F00", "#009E73"), strict=True))
     looks: list[tuple[str, Rule, str, dict[str, Any]]] = [("all", "one", "mean of the problems", {"color": "#000000"})]
-    for problem, colour in colours.items():
-        looks.append((problem, "own", TITLES[problem], {"color": colour}))
-        thin = {"color": colour, "linestyle": ":", "linewidth": 1.2, "markerfacecolor": "white"}
+    for problem in rhos.problems:
+        looks.append((problem, "own", TITLES[problem], {"color": colours[problem]}))
+        thin = {"color": colours[problem], "linestyle": ":", "linewidth": 1.2, "markerfacecolor": "white"}
         looks.append((problem, "exact", f"{TITLES[problem]}, noise-free scenes alone", thin))
     for axis, residual in zip(figure.subplots(1, len(RESIDUALS), sharey=True), RESIDUALS, strict=True):
         for problem, rule, name, look in looks:

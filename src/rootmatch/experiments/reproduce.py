@@ -46,7 +46,7 @@ def reproduce(
     Parameters
     ----------
     problems : tuple of str
-        Of ``"p3p"``, ``"3p1"``, ``"up2p"``. ρ is chosen over all three in any case.
+        Of ``"p3p"``, ``"3p1"``, ``"up2p"``. The one ρ is chosen over these, and over what the folder has scanned whole.
     output : Path
         Folder of ``results.sqlite``, the figures (PNG and SVG), the curves (CSV) and ``claims.md``. The same call on
         the same folder goes on where an earlier one stopped; more instances or problems add to what is there.
@@ -81,13 +81,19 @@ def reproduce(
                 progress.begin(title, sum(unit.rows for unit in work))
             run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
 
+        scanned = tuple(p for p in PROBLEMS if p in ordered or _is_scanned(p, store))
         for residual in RESIDUALS:
-            complete(f"choosing ρ for {residual}", scan_plan(residual), scan_seeds(residual))
-        rhos = choose(store)
+            complete(f"choosing ρ for {residual}", scan_plan(residual, scanned), scan_seeds(residual))
+        rhos = choose(store, scanned)
         complete(f"{', '.join(ordered)}: {instances} instances", plan_of(ordered, rhos), seeds)
         table = Table.read(store, ordered, rhos, seeds)
         files = write(table, output, claims_markdown(table, store.versions(), store.seconds()))
     return Reproduction(files, rhos)
+
+
+def _is_scanned(problem: str, store: Store) -> bool:
+    """Whether a store holds the whole scan of a problem."""
+    return not any(units(scan_plan(residual, (problem,)), scan_seeds(residual), store) for residual in RESIDUALS)
 
 
 def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:

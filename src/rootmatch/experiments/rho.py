@@ -3,9 +3,9 @@
 The paper sets ρ "empirically" and keeps it "constant for all the instances and problems". Here it is chosen on seeds
 that are not reported, by this rule: of the grid, the ρ with the highest mean accuracy of the sparse solver over the
 scanned settings and instances; of several equals the smallest, which keeps the fewest hyper-edges. One ρ for all
-problems is chosen on the mean of the problems' means, so that each problem counts alike. As noise-free scenes take a
-far smaller ρ than noisy ones, and a ρ between serves neither, each problem has two of its own: one chosen on its noisy
-scenes alone, one on its noise-free scenes alone.
+problems that were scanned is chosen on the mean of their means, so that each problem counts alike. As noise-free scenes
+take a far smaller ρ than noisy ones, and a ρ between serves neither, each problem has two of its own: one chosen on its
+noisy scenes alone, one on its noise-free scenes alone.
 
 How firm a choice is, resampled scenes tell: how often another ρ would have been chosen on them.
 """
@@ -47,9 +47,9 @@ def scan_seeds(residual: str) -> range:
     return range(SCAN_SEED, SCAN_SEED + SCAN_INSTANCES[residual])
 
 
-def scan_plan(residual: str) -> Plan:
+def scan_plan(residual: str, problems: tuple[str, ...] = PROBLEMS) -> Plan:
     """Every ρ of the grid on each setting of the scan; the problems in turn."""
-    by_outliers = sorted((s for p in PROBLEMS for s in SCAN_SETTINGS[p]), key=lambda s: s.outliers)
+    by_outliers = sorted((s for p in problems for s in SCAN_SETTINGS[p]), key=lambda s: s.outliers)
     methods = tuple((Method(residual, SCAN_SOLVER, rho), (SCAN_SAMPLES,)) for rho in GRID)
     return {setting: methods for setting in by_outliers if residual != "svd" or has_svd(setting)}
 
@@ -69,10 +69,15 @@ class Rhos:
     own: dict[tuple[str, str], NDArray[np.float64]]
     exact: dict[tuple[str, str], NDArray[np.float64]]
 
+    @cached_property
+    def problems(self) -> tuple[str, ...]:
+        """Those that were scanned."""
+        return tuple(problem for problem in PROBLEMS if any(problem == p for _, p in self.whole))
+
     def by_seed(self, residual: str, problem: str, rule: Rule) -> NDArray[np.float64]:
         """The curve of each seed, (seeds, len(GRID))."""
         if rule == "one":
-            mean: NDArray[np.float64] = np.mean([self.whole[residual, p] for p in PROBLEMS], axis=0)
+            mean: NDArray[np.float64] = np.mean([self.whole[residual, p] for p in self.problems], axis=0)
             return mean
         return (self.own if rule == "own" else self.exact)[residual, problem]
 
@@ -106,11 +111,11 @@ def best(curve: NDArray[np.float64]) -> float:
     return GRID[int(np.argmax(np.round(curve, 9)))]
 
 
-def choose(store: Store) -> Rhos:
+def choose(store: Store, problems: tuple[str, ...] = PROBLEMS) -> Rhos:
     """Accuracies of a finished scan."""
     whole, own, exact = {}, {}, {}
     for residual in RESIDUALS:
-        for problem in PROBLEMS:
+        for problem in problems:
             settings = [s for s in SCAN_SETTINGS[problem] if residual != "svd" or has_svd(s)]
             by_setting = np.array([_accuracies(store, setting, residual) for setting in settings])
             noise_free = np.array([s.noise == 0.0 for s in settings])
