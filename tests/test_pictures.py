@@ -198,7 +198,7 @@ def test_poses_are_drawn_to_a_scale_that_is_said(tmp_path: Path) -> None:
     centre, reach = scene.source.mean(axis=0), scene.source.std(axis=0)
     for axis, name in zip(np.eye(3), "xyz", strict=True):
         end = centre + REACH * np.sqrt((reach**2).mean()) * axis
-        np.testing.assert_allclose(ends[name], camera.project(pose.apply(end)))
+        np.testing.assert_allclose(ends[name], camera.project(pose.transform(end)))
     assert right.images[0].get_extent() == [-0.5, 639.5, 479.5, -0.5]
     assert right.get_xlim() == (-0.5, 639.5)
 

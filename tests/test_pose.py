@@ -21,8 +21,8 @@ def test_a_pose_holds_what_it_was_given() -> None:
     np.testing.assert_array_equal(pose.covariance, covariance)
     np.testing.assert_allclose(pose.quaternion, Rotation.from_matrix(R).as_quat(canonical=True))
     points = np.random.default_rng(0).normal(size=(5, 3))
-    np.testing.assert_allclose(pose.apply(points), points @ R.T + T)
-    np.testing.assert_allclose(rm.Pose(R, T, scale=2.0).apply(points), 2.0 * points @ R.T + T)
+    np.testing.assert_allclose(pose.transform(points), points @ R.T + T)
+    np.testing.assert_allclose(rm.Pose(R, T, scale=2.0).transform(points), 2.0 * points @ R.T + T)
 
 
 def test_rounding_is_mended() -> None:

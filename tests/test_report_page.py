@@ -61,7 +61,7 @@ def test_the_page_holds_the_match(scene: Any, match: rm.Match, tmp_path: Path) -
     # the camera's centre, and a corner that lies straight in front of it
     centre, *corners = np.array(view["poses"][0]["frustum"])
     np.testing.assert_allclose(centre, -pose.R.T @ pose.t)
-    assert np.all(pose.apply(corners)[:, 2] > 0.0)
+    assert np.all(pose.transform(corners)[:, 2] > 0.0)
     assert "<title>eight points</title>" in page.read_text(encoding="utf-8")
 
 

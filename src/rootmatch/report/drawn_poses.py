@@ -79,7 +79,7 @@ def _draw_frame(axes: Any, pose: Pose, points: Floats, camera: CameraModel | Non
     """The axes of the model's frame at the middle of the points, as the camera sees them, or in space."""
     centre = points.mean(axis=0)
     reach = math.sqrt(float(((points - centre) ** 2).mean()))
-    ends = pose.apply(np.vstack([centre, centre + REACH * reach * np.eye(3)]))
+    ends = pose.transform(np.vstack([centre, centre + REACH * reach * np.eye(3)]))
     if not hasattr(axes, "get_proj"):
         if camera is None or camera.dimension != 2 or not np.all(camera.sees(ends)):
             return

@@ -24,7 +24,8 @@ from rootmatch.problems.pose_fit.descent import (
     lowest_of,
     polished,
 )
-from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses

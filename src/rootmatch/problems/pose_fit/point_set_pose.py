@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import Floats, State, covariance_of, descended
-from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.pose import Pose
 
 Integers = NDArray[np.int64]
 

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.errors import InputError
-from rootmatch.problems.gate import GATE
+from rootmatch.errors import InputError, quoted
+from rootmatch.problems.pose_fit.pose_checks import (
+    ROUNDED,
+    checked_covariance,
+    checked_rotation,
+    numbers,
+    rotation_of_quaternion,
+)
+from rootmatch.problems.pose_fit.registration_error import (
+    RegistrationError,
+    registration_error,
+    turn_jacobian,
+)
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -18,10 +29,14 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ROUNDED = 1e-3
-"""Deviation of RᵀR from the identity that is put down to rounding, as of a matrix in single precision or in a file."""
-ASYMMETRIC = 1e-6
-"""Relative asymmetry, and negative eigenvalue over the largest, of a covariance that is put down to rounding."""
+AXES = {
+    "opencv": np.eye(3),
+    "opengl": np.diag([1.0, -1.0, -1.0]),
+    "openxr": np.diag([1.0, -1.0, -1.0]),
+    "ros": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
+}
+"""Rotations from OpenCV's camera axes (x right, y down, z forward): to x right, y up, z backward; and to x forward,
+y left, z up, as REP 103 has a body's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +104,11 @@ class Pose:
     mirrored: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        R = _checked_rotation(self.R, self.mirrored)
-        t = _numbers(self.t, "t", f"{len(R)} numbers")
+        R = checked_rotation(self.R, self.mirrored)
+        t = numbers(self.t, "t", f"{len(R)} numbers")
         if t.size != len(R):
             raise InputError(f"pose: t of shape {t.shape} given, ({len(R)},) expected")
-        covariance = None if self.covariance is None else _checked_covariance(self.covariance, len(R))
+        covariance = None if self.covariance is None else checked_covariance(self.covariance, len(R))
         self.__dict__.update(R=R, t=t.reshape(-1), covariance=covariance)
 
     @classmethod
@@ -130,6 +145,42 @@ class Pose:
         known = None if covariance is None else np.asarray(covariance, np.float64)
         return cls(values[:k, :k] / scale, values[:k, k], known, scale=scale, mirrored=determinant < 0.0)
 
+    @classmethod
+    def from_rvec(cls, rvec: ArrayLike, t: ArrayLike, covariance: ArrayLike | None = None) -> Pose:
+        """The pose of a rotation vector (3,), radians, and a translation, as ``cv2.solvePnP`` returns them.
+
+        Raises
+        ------
+        InputError
+            As `Pose`.
+        """
+        from scipy.spatial.transform import Rotation  # slow to import, rarely needed
+
+        turn = numbers(rvec, "rvec", "3 numbers")
+        if turn.size != 3:
+            raise InputError(f"pose: rvec of shape {turn.shape} given, (3,) expected")
+        return cls(Rotation.from_rotvec(turn.reshape(3)).as_matrix(), t, covariance)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_quaternion(
+        cls, quaternion: ArrayLike, t: ArrayLike, covariance: ArrayLike | None = None, *, order: Literal["xyzw", "wxyz"]
+    ) -> Pose:
+        """The pose of a unit quaternion (4,) and a translation.
+
+        Parameters
+        ----------
+        quaternion, t, covariance : arrays
+        order : {"xyzw", "wxyz"}
+            Which number is first: x for SciPy, ROS, OpenXR and TUM, w for COLMAP and Eigen's constructor. It has no
+            default, as the wrong one is a rotation too.
+
+        Raises
+        ------
+        InputError
+            If the order is neither, the length is not 1, or as `Pose`.
+        """
+        return cls(rotation_of_quaternion(quaternion, order), t, covariance)  # type: ignore[arg-type]
+
     @property
     def matrix(self) -> Floats:
         """The homogeneous matrix (k + 1, k + 1): [[scale · R, t], [0, 1]]."""
@@ -139,8 +190,13 @@ class Pose:
 
     @property
     def quaternion(self) -> Floats:
-        """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of SciPy, ROS and TUM."""
+        """The rotation in space as a unit quaternion (x, y, z, w), w ≥ 0: the order of SciPy, ROS, OpenXR and TUM."""
         return np.asarray(self._rotation("quaternion").as_quat(canonical=True))
+
+    @property
+    def quaternion_wxyz(self) -> Floats:
+        """The same as (w, x, y, z): the order of COLMAP and of Eigen's constructor."""
+        return np.roll(self.quaternion, 1)
 
     @property
     def rvec(self) -> Floats:
@@ -166,7 +222,7 @@ class Pose:
             k, turns = len(self.R), _turns(len(self.R))
             jacobian = np.eye(len(self.covariance))
             jacobian[:turns, :turns] = (1.0 if self.mirrored else -1.0) * (self.R.T if turns == 3 else 1.0)
-            jacobian[turns : turns + k, :turns] = back @ _turned(self.t)
+            jacobian[turns : turns + k, :turns] = back @ turn_jacobian(self.t)
             jacobian[turns : turns + k, turns : turns + k] = -back
             if self._scale_is_estimated:
                 jacobian[-1, -1] = -1.0 / self.scale**2
@@ -177,7 +233,7 @@ class Pose:
         )
 
     def __matmul__(self, other: Pose) -> Pose:
-        """The motion after another one: ``(a @ b).apply(x) == a.apply(b.apply(x))``.
+        """The motion after another one: ``(a @ b).transform(x) == a.transform(b.transform(x))``.
 
         Errors count to first order and as independent; a pose without a covariance counts as exact. What belongs to a
         fit is left out, and so is a focal length.
@@ -197,7 +253,7 @@ class Pose:
             k, turns = len(self.R), _turns(len(self.R))
             size = turns + k + (self._scale_is_estimated or other._scale_is_estimated)
             first, second = np.eye(size), np.eye(size)
-            first[turns : turns + k, :turns] = _turned(moved)
+            first[turns : turns + k, :turns] = turn_jacobian(moved)
             second[:turns, :turns] = self.R if turns == 3 else 1.0
             if self.mirrored:
                 second[:turns, :turns] *= -1.0
@@ -229,9 +285,58 @@ class Pose:
             out[:kept, :kept] = self.covariance[:kept, :kept]
         return out
 
-    def apply(self, points: ArrayLike) -> Floats:
+    def transform(self, points: ArrayLike) -> Floats:
         """Points (…, k) of the source frame in the target frame: scale · R x + t."""
         return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
+
+    def in_axes(self, axes: Literal["opencv", "opengl", "openxr", "ros"]) -> Pose:
+        """The same pose with the camera's axes as another library has them, its covariance with them.
+
+        Parameters
+        ----------
+        axes : {"opencv", "opengl", "openxr", "ros"}
+            x right, y down, z forward (this library's own); x right, y up, z backward; x forward, y left, z up.
+
+        Raises
+        ------
+        InputError
+            For other axes, and for a pose in a plane.
+        """
+        if axes not in AXES:
+            raise InputError(f"pose: axes {quoted(axes)} given; give one of {', '.join(AXES)}")
+        return Pose(AXES[axes], np.zeros(3)) @ self
+
+    def tre(self, points: ArrayLike) -> RegistrationError:
+        """Target registration error: how far off this pose is expected to put points (…, k) of the source frame.
+
+        It is the error of points that took no part in the fit, to first order, by the covariance; that of the fiducials
+        themselves is `fre`.
+
+        Raises
+        ------
+        InputError
+            If the pose has no covariance, or the points are none of its source frame.
+        """
+        return registration_error(self.R, self.scale, self.covariance, points)
+
+    @property
+    def fre(self) -> float:
+        """Fiducial registration error of two point sets: root mean square distance of fitted points, after the fit.
+
+        It says little about `tre`: fewer fiducials fit better and register worse.
+
+        Raises
+        ------
+        InputError
+            If the pose was not fitted to two point sets: in an image there is ``rms``, in pixels.
+        """
+        size = 0 if self.covariance is None else len(self.covariance)
+        count = 0 if self.points is None else len(self.points)
+        if (
+            self.rms is None or self.dof is None or self.dof + size != len(self.R) * count
+        ):  # images have two coordinates
+            raise InputError("pose: FRE is of a pose fitted to two point sets; take rms, which is in pixels")
+        return self.rms
 
 
 def _turns(k: int) -> int:
@@ -239,111 +344,4 @@ def _turns(k: int) -> int:
     return 3 if k == 3 else 1
 
 
-def _turned(x: Floats) -> Floats:
-    """Derivative (k, angles) of Exp(ω) x by ω, at ω = 0: ω × x."""
-    if len(x) == 2:
-        return np.array([[-x[1]], [x[0]]])
-    return np.array([[0.0, x[2], -x[1]], [-x[2], 0.0, x[0]], [x[1], -x[0], 0.0]])
-
-
 _RIGID = {one.name: one.default for one in fields(Pose) if one.default is not MISSING}
-
-
-def fitted_pose(
-    R: Floats,
-    t: Floats,
-    covariance: Floats,
-    *,
-    chi2: float,
-    dof: int,
-    points: Integers,
-    predicted: Floats,
-    residuals: Floats,
-    sigma: Floats,
-    scale: float = 1.0,
-    focal: float | None = None,
-) -> Pose:
-    """A pose with what its fit says; ``sigma`` (m,) of each of the residuals on one axis."""
-    if np.abs(R.T @ R - np.eye(len(R))).max() > 1e-12:  # hundreds of steps, and wide ones where points say little
-        u, _, vt = np.linalg.svd(R)
-        R = u @ vt
-    return Pose(
-        R,
-        t,
-        _nearest_covariance(covariance),
-        scale=scale,
-        focal=focal,
-        chi2=chi2,
-        dof=dof,
-        rms=float(np.sqrt((residuals**2).mean())),
-        rms_sigma=float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan"),
-        points=points,
-        predicted=predicted,
-        residuals=residuals,
-        inliers=points[residuals <= GATE * sigma],
-        mirrored=bool(np.linalg.det(R) < 0.0),
-    )
-
-
-def _nearest_covariance(matrix: Floats) -> Floats | None:
-    """The covariance nearest to a matrix that is one up to rounding, which is large where points determine little.
-
-    None where they do not determine the pose at all: no number of the covariance can be believed then.
-    """
-    matrix = 0.5 * (matrix + matrix.T)
-    if not np.all(np.isfinite(matrix)):
-        return None
-    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.outer(deviation, deviation)
-    scaled = matrix / np.where(unit > 0.0, unit, 1.0)
-    if not np.all(np.isfinite(scaled)):
-        return None
-    values, vectors = np.linalg.eigh(scaled)
-    if values[0] >= 0.0:
-        return matrix
-    return np.asarray(unit * ((vectors * np.maximum(values, 0.0)) @ vectors.T))
-
-
-def _numbers(value: ArrayLike, name: str, expected: str) -> Floats:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"pose: {name} is not an array of numbers; give {expected}") from None
-    if not np.all(np.isfinite(array)):
-        raise InputError(f"pose: {name} holds NaN or infinity; give {expected}")
-    return array
-
-
-def _checked_rotation(value: ArrayLike, mirrored: bool) -> Floats:
-    """The rotation, or reflection, nearest to a matrix that is one up to rounding."""
-    R = _numbers(value, "R", "a rotation matrix (3, 3)")
-    if R.shape not in ((3, 3), (2, 2)):
-        raise InputError(f"pose: R of shape {R.shape} given; give a rotation matrix (3, 3), or (2, 2) in a plane")
-    off = float(np.abs(R.T @ R - np.eye(len(R))).max())
-    if off > ROUNDED or (len(R) == 3 and np.linalg.det(R) < 0.0 and not mirrored):
-        why = f"RᵀR is {off:.2g} off the identity" if off > ROUNDED else "its determinant is −1, a reflection"
-        raise InputError(f"pose: R is no rotation, {why}; give an orthonormal matrix with determinant 1")
-    if off > 1e-12:
-        u, _, vt = np.linalg.svd(R)
-        R = u @ vt
-    return R
-
-
-def _checked_covariance(value: ArrayLike, dimension: int) -> Floats:
-    """A symmetric covariance without negative eigenvalues."""
-    size = 6 if dimension == 3 else 3
-    covariance = _numbers(value, "covariance", f"a matrix ({size}, {size})")
-    if covariance.shape not in ((size, size), (size + 1, size + 1)):
-        raise InputError(f"pose: covariance of shape {covariance.shape} given, ({size}, {size}) expected")
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    unit = np.outer(deviation, deviation)  # angles and lengths have units of their own
-    if np.any(np.abs(covariance - covariance.T) > ASYMMETRIC * np.maximum(unit, np.abs(covariance))):
-        raise InputError("pose: the covariance is not symmetric; give cov(a, b) = cov(b, a)")
-    covariance = 0.5 * (covariance + covariance.T)
-    scaled = covariance / np.where(unit > 0.0, unit, 1.0)
-    least = float(np.linalg.eigvalsh(scaled)[0])
-    if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
-        raise InputError(
-            "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"
-        )
-    return covariance

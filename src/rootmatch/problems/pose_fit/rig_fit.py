@@ -20,7 +20,8 @@ from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit, absolute_fit
 from rootmatch.problems.pose_fit.base import Floats, invertible
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
-from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 

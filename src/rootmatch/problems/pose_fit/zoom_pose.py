@@ -11,7 +11,8 @@ from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.absolute import Upright
 from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.pose import Pose, fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
 
 Integers = NDArray[np.int64]

@@ -191,7 +191,7 @@ def _predict_unmatched(match: Match, pose: Pose, assignment: Integers, predicted
     unmatched = np.flatnonzero(assignment < 0)
     if camera is None or not len(unmatched) or len({int(m) for m in match.motion_labels if m >= 0}) > 1:
         return
-    moved = pose.apply(match.source[unmatched])
+    moved = pose.transform(match.source[unmatched])
     shown = moved[:, 2] > 0.0
     normals = match.task.points.normals
     if normals is not None:

@@ -1,0 +1,58 @@
+"""How far off a fitted motion puts points that took no part in its fit: the target registration error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RegistrationError:
+    """Expected error of points, as `Pose.tre` gives it.
+
+    Parameters
+    ----------
+    covariance : (…, k, k) array
+        Of the error of each point in the target frame.
+    """
+
+    covariance: Floats
+
+    @property
+    def rms(self) -> Floats:
+        """Root mean square of the distance of each point (…,) from where it should be: the TRE that is quoted."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+
+
+def registration_error(R: Floats, scale: float, covariance: Floats | None, points: ArrayLike) -> RegistrationError:
+    """The expected error of points (…, k) that a pose moves; see `Pose.tre`."""
+    k = len(R)
+    x = np.asarray(points, dtype=float)
+    if covariance is None:
+        raise InputError("pose: no covariance, so no error is known; take match.pose, or Pose(R, t, covariance)")
+    if x.shape[-1:] != (k,) or not np.all(np.isfinite(x)):
+        raise InputError(f"pose: points of shape {x.shape} given; give finite numbers (…, {k})")
+    turned = x @ R.T
+    turns = 3 if k == 3 else 1
+    jacobian = np.zeros((*x.shape, len(covariance)))
+    jacobian[..., :turns] = turn_jacobian(scale * turned)
+    jacobian[..., turns : turns + k] = np.eye(k)
+    if len(covariance) > turns + k:
+        jacobian[..., -1] = turned
+    return RegistrationError(jacobian @ covariance @ jacobian.swapaxes(-1, -2))
+
+
+def turn_jacobian(x: Floats) -> Floats:
+    """Derivative (…, k, angles) of Exp(ω) x by ω, at ω = 0: ω × x."""
+    if x.shape[-1] == 2:
+        return np.stack([-x[..., 1], x[..., 0]], axis=-1)[..., None]
+    zero = np.zeros(x.shape[:-1])
+    a, b, c = x[..., 0], x[..., 1], x[..., 2]
+    rows = ((zero, c, -b), (-c, zero, a), (b, -a, zero))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
