@@ -118,11 +118,28 @@ class TestMatch:
             assert float(row["cov_rz_tx"]) == expected["covariance"][2][3]
             assert (row["points"], row["scale"], row["focal"]) == ("8", "1.0", "")
 
+    @pytest.mark.parametrize("form", ["ros", "openxr", "colmap"])
+    def test_poses_are_written_for_other_programs(self, scene: Path, tmp_path: Path, form: str) -> None:
+        result = run(*of(scene, "--json", "--poses", tmp_path / "out", "--pose-format", form))
+        assert result.exit_code == 0, result.output
+        record = json.loads(result.stdout)
+        (expected,) = record["poses"]
+        if form == "colmap":
+            image, detections = (tmp_path / "out" / "images.txt").read_text().splitlines()
+            assert [float(word) for word in image.split()[5:8]] == expected["t"]
+            owners = [int(word) for word in detections.split()[2::3]]
+            assert [owners[j] for j in record["assignment"]] == list(range(1, 9))
+            return
+        (written,) = json.loads((tmp_path / "out").read_text())
+        x, y, z = expected["t"]
+        place = written["position"] if form == "openxr" else written["transform"]["translation"]
+        assert list(place.values()) == ([x, -y, -z] if form == "openxr" else [x, y, z])
+
     @pytest.mark.parametrize(
         ("options", "text"),
         [
             (("--poses", "poses.xyz"), "its suffix names no format"),
-            (("--poses", "poses.csv", "--pose-format", "euroc"), "give csv, json or tum"),
+            (("--poses", "poses.csv", "--pose-format", "euroc"), "give csv, json, tum, ros, openxr or colmap"),
             (("--pose-format", "tum"), "without --poses"),
             (("--photo", "image.csv"), "give --plot"),
             (("--report", "report.pdf"), "name it .html"),

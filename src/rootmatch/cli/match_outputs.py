@@ -32,9 +32,8 @@ class Outputs:
     @property
     def paths(self) -> dict[str, Path]:
         """The files to write, by option."""
-        return {
-            name: path for name in ("output", "poses", "plot", "report") if (path := getattr(self, name)) is not None
-        }
+        names = ("output", "plot", "report") if self.pose_format == "colmap" else ("output", "poses", "plot", "report")
+        return {name: path for name in names if (path := getattr(self, name)) is not None}
 
     @property
     def printed(self) -> bool:
@@ -52,7 +51,7 @@ class Outputs:
             For a file that is an input or named twice, in a folder that does not exist, of an unknown format; for poses
             of a problem that fits none.
         """
-        from rootmatch.io import check_output, pose_format
+        from rootmatch.io import check_output, check_output_folder, pose_format
         from rootmatch.problems import problem_class
         from rootmatch.problems.capabilities import Capability
 
@@ -64,7 +63,8 @@ class Outputs:
             raise InputError("--json: one of the files is standard output too; give another")
         if self.poses is not None:
             Capability.POSE.require(problem_class(problem).least_for_pose, problem)
-            pose_format(self.poses, self.pose_format)
+            if pose_format(self.poses, self.pose_format) == "colmap":
+                check_output_folder(self.poses, force=True)
         elif self.pose_format is not None:
             raise InputError("--pose-format: without --poses there is nothing to write; give --poses FILE")
         if self.photo is not None and self.plot is None and self.report is None:
@@ -102,7 +102,7 @@ class Outputs:
                     source=source,
                     target=target,
                 )
-            if self.poses is not None:
+            if "poses" in places and self.poses is not None:
                 io.write_poses(places["poses"], found.poses, io.pose_format(self.poses, self.pose_format))
             if "plot" in places:
                 from rootmatch.report import pictures
@@ -130,6 +130,17 @@ class Outputs:
                     photo=self.photo,
                     title=f"{self.report.stem if self.report else ''}: {len(source.points)} points",
                 )
+            if self.poses is not None and self.pose_format == "colmap" and found.pose is not None:
+                self._write_model(self.poses, found, source)
+
+    def _write_model(self, folder: Path, found: Match, source: PointSet) -> None:
+        """Write COLMAP's model: the ids of the points where all of them are numbers, else their rows from 1."""
+        from rootmatch.report.colmap import write_colmap
+
+        ids = source.ids or ("",)
+        known = [int(one) for one in ids] if all(one.isdecimal() and len(one) < 19 for one in ids) else None
+        name = "image.jpg" if self.photo is None else self.photo.name.replace(" ", "_")
+        write_colmap(folder, {name: found}, ids=known)
 
 
 def _image_camera(found: Match) -> CameraModel | None:

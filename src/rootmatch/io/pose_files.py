@@ -1,10 +1,10 @@
-"""Files of poses: CSV with covariance, JSON, and the order of TUM's trajectories."""
+"""Files of poses: CSV with covariance, JSON, the order of TUM's trajectories, and the records of ROS and OpenXR."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,11 +13,12 @@ import numpy as np
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.reading import load_json, read_small_text
 from rootmatch.io.csv_tables import write_table
+from rootmatch.io.exports import openxr_record, ros_record
 from rootmatch.io.outputs import written_whole
 from rootmatch.problems.pose_fit.pose import Pose
 
-PoseFormat = Literal["csv", "json", "tum"]
-FORMATS: tuple[PoseFormat, ...] = ("csv", "json", "tum")
+PoseFormat = Literal["csv", "json", "tum", "ros", "openxr", "colmap"]
+FORMATS: tuple[PoseFormat, ...] = ("csv", "json", "tum", "ros", "openxr", "colmap")
 SUFFIXES: dict[str, PoseFormat] = {".csv": "csv", ".json": "json", ".tum": "tum", ".txt": "tum"}
 IN_SPACE = ("rx", "ry", "rz", "tx", "ty", "tz")
 IN_PLANE = ("angle", "tx", "ty")
@@ -35,7 +36,7 @@ def pose_format(path: Path, given: str | None) -> PoseFormat:
         for known in FORMATS:
             if given == known:
                 return known
-        raise InputError(f"pose_format: {quoted(given)} given; give csv, json or tum")
+        raise InputError(f"pose_format: {quoted(given)} given; give csv, json, tum, ros, openxr or colmap")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"poses {path}: its suffix names no format; use .csv, .json or .tum, or give --pose-format")
     return SUFFIXES[path.suffix.lower()]
@@ -108,21 +109,27 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     CSV: ``motion``, the rotation as a unit quaternion ``qx,qy,qz,qw`` (in a plane an ``angle`` in radians),
     ``tx,ty,tz``, ``scale``, ``focal``, ``rms``, ``rms_sigma``, ``inliers``, ``points`` (how many), and the upper
     triangle of the covariance, ``cov_rx_rx`` to ``cov_tz_tz``. TUM: ``motion tx ty tz qx qy qz qw``, with spaces and
-    without a header.
+    without a header. ROS and OpenXR: JSON lists, see `rootmatch.io.exports`. COLMAP's folder is another matter
+    (`rootmatch.report.colmap.write_colmap`).
 
     Raises
     ------
     InputError
-        For TUM's format in a plane, whose rotations are no quaternions.
+        For TUM, ROS and OpenXR in a plane, whose rotations are no quaternions.
     """
     known = [(motion, pose) for motion, pose in enumerate(poses) if pose is not None]
     if form == "json":
         records = [None if pose is None else {"motion": k, **pose_record(pose)} for k, pose in enumerate(poses)]
         _write_text(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
+    if form in ("tum", "ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
+        raise InputError(f"pose_format: {form} is of poses in space, and these are of a plane; give csv or json")
+    if form in ("ros", "openxr"):
+        record: Callable[[Pose], dict[str, Any]] = ros_record if form == "ros" else openxr_record
+        others = [None if pose is None else record(pose) for pose in poses]
+        _write_text(path, json.dumps(others, allow_nan=False, indent=1) + "\n")
+        return
     if form == "tum":
-        if any(len(pose.R) == 2 for _, pose in known):
-            raise InputError("pose_format: tum is of poses in space, and these are of a plane; give csv or json")
         rows = [[motion, *pose.t.tolist(), *pose.quaternion.tolist()] for motion, pose in known]
         _write_text(path, "".join(" ".join(map(str, row)) + "\n" for row in rows))
         return

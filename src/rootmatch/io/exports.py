@@ -1,0 +1,87 @@
+"""Poses for other programs: ROS, OpenXR and TUM's trajectories; `rootmatch.report.colmap` writes COLMAP's models."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.errors import InputError
+from rootmatch.io.outputs import written_whole
+from rootmatch.problems.pose_fit.pose import Pose
+
+ROS_ORDER = (3, 4, 5, 0, 1, 2)
+"""Rows of a covariance of ROS, translations first, in ours."""
+
+
+def ros_record(
+    pose: Pose, *, frame_id: str = "camera_optical_frame", child_frame_id: str = "body", time: float | None = None
+) -> dict[str, Any]:
+    """A pose as the fields of ROS' ``geometry_msgs``: a stamped transform, with the covariance of a ``Pose``.
+
+    Parameters
+    ----------
+    pose : Pose
+        In the axes of ``frame_id``: OpenCV's are those of an optical frame (REP 103); for a camera's body frame give
+        ``pose.in_axes("ros")``.
+    frame_id, child_frame_id : str
+        Names of the camera's frame and of that of the points.
+    time : float, optional
+        Seconds.
+
+    Notes
+    -----
+    ``covariance`` has 36 numbers, rows of x, y, z, then rotations about the fixed axes of ``frame_id``.
+    """
+    nanoseconds = 0 if time is None else round(time * 1e9)
+    covariance = None
+    if pose.covariance is not None:
+        covariance = pose.covariance[np.ix_(ROS_ORDER, ROS_ORDER)].reshape(-1).tolist()
+    return {
+        "header": {
+            "stamp": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
+            "frame_id": frame_id,
+        },
+        "child_frame_id": child_frame_id,
+        "transform": {"translation": _named(pose.t), "rotation": _named(pose.quaternion)},
+        "covariance": covariance,
+    }
+
+
+def openxr_record(pose: Pose) -> dict[str, Any]:
+    """A pose as the fields of OpenXR's ``XrPosef``, of the points in a view (x right, y up, z backward).
+
+    Lengths are metres in OpenXR, and so they must be in the model.
+    """
+    turned = pose.in_axes("openxr")
+    return {"orientation": _named(turned.quaternion), "position": _named(turned.t)}
+
+
+def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[Pose | None]) -> None:
+    """Write TUM's trajectory: ``time tx ty tz qx qy qz qw`` of the camera in the frame of the points, a line a pose.
+
+    Parameters
+    ----------
+    path : path
+    times : sequence of float
+        Seconds.
+    poses : iterable of Pose or None
+        From points to camera, as matches have them; what is written is their inverse. Those that are None are left out.
+    """
+    lines = []
+    for time, pose in zip(times, poses, strict=True):
+        if not math.isfinite(time):
+            raise InputError(f"times: {time} given; give seconds")
+        if pose is not None:
+            back = pose.inverse()
+            lines.append(" ".join(map(repr, [float(time), *back.t.tolist(), *back.quaternion.tolist()])))
+    with written_whole(Path(path)) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def _named(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip("xyzw", values.tolist(), strict=False))
