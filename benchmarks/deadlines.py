@@ -224,7 +224,7 @@ def use_processor_time() -> None:
     """Let deadlines, and this, go by the processor time of the process."""
     from rootmatch.deadline import Deadline
 
-    matching: Any = import_module("rootmatch.match")
+    matching: Any = import_module("rootmatch.api")
     matching.Deadline = lambda seconds, started: Deadline(seconds, clock=time.process_time)
     time.perf_counter = time.process_time
 
@@ -320,7 +320,25 @@ def started(clock: str) -> subprocess.Popen[str]:
     )
 
 
-def measured(process: subprocess.Popen[str], number: int) -> dict[str, Any]:
+def answers(process: subprocess.Popen[str], patience: float, clock: str) -> bool:
+    """Whether a process says something within so many seconds, of its own where other work has the processor too."""
+    assert process.stdout is not None
+    if clock == "wall":
+        return bool(select.select([process.stdout], [], [], patience)[0])
+    ends = worked(process.pid) + patience
+    while not select.select([process.stdout], [], [], 0.5)[0]:
+        if worked(process.pid) > ends:
+            return False
+    return True
+
+
+def worked(pid: int) -> float:
+    """Seconds of the processor that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def measured(process: subprocess.Popen[str], number: int, clock: str) -> dict[str, Any]:
     """The row of a task; the process is killed where it does not answer."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -328,8 +346,7 @@ def measured(process: subprocess.Popen[str], number: int) -> dict[str, Any]:
     row: dict[str, Any] = {}
     patience = COMPILED
     while True:
-        ready, _, _ = select.select([process.stdout], [], [], patience)
-        if not ready:
+        if not answers(process, patience, clock):
             process.kill()
             process.wait()
             return {**row, "taken": patience, "at_least": True}
@@ -354,7 +371,7 @@ def run(path: Path, numbers: list[int], clock: str) -> None:
                 continue
             if process.poll() is not None:
                 process = started(clock)
-            row = measured(process, number)
+            row = measured(process, number, clock)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
             print(line_of(row), file=sys.stderr, flush=True)

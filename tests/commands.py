@@ -81,10 +81,21 @@ def descendants(pid: int) -> list[int]:
 
 
 def started(
-    words: list[str], folder: Path, logs: Path, stdin: Path | str = os.devnull, closed: tuple[int, ...] = ()
+    words: list[str],
+    folder: Path,
+    logs: Path,
+    stdin: Path | str = os.devnull,
+    closed: tuple[int, ...] = (),
+    fresh: bool = False,
+    stdout: int | None = None,
 ) -> Command:
-    """Start a command in a folder, with standard streams (0 to 2) closed where they are named."""
+    """Start a command in a folder, with standard streams (0 to 2) closed where they are named.
+
+    A fresh one imports everything itself, as anybody's does. Its output goes to a file of ``logs`` or a descriptor.
+    """
     logs.mkdir(parents=True, exist_ok=True)
+    for name in ("stdout", "stderr"):
+        (logs / name).write_bytes(b"")  # which can be read before the child has begun
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads: none of ours holds a lock
         child = os.fork()
@@ -92,21 +103,31 @@ def started(
         return Command(child, logs)
     code = 70
     try:
-        code = _run(words, folder, logs, stdin, closed)
+        _surrounded(folder, logs, stdin, closed)
+        if stdout is not None:
+            os.dup2(stdout, 1)
+        if fresh:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.execv(sys.executable, [sys.executable, "-c", "from rootmatch.cli import main; main()", *words])
+        code = _run(words, logs, closed)
     finally:
         os._exit(code)
 
 
-def _run(words: list[str], folder: Path, logs: Path, stdin: Path | str, closed: tuple[int, ...]) -> int:
+def _surrounded(folder: Path, logs: Path, stdin: Path | str, closed: tuple[int, ...]) -> None:
+    """Give this process a session, a folder and standard streams of its own."""
     os.setsid()
     os.chdir(folder)
     places = (stdin, os.O_RDONLY), (logs / "stdout", os.O_WRONLY), (logs / "stderr", os.O_WRONLY)
     for number, (place, mode) in enumerate(places):
         made = 0 if number == 0 else os.O_CREAT | os.O_TRUNC
         os.dup2(os.open(place, mode | made, 0o600), number)
-    names = ("stdin", "stdout", "stderr")
     for number in closed:
         os.close(number)
+
+
+def _run(words: list[str], logs: Path, closed: tuple[int, ...]) -> int:
+    names = ("stdin", "stdout", "stderr")
     for number, name in enumerate(names):
         stream = None if number in closed else open(number, "r" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
         setattr(sys, name, stream)

@@ -121,10 +121,24 @@ def fake(unit):
     return rows
 
 
+def draw_few(table, problem, rule, beside=None):
+    """The figures of the paper; empty ones in the place of their variants, whose panels are looked at above."""
+    return draw(table, problem, rule, beside) if (rule, beside) == ("one", None) else draw_none()
+
+
+def draw_none(*_):
+    """A figure of one empty axis."""
+    figure = mpl.figure.Figure()
+    figure.subplots()
+    return figure
+
+
 @pytest.fixture(scope="module")
 def reproduced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reproduced")
-    return folder, reproduce(PROBLEMS, folder, instances=2, jobs=1, function=fake)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rootmatch.experiments.reproduce.draw", draw_few)
+        return folder, reproduce(PROBLEMS, folder, instances=2, jobs=1, function=fake)
 
 
 def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
@@ -137,7 +151,9 @@ def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
     assert {path.name for path in folder.iterdir()} == names | {"results.sqlite"}
     for path in done.files:
         content = path.read_bytes()
-        assert len(content) > 1000
+        assert len(content) > 500
+        if path.stem.endswith(("-own-rho", "-balanced", "-default-pipeline")):
+            continue  # see `draw_few`
         if path.suffix == ".png":
             pixels = mpl.image.imread(path)
             assert pixels.shape[0] > 500
@@ -152,7 +168,8 @@ def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
     assert all(scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
 
 
-def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worked_out_again(reproduced):
+def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worked_out_again(reproduced, monkeypatch):
+    monkeypatch.setattr("rootmatch.experiments.reproduce.draw", draw_few)
     folder, everything = reproduced
     before = {path.name: path.read_bytes() for path in everything.files if path.suffix != ".md"}
 
@@ -166,7 +183,8 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     assert again == {name: before[name] for name in again}
 
 
-def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_path):
+def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("rootmatch.experiments.reproduce.draw", draw_none)
     met = set()
 
     def noted(unit):

@@ -24,6 +24,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch
+from commands import Command, started
 from permissions import CAN_BE_BOUND, bound_by_permissions
 from rootmatch.cli.app import app
 from rootmatch.errors import MOST_QUOTED, InputError, printable, quoted
@@ -54,8 +55,23 @@ def arguments(scene: Path, *more: object) -> list[str]:
 
 
 def run(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
-    options.setdefault("stdout", subprocess.PIPE)
-    return subprocess.run([*PROGRAM, *command], stderr=subprocess.PIPE, text=True, check=False, **options)
+    """A command in a process of its own, for what is settled when that begins."""
+    pipe = subprocess.PIPE
+    return subprocess.run([*PROGRAM, *command], stdout=pipe, stderr=pipe, text=True, check=False, **options)
+
+
+@pytest.fixture
+def forked(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Command]:
+    """A function that runs a command to its end in a child of this process, where all is imported already."""
+    assert CliRunner().invoke(app, arguments(scene)).exit_code == 0  # whose compiled code the child finds
+    logs = tmp_path_factory.mktemp("logs")
+
+    def runs(command: list[str], folder: Path = scene, **options: Any) -> Command:
+        child = started(command, folder, logs, **options)
+        assert child.ended(120.0)
+        return child
+
+    return runs
 
 
 def test_names_are_drawn_and_printed_as_they_are(scene: Path, tmp_path: Path) -> None:
@@ -91,9 +107,9 @@ def test_an_error_quotes_without_obeying() -> None:
 
 
 @UNIX
-def test_a_file_name_is_no_command_to_the_terminal(tmp_path: Path) -> None:
-    found = run(arguments(tmp_path / "\x1b[31mred"))
-    assert found.returncode == 2
+def test_a_file_name_is_no_command_to_the_terminal(forked: Callable[..., Command], tmp_path: Path) -> None:
+    found = forked(arguments(tmp_path / "\x1b[31mred"))
+    assert found.code == 2
     assert "\x1b" not in found.stderr
     assert r"\x1b[31mred" in found.stderr
 
@@ -118,32 +134,32 @@ def test_plain_terminals(scene: Path, tmp_path: Path, environment: dict[str, str
 
 @UNIX
 @pytest.mark.parametrize("json_wanted", [True, False])
-def test_a_reader_that_leaves_early(scene: Path, tmp_path: Path, json_wanted: bool) -> None:
+def test_a_reader_that_leaves_early(
+    forked: Callable[..., Command], scene: Path, tmp_path: Path, json_wanted: bool
+) -> None:
     read, write = os.pipe()
     os.close(read)
     output = tmp_path / "m.csv"
-    with os.fdopen(write, "w") as gone:
-        found = run(arguments(scene, "--output", output, *(["--json"] if json_wanted else [])), stdout=gone)
-    assert found.returncode == 141
+    found = forked(arguments(scene, "--output", output, *(["--json"] if json_wanted else [])), stdout=write)
+    os.close(write)
+    assert found.code == 141
     assert "Traceback" not in found.stderr
     assert "BrokenPipe" not in found.stderr
     assert len(output.read_text().splitlines()) == 7
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_standard_output_on_a_full_disk(scene: Path) -> None:
+def test_standard_output_on_a_full_disk(forked: Callable[..., Command], scene: Path) -> None:
     with open("/dev/full", "w") as full:
-        found = run(arguments(scene), stdout=full)
-    assert found.returncode == 2
+        found = forked(arguments(scene), stdout=full.fileno())
+    assert found.code == 2
     assert found.stderr == "rootmatch: standard output: No space left on device; free or choose another place\n"
 
 
 @UNIX
-def test_a_closed_standard_output(scene: Path) -> None:
-    closing = "import os, sys; os.close(1); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
-    command = [sys.executable, "-c", closing, *PROGRAM[1:], *arguments(scene)]
-    found = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
-    assert (found.returncode, found.stderr) == (0, "")
+def test_a_closed_standard_output(forked: Callable[..., Command], scene: Path) -> None:
+    found = forked(arguments(scene), closed=(1,))
+    assert (found.code, found.stderr) == (0, "")
 
 
 @UNIX
@@ -378,15 +394,15 @@ def test_one_file_in_two_roles_is_refused_whatever_its_name(tmp_path: Path) -> N
 
 @UNIX
 @pytest.mark.parametrize("place", ["-", "/dev/stdout", "out.csv"])
-def test_standard_output_as_a_file(scene: Path, tmp_path: Path, place: str) -> None:
+def test_standard_output_as_a_file(forked: Callable[..., Command], scene: Path, tmp_path: Path, place: str) -> None:
     with (tmp_path / "out.csv").open("w") as out:
-        found = run(arguments(scene, "--output", place), stdout=out, cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
+        found = forked(arguments(scene, "--output", place), tmp_path, stdout=out.fileno())
+    assert found.code == 0, found.stderr
     assert len((tmp_path / "out.csv").read_text().splitlines()) == 7
     assert "6 of 6 matched" in found.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
-    refused = run(arguments(scene, "--output", "-", "--json"))
-    assert refused.returncode == 2
+    refused = forked(arguments(scene, "--output", "-", "--json"))
+    assert refused.code == 2
     assert refused.stderr == "rootmatch: --json: one of the files is standard output too; give another\n"
 
 
@@ -440,7 +456,7 @@ def test_nothing_is_written_but_through_one_function() -> None:
 
 @UNIX
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_signals_during_the_work(scene: Path, tmp_path: Path, number: signal.Signals, code: int) -> None:
+def test_signals_during_the_work(tmp_path: Path, number: signal.Signals, code: int) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "m.csv").write_text("as before")
@@ -449,20 +465,20 @@ def test_signals_during_the_work(scene: Path, tmp_path: Path, number: signal.Sig
         header = "x,y,z" if points.shape[1] == 3 else "x,y"
         np.savetxt(tmp_path / name, points, delimiter=",", header=header, comments="")
     command = arguments(tmp_path, "--output", out / "m.csv", "--sampler", "exhaustive", "--max-evaluations", 10**15)
-    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    program = [sys.executable, "-c", heeding + PROGRAM[-1], *command, "--progress"]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stderr is not None
-            assert process.stderr.readline() == "hyper-edges: 0 %\n"
-            time.sleep(0.2)
-            process.send_signal(number)
-            stdout, stderr = process.communicate(timeout=60)
-        finally:
-            process.kill()
+    child = started([*command, "--progress"], tmp_path, tmp_path / "logs")
+    try:
+        ends = time.monotonic() + 120.0
+        while child.stderr != "hyper-edges: 0 %\n" and time.monotonic() < ends:
+            time.sleep(0.01)
+        time.sleep(0.2)
+        os.kill(child.pid, number)
+        assert child.ended(60.0)
+    finally:
+        if child.code is None:
+            child.kill()
     word = "terminated" if number is signal.SIGTERM else "interrupted"
-    assert (process.returncode, stdout) == (code, "")
-    assert stderr.endswith(f"rootmatch: {word}; no partial output is left\n")
+    assert (child.code, child.stdout) == (code, "")
+    assert child.stderr.endswith(f"rootmatch: {word}; no partial output is left\n")
     assert [path.name for path in out.iterdir()] == ["m.csv"]
     assert (out / "m.csv").read_text() == "as before"
 

@@ -260,10 +260,17 @@ def test_two_hundred_points_stay_fluent(browser: Any, match: rm.Match, tmp_path:
 
     points = PointSets(model, pixels, np.zeros(200), np.full(200, 0.5), None)
     task = dataclasses.replace(match.task, points=points)
-    crowded = dataclasses.replace(
-        match, task=task, assignment=np.arange(200), motions=np.zeros(200, np.int64), soft=np.eye(200), alternatives=[]
+    finding = dataclasses.replace(
+        match.finding,
+        task=task,
+        assignment=np.arange(200),
+        labels=np.zeros(200, np.int64),
+        soft=np.eye(200),
+        others=[],
+        scores=[200.0],
+        confidence=np.ones(200),
     )
-    crowded.report(tmp_path / "report.html")
+    dataclasses.replace(match, finding=finding).report(tmp_path / "report.html")
     opened(browser, tmp_path / "report.html")
     for row in range(5):
         browser.execute_script(

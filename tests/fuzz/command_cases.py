@@ -1,7 +1,7 @@
 """Whole command lines as anybody may type them: every command and option, and what must hold of each.
 
-Each runs in a forked child, in a folder of its own with good inputs. What takes long is interrupted, which a command
-line has to bear as well.
+Each runs in a forked child, which has everything imported already, one in two hundred in a process of its own, in a
+folder with good inputs. What takes long is interrupted, which a command line has to bear as well.
 """
 
 from __future__ import annotations
@@ -26,8 +26,12 @@ from file_cases import FRAMES, OWN, POSE
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from commands import started
 
-SECONDS, WAITING = 2.0, 30.0
+SECONDS, WAITING = 1.0, 30.0
 """Of the processor and of the clock, after which a command is interrupted: it may wait for what never comes."""
+STARTING = 5.0
+"""Seconds of the processor that a process of its own takes besides, with what it imports, at most."""
+FRESH = 0.005
+"""Share of the command lines that have a process of their own."""
 DYING = 60.0
 """Seconds of the clock that it then has; other work may keep the processors."""
 USUAL = (0, 1, 2, 130)
@@ -82,6 +86,7 @@ BASES: tuple[tuple[str, ...], ...] = (
     ("warmup",),
     (),
 )
+COMMANDS = ("match", "track", "simulate", "reproduce", "benchmark", "warmup")
 WEIGHTS = (10, 4, 8, 3, 2, 2, 8, 4, 4, 2, 2, 3, 1, 1, 1)
 
 
@@ -126,7 +131,7 @@ def recipe(rng: random.Random) -> dict[str, Any]:
             words[at - 1], words[other] = words[other], words[at - 1]
     closed = sorted(rng.sample(range(3), rng.randint(1, 3))) if rng.random() < 0.1 else []
     stdin = rng.choice(("frames.csv", "frames.csv", "empty.csv", "bytes.csv", "/dev/null"))
-    return {"words": words, "closed": closed, "stdin": stdin}
+    return {"words": words, "closed": closed, "stdin": stdin, "fresh": rng.random() < FRESH}
 
 
 def fitting(rng: random.Random, name: str, values: tuple[str, ...]) -> str:
@@ -156,14 +161,17 @@ def simpler(recipe: dict[str, Any]) -> Iterator[dict[str, Any]]:
             yield {**recipe, "words": words[:at] + words[at + length :]}
     if recipe["closed"]:
         yield {**recipe, "closed": []}
+    if recipe.get("fresh"):
+        yield {**recipe, "fresh": False}
 
 
 @functools.cache
 def warm() -> None:
-    """Load in this process what its children would each load again."""
+    """Load in this process what its children would each load again: imports, compiled code, and how words are read."""
+    from typer.testing import CliRunner
+
     import rootmatch as rm
-    from rootmatch.cli import app  # noqa: F401
-    from rootmatch.io import point_files  # noqa: F401
+    from rootmatch.cli import app
     from rootmatch.tracking import tracker  # noqa: F401
 
     camera = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -171,6 +179,22 @@ def warm() -> None:
         rm.match(_world, _image, problem, noise=0.5)
     for problem in (rm.PlanarMotion(camera), rm.Similarity(2), rm.Rigid(2)):
         _ = rm.match(_image, _image, problem, noise=0.5).score  # which is computed when it is read
+    outputs = [
+        "--output",
+        "one.csv",
+        "--poses",
+        "out.tum",
+        "--plot",
+        "out.png",
+        "--report",
+        "out.html",
+        "--truth",
+        "truth.csv",
+    ]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        prepared(Path(folder))
+        for words in ([*BASES[0], *outputs], BASES[2], BASES[6], *((name, "--help") for name in COMMANDS), ("--help",)):
+            assert CliRunner().invoke(app, words).exit_code == 0, words
 
 
 def prepared(folder: Path) -> None:
@@ -192,7 +216,7 @@ def prepared(folder: Path) -> None:
 
 def attempt(recipe: dict[str, Any]) -> int:
     """Run the command and check what it leaves; its exit code."""
-    words, closed = recipe["words"], tuple(recipe["closed"])
+    words, closed, fresh = recipe["words"], tuple(recipe["closed"]), recipe.get("fresh", False)
     warm()
     parent = Path(tempfile.mkdtemp())
     try:
@@ -200,9 +224,9 @@ def attempt(recipe: dict[str, Any]) -> int:
         folder.mkdir()
         prepared(folder)
         stdin = recipe["stdin"] if recipe["stdin"].startswith("/") else folder / recipe["stdin"]
-        command = started(words, folder, parent, stdin, closed)
-        ends = time.monotonic() + WAITING
-        while not command.ended(0.2) and command.worked() < SECONDS and time.monotonic() < ends:
+        command = started(words, folder, parent, stdin, closed, fresh=fresh)
+        ends, most = time.monotonic() + WAITING, SECONDS + STARTING * fresh
+        while not command.ended(0.2) and command.worked() < most and time.monotonic() < ends:
             pass
         if command.code is None:
             with contextlib.suppress(ProcessLookupError):
