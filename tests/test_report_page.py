@@ -62,6 +62,13 @@ def test_the_page_holds_the_match(scene: Any, match: rm.Match, tmp_path: Path) -
     centre, *corners = np.array(view["poses"][0]["frustum"])
     np.testing.assert_allclose(centre, -pose.R.T @ pose.t)
     assert np.all(pose.transform(corners)[:, 2] > 0.0)
+    # a ray from the centre through a detection on the drawn image ends at its point
+    seen = view["poses"][0]["seen"]
+    for point, detection in match.pairs:
+        sight, there = np.array(seen[detection]) - centre, scene.source[point] - centre
+        off = np.linalg.norm(there - sight * (there @ sight) / (sight @ sight)) / np.linalg.norm(there)
+        assert off < 5 * 0.5 / 1000  # five σ over the focal length
+        assert np.linalg.norm(sight) < np.linalg.norm(there)
     assert "<title>eight points</title>" in page.read_text(encoding="utf-8")
 
 
@@ -232,7 +239,27 @@ def test_hovering_a_point_lights_its_partner(browser: Any, match: rm.Match, tmp_
     )
     WebDriverWait(browser, 20).until(lambda driver: driver.execute_script(lit))
     assert browser.execute_script(lit) == [pair]
+    (line,) = browser.execute_script(
+        "return document.getElementById('source').data"
+        ".filter((trace) => trace.line && trace.line.color === '#ff2d8a').map((trace) => trace.x)"
+    )
+    assert line[1] == pytest.approx(match.source[pair[0], 0])
     assert browser.title == "rootmatch report"  # nothing in a name was obeyed
+    assert errors(browser) == []
+
+
+def test_points_fill_the_view_however_far_the_camera(browser: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    points, camera = rng.uniform(-0.1, 0.1, (8, 3)), rm.Camera(20000, 20000, 320, 240)
+    pixels = camera.project(points + np.array([0.0, 0.0, 10.0])) + rng.normal(0.0, 0.3, (8, 2))
+    rm.match(points, pixels, rm.P3P(camera), noise=0.3).report(tmp_path / "report.html")
+    opened(browser, tmp_path / "report.html")
+    span = "const z = document.getElementById('source').layout.scene.zaxis.range; return z[1] - z[0]"
+    assert browser.execute_script(span) < 1.0
+    browser.find_element("id", "whole").click()
+    assert browser.execute_script(span) > 10.0
+    keys = browser.find_element("id", "target-key").text
+    assert "predicted by the pose" in keys
     assert errors(browser) == []
 
 
@@ -249,8 +276,7 @@ def test_the_slider_goes_through_the_frames(browser: Any, scene: Any, match: rm.
     assert errors(browser) == []
 
 
-def test_two_hundred_points_stay_fluent(browser: Any, match: rm.Match, tmp_path: Path) -> None:
-    """The page's own work for a hover, of points many times those of the match, fits into a tenth of a second each."""
+def test_two_hundred_points_are_drawn(browser: Any, match: rm.Match, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     model, many = rng.normal(size=(200, 3)), rm.Camera(800, 800, 320, 240)
     pixels = many.project(model + np.array([0.0, 0.0, 9.0]))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.report.html.camera_view import camera_view
 from rootmatch.report.text import match_weights, summary, weight
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ ALTERNATIVES = 8
 """Alternatives shown, the most probable ones. Not tuned: what fits a row of tabs."""
 DRAWN = 0.05
 """Share of the image's width that the longest residual is drawn with."""
-FRUSTUM = 0.25
-"""Depth of a drawn camera, of the distance to the points."""
 MARGIN = 0.06
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -225,7 +224,7 @@ def _fit(poses: Sequence[Pose | None]) -> str:
 
 
 def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
-    """A pose as text, and its camera as a pyramid in the frame of the points."""
+    """A pose as text, and its camera in the frame of the points."""
     lines = [f"motion {label}" if match.motion_labels.max(initial=0) > 0 else "pose"]
     lines += [f"  R {row}  t {value: .6g}" for row, value in zip(_rows(pose.R), pose.t.tolist(), strict=True)]
     if pose.scale != 1.0:
@@ -239,16 +238,9 @@ def _pose(match: Match, pose: Pose, label: int) -> dict[str, Any]:
         angles = 3 if len(pose.R) == 3 else 1
         rotation = ", ".join(f"{value:.2g}" for value in np.rad2deg(spread[:angles]).tolist())
         translation = ", ".join(f"{value:.2g}" for value in spread[angles : angles + len(pose.t)].tolist())
-        lines.append(f"  standard deviations: rotation {rotation}°; translation {translation}")
-    frustum = None
-    if _is_projection(match):
-        centre = -pose.R.T @ pose.t
-        depth = FRUSTUM * max(float(np.linalg.norm(match.source.mean(axis=0) - centre)), 1e-12)
-        corners = (
-            np.array([(x, y, 1.0) for x, y in ((-0.45, -0.33), (0.45, -0.33), (0.45, 0.33), (-0.45, 0.33))]) * depth
-        )
-        frustum = [centre.tolist(), *((corners - pose.t) @ pose.R).tolist()]
-    return {"motion": label, "text": "\n".join(lines), "frustum": frustum}
+        lines += ["  standard deviations", f"    rotation {rotation}°", f"    translation {translation}"]
+    shown = camera_view(match, pose) if _is_projection(match) else {"frustum": None}
+    return {"motion": label, "text": "\n".join(lines), **shown}
 
 
 def _rows(R: Floats) -> list[str]:
@@ -273,7 +265,7 @@ def _side(points: Floats, title: str, image: bool) -> dict[str, Any]:
     """How a point set is drawn."""
     side: dict[str, Any] = {"title": title, "dimension": points.shape[1], "image": image, "note": ""}
     if points.shape[1] == 3:
-        side["note"] = "Drag to turn, scroll to zoom. Pyramids are the cameras, not to scale."
+        side["note"] = "Drag to turn, scroll to zoom."
         return side
     low, high = points.min(axis=0), points.max(axis=0)
     margin = MARGIN * max(float((high - low).max()), 1e-12)

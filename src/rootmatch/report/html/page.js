@@ -5,18 +5,19 @@
   const content = JSON.parse(document.getElementById("content").textContent);
   const at = (id) => document.getElementById(id);
   const COLOURS = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8c6bb1"];
-  const GREY = "#8a94a0", WRONG = "#D55E00", PICK = "#ff2d8a";
+  const ON_DARK = ["#4aa3e0", "#E69F00", "#1fbf92", "#CC79A7", "#9fd6f5", "#b39ad6"];
+  const GREY = "#8a94a0", WRONG = "#D55E00", PICK = "#ff2d8a", RESIDUAL = "#d81b60";
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const config = { responsive: true, displaylogo: false, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage", "sendDataToCloud"] };
   const quiet = Object.assign({}, config, { displayModeBar: false });
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const figure = (value, digits = 3) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toString());
   const percent = (p) => (p === null || p === undefined ? null : p > 0.9999 ? "> 99.99 %" : p < 1e-4 ? "< 0.01 %" : (100 * p).toFixed(p > 0.99 || p < 0.01 ? 2 : 1) + " %");
-  const state = { frame: 0, view: 0, scale: null, lit: null, timer: null };
+  const state = { frame: 0, view: 0, scale: null, lit: null, timer: null, whole: false, camera: null };
 
   const frame = () => content.frames[state.frame];
   const view = () => frame().views[state.view];
-  const colourOf = (label) => (label < 0 ? GREY : COLOURS[label % COLOURS.length]);
+  const colourOf = (label) => (label < 0 ? GREY : (dark.matches ? ON_DARK : COLOURS)[label % COLOURS.length]);
   const sourceName = (i) => content.sourceNames[i];
   const targetName = (j) => (j < 0 ? "unmatched" : frame().targetNames[j]);
 
@@ -49,7 +50,7 @@
     const space = points.length > 0 && points[0].length === 3;
     const colours = pairs.map(([i, j]) => (i < 0 || j < 0 ? GREY : view().wrong && view().wrong[i] ? WRONG : colourOf(view().motions[i])));
     const lit = pairs.map(([i, j]) => state.lit && ((i >= 0 && i === state.lit[0]) || (j >= 0 && j === state.lit[1])));
-    const big = space ? 5 : 9;
+    const big = options.size || (space ? (points.length > 300 ? 4 : points.length > 80 ? 6 : 8) : 9);
     const trace = {
       x: points.map((p) => p[0]), y: points.map((p) => p[1]), mode: "markers", customdata: pairs,
       hovertext: pairs.map(([i, j]) => hoverOf(i, j)), hoverinfo: "text",
@@ -66,21 +67,62 @@
     return trace;
   }
 
-  function cameraTraces(poses) {
-    const traces = [];
-    for (const pose of poses) {
-      if (!pose || !pose.frustum) continue;
-      const [centre, ...corners] = pose.frustum, ends = [];
-      corners.forEach((corner, k) => { ends.push([centre, corner], [corner, corners[(k + 1) % corners.length]]); });
-      traces.push(segments(ends, colourOf(pose.motion), true, 3));
+  const along = (from, to, length) => { const d = from.map((value, k) => to[k] - value), l = Math.hypot(...d) || 1; return from.map((value, k) => value + (d[k] * Math.min(length, l)) / l); };
+  const mean = (points) => points[0].map((_, k) => points.reduce((sum, p) => sum + p[k], 0) / points.length);
+  const apart = (a, b) => Math.hypot(...a.map((value, k) => value - b[k]));
+  const cameras = () => view().poses.filter((pose) => pose && pose.frustum);
+  const path = () => content.frames.map((f) => f.views[0].poses[0] && f.views[0].poses[0].frustum && f.views[0].poses[0].frustum[0]).filter(Boolean);
+
+  // The edges of each camera's pyramid from its image towards its centre: all of them, or as long as the points are wide.
+  function edges(pose) {
+    const [centre, ...corners] = pose.frustum, middle = mean(content.source);
+    const length = state.whole ? Infinity : Math.max(...content.source.map((p) => apart(p, middle)));
+    return corners.map((corner) => [corner, along(corner, centre, length)]);
+  }
+
+  function cameraTraces() {
+    const v = view(), traces = [];
+    for (const pose of cameras()) {
+      const corners = pose.frustum.slice(1), rim = corners.map((corner, k) => [corner, corners[(k + 1) % corners.length]]);
+      traces.push(segments([...rim, ...edges(pose)], colourOf(pose.motion), true, 3));
+      const own = v.assignment.map((j, i) => [i, j]).filter(([i, j]) => j >= 0 && v.motions[i] === pose.motion && pose.seen[j]);
+      if (own.length) traces.push(pointTrace(own.map(([, j]) => pose.seen[j]), own, { symbol: "diamond", size: 4 }));
+      const lit = own.filter(([i, j]) => state.lit && (state.lit[0] >= 0 ? i === state.lit[0] : j === state.lit[1]));
+      if (lit.length) traces.push(segments(lit.map(([i, j]) => [pose.seen[j], content.source[i]]), PICK, true, 4));
     }
     return traces;
   }
 
-  function scene(points) {
-    const style = getComputedStyle(document.body), line = style.getPropertyValue("--line");
-    const axis = (title) => ({ title: { text: title }, gridcolor: line, zerolinecolor: line, backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
-    return paper({ margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { aspectmode: "data", xaxis: axis("x"), yaxis: axis("y"), zaxis: axis("z"), camera: state.camera || { eye: { x: 1.6, y: 1.6, z: 1.1 } } } });
+  // What has to be within the view of space, and where to look from: upright as in the image, from beside the camera.
+  function framed(points, poses) {
+    const shown = [...points, ...poses.flatMap((pose) => [...pose.frustum.slice(1), ...edges(pose).map(([, end]) => end)]), ...(state.whole && poses.length ? path() : [])];
+    const low = [0, 1, 2].map((k) => Math.min(...shown.map((p) => p[k]))), high = [0, 1, 2].map((k) => Math.max(...shown.map((p) => p[k])));
+    const rim = 0.05 * (Math.max(...high.map((value, k) => value - low[k])) || 1);
+    return low.map((value, k) => [value - rim, high[k] + rim]);
+  }
+
+  function eye(points, pose) {
+    if (!pose) return { eye: { x: 1.6, y: 1.6, z: 1.1 } };
+    const unit = (d) => { const l = Math.hypot(...d) || 1; return d.map((value) => value / l); };
+    const less = (a, b) => unit(a.map((value, k) => value - b[k])), [centre, one, two, , four] = pose.frustum;
+    const back = less(centre, mean(points)), right = less(two, one), up = less(one, four);
+    const from = unit(back.map((value, k) => 0.55 * value + 0.78 * right[k] + 0.32 * up[k])).map((value) => (state.whole ? 2.1 : 1.6) * value);
+    return { eye: { x: from[0], y: from[1], z: from[2] }, up: { x: up[0], y: up[1], z: up[2] } };
+  }
+
+  function scene(points, poses) {
+    const style = getComputedStyle(document.body), line = style.getPropertyValue("--line"), ranges = framed(points, poses);
+    const axis = (title, k) => ({ title: { text: title }, range: ranges[k], gridcolor: line, zerolinecolor: line, backgroundcolor: "rgba(0,0,0,0)", nticks: 5 });
+    return paper({ margin: { l: 0, r: 0, t: 0, b: 0 }, scene: { aspectmode: "data", xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), camera: state.camera || eye(points, poses[0]) } });
+  }
+
+  // What the marks of a plot mean: [sign, colour, words].
+  function explain(id, entries) {
+    at(id).replaceChildren(...entries.map(([sign, colour, words]) => {
+      const item = document.createElement("span"), mark = document.createElement("b");
+      mark.textContent = sign; mark.style.color = colour; item.append(mark, ` ${words}`);
+      return item;
+    }));
   }
 
   function imageLayout(side) {
@@ -96,15 +138,21 @@
   }
 
   function drawSource() {
-    const v = view(), pairs = content.source.map((_, i) => [i, v.assignment[i]]);
+    const v = view(), pairs = content.source.map((_, i) => [i, v.assignment[i]]), poses = cameras();
     const traces = [pointTrace(content.source, pairs, { symbol: "circle" })];
-    const space = content.sourceSide.dimension === 3;
-    if (space) traces.push(...cameraTraces(v.poses));
-    if (space && content.frames.length > 1) {
-      const path = content.frames.map((f) => f.views[0].poses[0] && f.views[0].poses[0].frustum && f.views[0].poses[0].frustum[0]).filter(Boolean);
-      if (path.length > 1) traces.push({ type: "scatter3d", mode: "lines", x: path.map((p) => p[0]), y: path.map((p) => p[1]), z: path.map((p) => p[2]), hoverinfo: "skip", line: { color: GREY, width: 3 } });
-    }
-    Plotly.react("source", traces, space ? scene(content.source) : imageLayout(content.sourceSide), config);
+    const space = content.sourceSide.dimension === 3, centres = path();
+    if (space) traces.push(...cameraTraces());
+    if (space && centres.length > 1) traces.push({ type: "scatter3d", mode: "lines", x: centres.map((p) => p[0]), y: centres.map((p) => p[1]), z: centres.map((p) => p[2]), hoverinfo: "skip", line: { color: GREY, width: 3 } });
+    Plotly.react("source", traces, space ? scene(content.source, poses) : imageLayout(content.sourceSide), config);
+    const own = colourOf(0), shown = poses.length > 0;
+    explain("source-key", [
+      ["●", own, "matched"], ["●", GREY, "unmatched"],
+      ...(shown ? [["▱", own, "image"], ["◆", own, "its detections"], ["—", PICK, "line of sight of the point under the mouse"]] : []),
+      ...(space && centres.length > 1 ? [["—", GREY, "path of the camera"]] : []),
+      ...(v.wrong ? [["●", WRONG, "wrong"]] : []),
+    ]);
+    at("whole-control").hidden = !shown;
+    if (shown) at("whole-label").textContent = `out to the camera, ${figure(poses[0].distance)} away`;
   }
 
   function drawTarget() {
@@ -119,13 +167,20 @@
         const d = f.target[v.assignment[i]], k = state.scale;
         return [d, d.map((value, axis) => value + k * (value - p[axis]))]; // detected less predicted
       });
-      traces.push(segments(vectors, "#d81b60", space, 2));
+      traces.push(segments(vectors, RESIDUAL, space, 2));
       const unseen = drawn.filter(([, i]) => v.assignment[i] < 0);
       if (unseen.length) traces.push(pointTrace(unseen.map(([p]) => p), unseen.map(([, i]) => [i, -1]), { symbol: space ? "circle-open" : "circle-open", open: true }));
       traces.push(pointTrace(drawn.map(([p]) => p), drawn.map(([, i]) => [i, v.assignment[i]]), { symbol: space ? "cross" : "cross-thin-open", open: true }));
     }
     traces.push(pointTrace(f.target, pairs, { symbol: "circle" }));
-    Plotly.react("target", traces, space ? scene(f.target) : imageLayout(side), config);
+    Plotly.react("target", traces, space ? scene(f.target, []) : imageLayout(side), config);
+    const own = colourOf(0);
+    explain("target-key", [
+      ["●", own, "matched"], ["●", GREY, "unmatched"],
+      ...(drawn.length ? [["+", own, "predicted by the pose"], ["—", RESIDUAL, "residual, as many times as the slider says"]] : []),
+      ...(drawn.some(([, i]) => v.assignment[i] < 0) ? [["⊕", GREY, "predicted, not detected"]] : []),
+      ...(v.wrong ? [["●", WRONG, "wrong"]] : []),
+    ]);
   }
 
   function drawResiduals() {
@@ -152,7 +207,7 @@
     const names = used.map(([, i]) => plain(sourceName(i)));
     const base = { x: used.map((_, k) => k), customdata: used.map(([j, i]) => [i, j]), hovertext: used.map(([j, i]) => hoverOf(i, j)), hoverinfo: "text" };
     const traces = [Object.assign({ type: "bar", y: used.map(([, i]) => v.weights[i]), marker: { color: used.map(([, i]) => colourOf(v.motions[i])), opacity: 0.75 } }, base)];
-    if (v.confidence) traces.push(Object.assign({ type: "scatter", mode: "markers", y: used.map(([, i]) => v.confidence[i]), marker: { color: "#d81b60", symbol: "diamond", size: 7 } }, base));
+    if (v.confidence) traces.push(Object.assign({ type: "scatter", mode: "markers", y: used.map(([, i]) => v.confidence[i]), marker: { color: RESIDUAL, symbol: "diamond", size: 7 } }, base));
     at("support-note").textContent = "Bars: weight of each match in the soft assignment." + (v.confidence ? " Diamonds: its confidence, the posterior probability that it is right." : "");
     const step = Math.max(1, Math.ceil(used.length / 24));
     Plotly.react("support", traces, paper({ xaxis: { tickvals: used.map((_, k) => k).filter((k) => k % step === 0), ticktext: names.filter((_, k) => k % step === 0) }, yaxis: { range: [0, 1.05] } }), quiet);
@@ -234,6 +289,7 @@
     state.scale = content.scale; at("scale").value = state.scale; at("scale").max = Math.max(200, 2 * state.scale); scaleText();
     at("scale-control").hidden = !content.frames.some((f) => f.views.some((v) => (v.predicted || []).some(Boolean)));
     at("scale").addEventListener("input", () => { state.scale = Number(at("scale").value); scaleText(); drawTarget(); });
+    at("whole").addEventListener("change", () => { state.whole = at("whole").checked; state.camera = null; drawSource(); });
     if (content.frames.length > 1) {
       at("frames").hidden = false; at("frame").max = content.frames.length - 1;
       at("frame").addEventListener("input", () => { state.frame = Number(at("frame").value); state.view = 0; draw(); });
