@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -288,3 +289,149 @@ def test_options_of_one_image_or_of_many(folder: Path, options: tuple[str, ...],
     result = run("match", folder / "model.csv", folder / image, *OPTIONS, *options)
     assert result.exit_code == 2
     assert text in result.stderr
+
+
+def rows_at(times: list[float], noise: str = "") -> list[list[Any]]:
+    """Detections with a time, frame after frame."""
+    more = [noise] if noise else []
+    return [[time, *point, *more] for k, time in enumerate(times) for point in frame(k)[0].tolist()]
+
+
+def test_times_may_be_irregular(folder: Path, tmp_path: Path) -> None:
+    times = [0.1, 0.1163, 0.1337, 0.15, 0.21]
+    timed = write(tmp_path / "timed.csv", "time,x,y", rows_at(times))
+    poses = tmp_path / "poses.csv"
+    result = run("track", folder / "model.csv", timed, *OPTIONS, "--poses", poses)
+    assert result.exit_code == 0, result.output
+    assert [(row["frame"], float(row["time"])) for row in rows_of(poses)] == [(str(k), t) for k, t in enumerate(times)]
+    assert all(row["status"] == "matched" for row in rows_of(poses))
+    both = write(tmp_path / "both.csv", "frame,time,x,y", [[7, *row] for row in rows_at([0.5])])
+    row = json.loads(run("track", folder / "model.csv", both, *OPTIONS, "--json").stdout)
+    assert (row["frame"], row["time"]) == (7, 0.5)
+    result = run("track", folder / "model.csv", timed, *OPTIONS, "--rate", 30)
+    assert result.exit_code == 2
+    assert "has a column time; leave one of them out" in result.stderr
+    slow = write(tmp_path / "slow.csv", "time,x,y", rows_at([0.0, 17.0, 33.0]))
+    result = run("track", folder / "model.csv", slow, *OPTIONS, "--poses", tmp_path / "slow-poses.csv")
+    assert "16.5 s apart; time is in seconds" in result.stderr
+    several = run("match", folder / "model.csv", timed, *OPTIONS, "--json")
+    assert [json.loads(line)["frame"] for line in several.stdout.splitlines()] == [0, 1, 2, 3, 4]
+
+
+def test_lines_of_json(folder: Path, tmp_path: Path) -> None:
+    poses = tmp_path / "poses.csv"
+    result = run("track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--json", "--poses", poses)
+    assert result.exit_code == 0, result.output
+    records = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [record["status"] for record in records] == ["matched"] * 5 + ["untrusted"] + ["matched"] * 2
+    assert [record["state"] for record in records[4:6]] == ["tracking", "coasting"]
+    assert records[5]["pose"] is None
+    for record, row in zip(records, rows_of(poses), strict=True):
+        assert len(record["pairs"]) == int(row["matched"])
+        if record["pose"] is not None:
+            assert record["pose"]["t"] == [float(row[axis]) for axis in ("tx", "ty", "tz")]
+    bodies = [["hmd", *point] for point in BODY.tolist()]
+    model = write(tmp_path / "model.csv", "body,x,y,z", bodies)
+    first = json.loads(run("track", model, folder / "frames.csv", *OPTIONS, "--json").stdout.splitlines()[0])
+    assert first["bodies"]["hmd"]["status"] == "matched"
+
+
+def test_a_frame_is_answered_when_it_ends(folder: Path) -> None:
+    """At an empty line, and not when the next frame begins: the answer comes while the pipe is still open."""
+    command = [sys.executable, "-m", "rootmatch", "track", str(folder / "model.csv"), "-", *map(str, OPTIONS), "--json"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write("time,x,y\n")
+        for k in range(3):
+            process.stdin.writelines(f"{k / 60},{x},{y}\n" for x, y in frame(k)[0].tolist())
+            process.stdin.write("\n")
+            process.stdin.flush()
+            assert json.loads(process.stdout.readline())["frame"] == k
+        process.stdin.close()
+        assert process.stdout.read() == ""
+        assert process.wait() == 0
+
+
+def test_frames_without_detections_and_where_frames_end(tmp_path: Path) -> None:
+    path = tmp_path / "frames.csv"
+    path.write_text("frame,x,y,sigma\n3,1,2,.5\n\n\n4,,,\n5,3,4,1\n5,5,6,2\n\n")
+    frames = list(read_frames(path))
+    assert [one.number for one in frames] == [3, 4, 5]
+    assert [one.points.tolist() for one in frames] == [[[1, 2]], [], [[3, 4], [5, 6]]]
+    assert frames[1].points.shape == (0, 2)
+    assert frames[2].sigma is not None
+    assert frames[2].sigma.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "text"),
+    [
+        ("time,x,y", [[0.5, 1, 2], [0.2, 1, 2]], "row 3: time 0.2 after time 0.5; frames are out of order"),
+        ("frame,time,x,y", [[1, 0.5, 1, 2], [2, 0.5, 1, 2]], "row 3: time 0.5 after time 0.5; frames are out of order"),
+        ("frame,time,x,y", [[1, 0.5, 1, 2], [1, 0.6, 1, 2]], "row 3: frame 1 has two times, 0.5 and 0.6"),
+        ("time,x,y", [["soon", 1, 2]], "row 2: time is 'soon'"),
+        ("frame,x,y", [[1, 1, 2], [], [1, 3, 4]], "row 4: frame 1 goes on after an empty line"),
+        ("frame,x,y,sigma", [[1, 1, 2, -1]], "row 2: sigma is '-1'; give a number of 0 or more"),
+        ("x,y", [[1, 2]], "the column 'frame' is missing"),
+    ],
+)
+def test_times_and_ends_that_cannot_be_read(tmp_path: Path, header: str, rows: list[list[Any]], text: str) -> None:
+    with pytest.raises(InputError, match=re.escape(text)):
+        list(read_frames(write(tmp_path / "bad.csv", header, rows)))
+
+
+def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path: Path) -> None:
+    camera = ("--problem", "p3p", "--camera", "800,780,320,240")
+    image, files = frame(0)[0].tolist(), {}
+    for name, header, more in (("plain", "x,y", []), ("sigma", "x,y,sigma", [0.2])):
+        files[name] = write(tmp_path / f"{name}.csv", header, [[*point, *more] for point in image])
+    files["frames"] = write(tmp_path / "frames.csv", "frame,x,y,sigma", [[0, *point, 0.2] for point in image])
+    records = []
+    for name, options in (("plain", ("--noise", "0.2")), ("sigma", ()), ("frames", ())):
+        result = run("match", folder / "model.csv", files[name], *camera, *options, "--json")
+        assert result.exit_code == 0, result.output
+        records.append(json.loads(result.stdout))
+    for record in records[1:]:
+        assert record["assignment"] == records[0]["assignment"]
+        assert record["noise"] is None
+        np.testing.assert_allclose(record["poses"][0]["covariance"], records[0]["poses"][0]["covariance"], rtol=1e-6)
+    tracked = run("track", folder / "model.csv", files["frames"], *camera, "--json")
+    np.testing.assert_allclose(
+        json.loads(tracked.stdout)["pose"]["covariance"], records[0]["poses"][0]["covariance"], rtol=1e-6
+    )
+    for command, name in (("match", "sigma"), ("match", "frames"), ("track", "frames")):
+        result = run(command, folder / "model.csv", files[name], *camera, "--noise", "0.2")
+        assert result.exit_code == 2
+        assert "has a column sigma, which says it; leave one of them out" in result.stderr
+
+
+def test_columns_sigma_of_two_noisy_sets(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    plan = rng.uniform(-80, 80, (7, 3))
+    seen = plan @ np.diag([-1.0, -1.0, 1.0]) + 100.0 + rng.normal(0, 0.3, (7, 3))
+    files = {
+        "plan": write(tmp_path / "plan.csv", "x,y,z", plan.tolist()),
+        "plan-sigma": write(tmp_path / "plan-sigma.csv", "x,y,z,sigma", [[*x, 0.2] for x in plan.tolist()]),
+        "seen": write(tmp_path / "seen.csv", "x,y,z", seen.tolist()),
+        "seen-sigma": write(tmp_path / "seen-sigma.csv", "x,y,z,sigma", [[*x, 0.3] for x in seen.tolist()]),
+    }
+
+    def covariance(model: str, image: str, *options: object) -> list[list[float]]:
+        result = run("match", files[model], files[image], "--problem", "rigid", *options, "--json")
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)["poses"][0]["covariance"]
+
+    expected = covariance("plan", "seen", "--noise", "0.2,0.3")
+    for case in (
+        covariance("plan-sigma", "seen-sigma"),
+        covariance("plan-sigma", "seen", "--noise", "0.3"),
+        covariance("plan", "seen-sigma", "--noise", "0.2"),
+    ):
+        np.testing.assert_allclose(case, expected, rtol=1e-9)
+    both = run("match", files["plan-sigma"], files["seen-sigma"], "--problem", "rigid", "--noise", "0.3")
+    assert "leave one of them out" in both.stderr
+    points = write(tmp_path / "image.csv", "x,y", seen[:, :2].tolist())
+    refused = run("match", files["plan-sigma"], points, "--problem", "p3p", "--camera", "800,780,320,240")
+    assert refused.exit_code == 2
+    assert "plan-sigma.csv: a column sigma, and p3p has exact points there; leave it out" in refused.stderr

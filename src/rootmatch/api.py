@@ -114,8 +114,12 @@ def match(
         of the camera; of `rootmatch.Bearings` unit rays (n', 3).
     problem : Problem
         `P3P`, `UP2P`, `ThreePlusOne`, or another one.
-    noise : float, (n',) array or "auto"
-        Standard deviation of a pixel coordinate, in pixels. ``"auto"``: estimated from the match, in a few
+    noise : float, (n',) array, pair or "auto"
+        Standard deviation of a coordinate: in pixels in an image, in the unit of the points for two point sets. One
+        number for all points, or one for each of the target. Where both sets are noisy, as of two images and of two
+        point sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are
+        those of the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as
+        a number or one for each point: ``(0.0, 0.3)`` for an exact plan. ``"auto"``: estimated from the match, in a few
         rounds.
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from rootmatch.io.pose_files import pose_record
 
 if TYPE_CHECKING:
     from rootmatch.io.point_files import PointSet
     from rootmatch.problems.pose_fit.pose import Pose
     from rootmatch.result import Match
+    from rootmatch.tracking.tracker import TrackingState
 
 POSE_COLUMNS = ("frame", "body", "status", "probability", "matched", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
@@ -27,6 +31,30 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
         probability = "" if one.finding.probability is None else float(one.finding.probability)
         rows.append([frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum()), *cells])
     return rows
+
+
+def frame_record(frame: int, time: float, match: Match, states: Mapping[Any, TrackingState]) -> dict[str, Any]:
+    """A tracked frame as numbers, lists and strings that JSON can hold.
+
+    Keys: ``frame``, ``time`` (s), ``status``, ``state`` (``"tracking"``, ``"coasting"`` or ``"lost"``),
+    ``probability`` (null where it was not needed), ``pairs`` (source point, detection), ``pose`` (see
+    `rootmatch.io.pose_record`; null where it is not known). Of several bodies ``bodies`` has the last five of each.
+    """
+    if match.bodies is None:
+        return {"frame": frame, "time": time, **_body_record(match, states[None])}
+    bodies = {str(label): _body_record(one, states[label]) for label, one in match.bodies.items()}
+    return {"frame": frame, "time": time, "status": match.status.name.lower(), "bodies": bodies}
+
+
+def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
+    pose = _pose(match)
+    return {
+        "status": match.status.name.lower(),
+        "state": state.name.lower(),
+        "probability": None if match.finding.probability is None else float(match.finding.probability),
+        "pairs": match.pairs.tolist(),
+        "pose": None if pose is None else pose_record(pose),
+    }
 
 
 def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:

@@ -17,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rootmatch.cli.noise import Noise
 from rootmatch.cli.problem_options import flag
 from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError, RootmatchError
@@ -75,6 +76,11 @@ class Job:
     source: PointSet
     problem: Any
     options: dict[str, Any]
+    noise: Noise | None = None
+
+    def noise_of(self, frame: Frame) -> Any:
+        """σ of a frame whose detections have each their own; None where that of the options holds."""
+        return None if self.noise is None or frame.sigma is None else self.noise.of(frame.sigma)
 
 
 def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, scheduler: str | None) -> bool:
@@ -191,7 +197,7 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             _load(job, frames[0])
             worker.loaded = True
         for frame in frames:
-            found = matcher.match(frame.points)
+            found = matcher.match(frame.points, noise=job.noise_of(frame))
             rows = {
                 "--output": match_rows(frame.number, found, job.source),
                 "--poses": pose_rows(frame.number, found),
@@ -227,6 +233,6 @@ def _load(job: Job, frame: Frame) -> None:
     patient = Matcher(job.source.points, job.problem, **job.options | {"max_seconds": budget})
     for _ in range(PASSES):
         started = time.monotonic()
-        found = patient.match(frame.points)
+        found = patient.match(frame.points, noise=job.noise_of(frame))
         if not found.stopped_early or time.monotonic() - started < 1.2 * budget:
             return

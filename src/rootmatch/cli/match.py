@@ -12,6 +12,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, Job, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
+from rootmatch.cli.noise import Noise, parse_noise
 from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
@@ -22,7 +23,7 @@ def match(
     image: option.Image,
     problem: option.Problem,
     camera: option.Camera = None,
-    noise: option.Noise = "1",
+    noise: option.Noise = None,
     vertical_camera: option.VerticalCamera = None,
     vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
@@ -134,16 +135,17 @@ def match(
         "bodies": source.bodies,
     }
     plain = {name: value for name, value in plain.items() if value is not None}
+    given_noise = Noise(parse_noise(noise), source.sigma, model, image, posed.noisy_source, posed.name)
     if has_frames(image):
         settings = {
-            "noise": _noise(noise),
+            "noise": given_noise.of(None),
             "seed": seed,
             "motions": _motions(motions),
             "normals": source.normals if normals else None,
         }
         subjects = {name: flag(name) for name in (*plain, *settings)} | {"source": str(model), "bodies": str(model)}
         with option_names_in_errors(subjects):
-            job = Job(source, posed, plain | settings)
+            job = Job(source, posed, plain | settings, given_noise)
             if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
@@ -166,7 +168,7 @@ def match(
             source.points,
             target.points,
             posed,
-            noise=_noise(noise),
+            noise=given_noise.of(target.sigma),
             seed=seed,
             motions=_motions(motions),
             normals=source.normals if normals else None,
@@ -195,16 +197,3 @@ def _motions(text: str) -> Any:
         return int(text)
     except ValueError:
         raise InputError(f"motions: {quoted(text)} given; give a whole number of at least 1, or auto") from None
-
-
-def _noise(text: str) -> Any:
-    """A number of pixels, two of them (source and target), or "auto"."""
-    if text == "auto":
-        return text
-    try:
-        source, *target = (float(part) for part in text.split(",", maxsplit=1))
-        return (source, target[0]) if target else source
-    except ValueError:
-        raise InputError(
-            f"noise: {quoted(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
-        ) from None

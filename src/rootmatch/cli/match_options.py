@@ -37,10 +37,11 @@ Camera = Annotated[
     ),
 ]
 Noise = Annotated[
-    str,
+    str | None,
     typer.Option(
         metavar="PX|SOURCE,TARGET|auto",
         help="Standard deviation of a pixel coordinate (3p1, planar, similarity, rigid: of either set), or auto.",
+        show_default="1, or the columns sigma",
         rich_help_panel=INPUT,
     ),
 ]

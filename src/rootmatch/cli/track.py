@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import sys
 from collections import Counter
 from contextlib import ExitStack, closing
@@ -17,19 +18,28 @@ from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs
+from rootmatch.cli.noise import Noise
 from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.surroundings import leaves
 from rootmatch.errors import InputError, quoted
 
+RATE = 60.0
+"""Frames a second where neither --rate nor a column time says it."""
 FIRST_FRAMES, SLOW = 50, 1.0
 """Frames whose steps are looked at, and seconds between two beyond which frame is hardly a number of one. Not tuned."""
 
 Frames = Annotated[
     Path,
-    typer.Argument(metavar="FRAMES.csv|-", help="Detections frame,x,y[,camera] in order; - reads them."),
+    typer.Argument(metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,camera,sigma] in order; - reads them."),
 ]
 Rate = Annotated[
-    float, typer.Option(metavar="HZ", help="Frames a second; missing numbers are time.", rich_help_panel=option.INPUT)
+    float | None,
+    typer.Option(
+        metavar="HZ",
+        help="Frames a second; missing numbers are time.",
+        show_default="60, or the column time",
+        rich_help_panel=option.INPUT,
+    ),
 ]
 Poses = Annotated[
     Path | None,
@@ -39,6 +49,9 @@ Poses = Annotated[
         show_default="standard output",
         rich_help_panel=option.OUTPUT,
     ),
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print a JSON object a frame, one a line.", rich_help_panel=option.OUTPUT)
 ]
 Matches = Annotated[
     Path | None,
@@ -51,8 +64,8 @@ def track(
     frames: Frames,
     problem: option.Problem,
     camera: option.Camera = None,
-    rate: Rate = 60.0,
-    noise: option.Noise = "1",
+    rate: Rate = None,
+    noise: option.Noise = None,
     vertical_camera: option.VerticalCamera = None,
     vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
@@ -63,11 +76,12 @@ def track(
     seed: option.Seed = 0,
     poses: Poses = None,
     output: Matches = None,
+    as_json: AsJson = False,
 ) -> None:
     """Follow a body, or several, through the frames of a camera.
 
-    Each frame is predicted from those before. Every row is written as soon as its frame is complete, which is when the
-    next one begins.
+    Each frame is predicted from those before. Every row is written as soon as its frame is complete, which is at an
+    empty line, or when the next one begins.
 
     Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, what was written stays.
     """
@@ -81,20 +95,27 @@ def track(
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import STANDARD_INPUT, read_frames
 
-    if not rate > 0.0 or rate == float("inf"):
+    if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
     given_files = model, frames, None if camera is None else io.camera_file(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
-    FrameOutputs(output, poses, as_json=False, resume=False).check(inputs)
-    if poses is None and output is not None and io.is_standard_output(output):
+    FrameOutputs(output, poses, as_json=as_json, resume=False).check(inputs)
+    if not as_json and poses is None and output is not None and io.is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
     try:
-        sigma = float(noise)
+        given_noise = None if noise is None else float(noise)
     except ValueError:
         raise InputError(f"--noise: {quoted(noise)} given; give a number of pixels") from None
     posed = build_problem(str(problem), given)
     from rootmatch.cameras.rig import rig_of
-    from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS, match_rows, pose_rows
+    from rootmatch.cli.frame_outputs import (
+        COVARIANCES,
+        MATCH_COLUMNS,
+        POSE_COLUMNS,
+        frame_record,
+        match_rows,
+        pose_rows,
+    )
     from rootmatch.tracking.tracker import Tracker
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
@@ -109,48 +130,57 @@ def track(
     }
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise")}
-    header = (*POSE_COLUMNS, *COVARIANCES)
+    header = (*POSE_COLUMNS, *COVARIANCES, "time")
     count: Counter[str] = Counter()
-    numbers: list[int] = []
+    times: list[float] = []
+    timed = False
+    noises = Noise(given_noise, source.sigma, model, frames, posed.noisy_source, posed.name)
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,
     ):
         leaves("what was written is kept")
-        tracker = Tracker(source.points, posed, noise=sigma, **options)
+        tracker = Tracker(source.points, posed, noise=noises.of(None), **options)
         matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
         table = files.enter_context(closing(AppendedTable(poses, header))) if poses else None
         printed = csv.writer(sys.stdout, lineterminator="\n")
-        if table is None:
+        if table is None and not as_json:
             printed.writerow(header)
         for frame in read_frames(frames, posed.target_dimension, of_rig=rig_of(posed) is not None):
-            found = tracker.update(frame.points, time=frame.number / rate)
-            rows = pose_rows(frame.number, found)
+            timed = frame.time is not None
+            if timed and rate is not None:
+                raise InputError(f"--rate: {frames} has a column time; leave one of them out")
+            when = frame.number / (rate or RATE) if frame.time is None else frame.time
+            weights = None if frame.sigma is None else noises.of(frame.sigma)
+            found = tracker.update(frame.points, time=when, noise=weights)
+            rows = [[*row, when] for row in pose_rows(frame.number, found)]
+            if as_json:
+                print(json.dumps(frame_record(frame.number, when, found, tracker.states), allow_nan=False), flush=True)
             if table is not None:
                 table.write(rows)
-            else:
+            elif not as_json:
                 printed.writerows(rows)
                 sys.stdout.flush()
             if matches is not None:
                 matches.write(match_rows(frame.number, found, source))
             count.update(row[2] for row in rows)
-            if len(numbers) < FIRST_FRAMES:
-                numbers.append(frame.number)
-    _warn_of_slow_frames(numbers, rate)
+            if len(times) < FIRST_FRAMES:
+                times.append(when)
+    _warn_of_slow_frames(times, None if timed else rate or RATE)
     text = ", ".join(f"{count[status]} {status}" for status in ("matched", "ambiguous", "untrusted"))
     print(f"rootmatch: {text}", file=sys.stderr)
     if not count["matched"]:
         raise typer.Exit(NOT_TRUSTED)
 
 
-def _warn_of_slow_frames(numbers: list[int], rate: float) -> None:
-    """Say so where frames are seconds apart: their numbers are probably times in milliseconds."""
-    if len(numbers) < 2:
+def _warn_of_slow_frames(times: list[float], rate: float | None) -> None:
+    """Say so where frames are seconds apart: their numbers, or times, are probably milliseconds."""
+    if len(times) < 2:
         return
-    step = median(after - before for before, after in pairwise(numbers)) / rate
+    step = median(after - before for before, after in pairwise(times))
     if step > SLOW:
-        print(
-            f"rootmatch: warning: the frames are {step:.3g} s apart at --rate {rate:g}; where frame is a time in "
-            "milliseconds, give --rate 1000",
-            file=sys.stderr,
-        )
+        what = "time is in seconds; where it is in milliseconds, divide it by 1000"
+        if rate is not None:
+            what = "where frame is a time in milliseconds, give --rate 1000"
+        at = "" if rate is None else f" at --rate {rate:g}"
+        print(f"rootmatch: warning: the frames are {step:.3g} s apart{at}; {what}", file=sys.stderr)

@@ -77,6 +77,14 @@ def number(path: Path, row: int, column: str, text: str) -> float:
     return value
 
 
+def positive(path: Path, row: int, column: str, text: str) -> float:
+    """Parse the number of a cell, 0 or more, such as a standard deviation."""
+    value = number(path, row, column, text)
+    if value < 0.0:
+        raise InputError(f"{path}, row {row}: {column} is {quoted(text)}; give a number of 0 or more")
+    return value
+
+
 def refuse_repeats(path: Path, values: Sequence[tuple[int, Hashable]], what: str) -> None:
     """Refuse a value that occurs in two rows."""
     first: dict[Hashable, int] = {}

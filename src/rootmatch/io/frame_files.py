@@ -1,4 +1,4 @@
-"""CSV files of many images: detections with a column ``frame``, read as they come."""
+"""CSV files of many images: detections with a column ``frame`` or ``time``, read as they come."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
-from rootmatch.io.csv_tables import check_header, number
+from rootmatch.io.csv_tables import check_header, number, positive
 
 STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
@@ -35,15 +35,21 @@ class Frame:
         Pixels; of a rig (m, 3), the camera's index the third.
     rows : (m,) int64 array
         Rows of the file, the header being row 1.
+    time : float, optional
+        Seconds, where the file has a column ``time``.
+    sigma : (m,) array, optional
+        σ of each detection, where the file has a column ``sigma``.
     """
 
     number: int
     points: NDArray[np.float64]
     rows: NDArray[np.int64]
+    time: float | None = None
+    sigma: NDArray[np.float64] | None = None
 
 
 def has_frames(path: Path) -> bool:
-    """Whether the header of a file names a column ``frame``; standard input is taken to."""
+    """Whether the header of a file names a column ``frame`` or ``time``; standard input is taken to."""
     if path == STANDARD_INPUT:
         return True
     try:
@@ -51,16 +57,21 @@ def has_frames(path: Path) -> bool:
             header = next((line for line in _lines(path, stream) if line.strip()), "")
     except (OSError, ValueError):
         return False  # who reads it as one image says what is wrong
-    return "frame" in [cell.strip().lower() for cell in header.split(",")]
+    return not {"frame", "time"}.isdisjoint(cell.strip().lower() for cell in header.split(","))
 
 
 def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iterator[Frame]:
-    """Frames of a CSV file with columns ``frame,x,y``, each as soon as the next begins.
+    """Frames of a CSV file with columns ``frame,x,y`` or ``time,x,y``, each as soon as it ends.
+
+    A frame ends where the next one begins, at an empty line, or with the file. A row without coordinates, such as
+    ``7,,``, is of a frame without detections.
 
     Parameters
     ----------
     path : path
-        The file, ``-`` for standard input. Rows of one frame follow one another, and numbers ascend.
+        The file, ``-`` for standard input. Rows of one frame follow one another, and numbers, or times, ascend.
+        ``frame`` counts, ``time`` is in seconds, in any steps; frames that have a time alone are numbered from 0. A
+        column ``sigma`` is the σ of each detection.
     dimension : int
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
@@ -73,49 +84,101 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
     """
     name = Path("standard input") if path == STANDARD_INPUT else path
     with _opened(path) as stream:
-        columns = ("frame", "x", "y", "camera") if of_rig else ("frame", "x", "y", "z")[: dimension + 1]
-        yield from _frames(name, stream, columns)
+        yield from _frames(name, stream, ("x", "y", "camera") if of_rig else ("x", "y", "z")[:dimension])
 
 
-def _frames(path: Path, stream: TextIO, needed: tuple[str, ...]) -> Iterator[Frame]:
+class _Frames:
+    """The frame that is being read, and what those before it leave to check."""
+
+    def __init__(self, path: Path, header: list[str], axes: tuple[str, ...]) -> None:
+        self.path, self.axes = path, axes
+        self.numbered, self.timed, self.weighed = (name in header for name in ("frame", "time", "sigma"))
+        self.key: tuple[int, float | None] | None = None
+        self.ended = True
+        self._points: list[list[float]] = []
+        self._sigma: list[float] = []
+        self._rows: list[int] = []
+
+    def take(self, row: int, cells: dict[str, str]) -> Iterator[Frame]:
+        """Add a row; yield the frame that ends before it."""
+        where = f"{self.path}, row {row}"
+        time = number(self.path, row, "time", cells["time"]) if self.timed else None
+        if self.numbered:
+            key = _frame_number(self.path, row, cells["frame"]), time
+        else:  # the time alone tells frames apart
+            key = 0 if self.key is None else self.key[0] + (time != self.key[1]), time
+        if key != self.key:
+            yield from self.end()
+            self._check_order(where, *key)
+            self.key, self.ended = key, False
+        elif self.ended:
+            raise InputError(f"{where}: {self._name(*key)} goes on after an empty line, which ends a frame; remove it")
+        given = [cells[axis] for axis in self.axes]
+        if not any(given):
+            return
+        if len(self._rows) == MOST_DETECTIONS:
+            raise InputError(f"{where}: more than {MOST_DETECTIONS:,} detections in {self._name(*key)}")
+        self._points.append([number(self.path, row, axis, cells[axis]) for axis in self.axes])
+        if self.weighed:
+            self._sigma.append(positive(self.path, row, "sigma", cells["sigma"]))
+        self._rows.append(row)
+
+    def end(self) -> Iterator[Frame]:
+        """Yield the frame that was read, if one was begun."""
+        if self.key is None or self.ended:
+            return
+        self.ended = True
+        points, rows = np.array(self._points).reshape(-1, len(self.axes)), np.array(self._rows, np.int64)
+        sigma = np.array(self._sigma) if self.weighed else None
+        self._points, self._sigma, self._rows = [], [], []
+        yield Frame(self.key[0], points, rows, self.key[1], sigma)
+
+    def _check_order(self, where: str, frame: int, time: float | None) -> None:
+        if self.key is None:
+            return
+        before, earlier = self.key
+        if frame == before:
+            raise InputError(f"{where}: frame {frame} has two times, {earlier:g} and {time:g}; give one for each frame")
+        behind, order = frame < before, f"frame {frame} after frame {before}"
+        if not behind and time is not None and earlier is not None:
+            behind, order = time <= earlier, f"time {time:g} after time {earlier:g}"
+        if behind:
+            raise InputError(f"{where}: {order}; frames are out of order, sort them")
+
+    def _name(self, frame: int, time: float | None) -> str:
+        return f"frame {frame}" if self.numbered else f"time {time:g}"
+
+
+def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame]:
     reader = csv.reader(_lines(path, stream), strict=True)
     header: list[str] = []
-    number_now, points, rows = -1, list[list[float]](), list[int]()
+    frames: _Frames | None = None
     try:
         for raw in reader:
             cells = [cell.strip() for cell in raw]
-            if not any(cells):
-                continue
             row = reader.line_num
-            if not header:
+            if not any(cells):
+                if frames is not None:
+                    yield from frames.end()
+            elif frames is None:
                 header = [cell.lower() for cell in cells]
-                check_header(path, row, header, needed, needed)
-                continue
-            if len(cells) != len(header):
+                key = "time" if "time" in header and "frame" not in header else "frame"
+                check_header(path, row, header, (key, *axes), ("frame", "time", *axes, "sigma"))
+                frames = _Frames(path, header, axes)
+            elif len(cells) != len(header):
                 raise InputError(f"{path}, row {row}: {len(cells)} values given, {len(header)} expected")
-            named = dict(zip(header, cells, strict=True))
-            frame = _frame_number(path, row, named["frame"])
-            if rows and frame != number_now:
-                if frame < number_now:
-                    raise InputError(
-                        f"{path}, row {row}: frame {frame} after frame {number_now}; frames are out of order, sort them"
-                    )
-                yield Frame(number_now, np.array(points), np.array(rows, np.int64))
-                points, rows = [], []
-            if len(rows) == MOST_DETECTIONS:
-                raise InputError(f"{path}, row {row}: more than {MOST_DETECTIONS:,} detections in frame {frame}")
-            number_now = frame
-            points.append([number(path, row, axis, named[axis]) for axis in needed[1:]])
-            rows.append(row)
+            else:
+                yield from frames.take(row, dict(zip(header, cells, strict=True)))
     except csv.Error as error:
         raise InputError(f"{path}, row {reader.line_num}: not comma-separated values ({error})") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check that it is a file") from None
-    if not rows:
-        raise InputError(f"{path}: no row follows the header; give a header {','.join(needed)} and a row a detection")
-    yield Frame(number_now, np.array(points), np.array(rows, np.int64))
+    if frames is None or frames.key is None:
+        wanted = ",".join(("frame", *axes))
+        raise InputError(f"{path}: no row follows the header; give a header {wanted} and a row a detection")
+    yield from frames.end()
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:

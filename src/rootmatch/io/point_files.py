@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.csv_tables import number, read_table, read_text, refuse_repeats, write_table
+from rootmatch.io.csv_tables import number, positive, read_table, read_text, refuse_repeats, write_table
 
 MATCHES = ("source", "target", "weight", "motion", "residual", "confidence")
 """Columns of a file of matches."""
@@ -34,12 +34,15 @@ class PointSet:
         Outward normals, where the file has columns ``nx,ny,nz``.
     bodies : tuple of str, optional
         Labels of the rigid bodies, where the file has a column ``body``.
+    sigma : (m,) array, optional
+        Standard deviation of each point's coordinates, where the file has a column ``sigma``.
     """
 
     points: NDArray[np.float64]
     ids: tuple[str, ...] | None = None
     normals: NDArray[np.float64] | None = None
     bodies: tuple[str, ...] | None = None
+    sigma: NDArray[np.float64] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,7 +63,7 @@ def point_dimension(path: Path) -> int:
 
 
 def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = False) -> PointSet:
-    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id`` and, in space, optional ``nx,ny,nz,body``.
+    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, ``nx,ny,nz,body``.
 
     Parameters
     ----------
@@ -79,7 +82,7 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
         If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
-    known = ("id", *needed, *((*NORMALS, "body") if dimension == 3 and not of_rig else ()))
+    known = ("id", *needed, "sigma", *((*NORMALS, "body") if dimension == 3 and not of_rig else ()))
     rows = read_table(path, needed, known)
     with_normals = [name for name in NORMALS if name in rows[0][1]]
     if with_normals and len(with_normals) < 3:
@@ -104,9 +107,12 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
     if "id" in rows[0][1]:
         ids = _labels(path, rows, "id", "name")
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
+    sigma = None
+    if "sigma" in rows[0][1]:
+        sigma = np.array([positive(path, row, "sigma", cells["sigma"]) for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
-    return PointSet(points, ids, normals, bodies)
+    return PointSet(points, ids, normals, bodies, sigma)
 
 
 def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
@@ -187,6 +193,9 @@ def write_points(path: Path, points: PointSet) -> None:
     if points.bodies is not None:
         header.append("body")
         columns.append(points.bodies)
+    if points.sigma is not None:
+        header.append("sigma")
+        columns.append(points.sigma.tolist())
     write_table(path, header, zip(*columns, strict=True))
 
 
