@@ -79,5 +79,5 @@ def parse_noise(text: str | None) -> Any:
         return (source, target[0]) if target else source
     except ValueError:
         raise InputError(
-            f"noise: {quoted(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
+            f"--noise: {quoted(text)} given; give a number of pixels, SOURCE,TARGET where both are noisy, or auto"
         ) from None
