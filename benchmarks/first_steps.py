@@ -120,6 +120,7 @@ def main() -> None:
     clone = folder / "rootmatch" / ".venv" / "bin"
     steps.environment["NUMBA_CACHE_DIR"] = str(clone.parent / "numba-cache")
     steps.matched("own CSV files and OpenCV calibration", str(clone / "rootmatch"))
+    steps.environment["ROOTMATCH_PREBUILD"] = "1"
     del steps.environment["NUMBA_CACHE_DIR"]
     steps.run("build a wheel, kernels included", f"{clone}/python -m pip wheel -q --no-deps -w ../dist .", "rootmatch")
     steps.run("a new environment", f"{sys.executable} -m venv fresh")

@@ -57,6 +57,10 @@ class KernelsHook(BuildHookInterface):  # type: ignore[misc]
         if find_spec("numba") is None:
             return "Numba is not installed where the wheel is built"
         self.app.display_info("Compiling kernels; a minute or two")
-        path = os.pathsep.join(filter(None, [str(Path(self.root) / "src"), os.environ.get("PYTHONPATH")]))
-        done = subprocess.run([sys.executable, "-c", PROGRAM, str(folder)], env={**os.environ, "PYTHONPATH": path})
+        with tempfile.TemporaryDirectory(prefix="rootmatch-source-") as copy:
+            # from an environment with an editable installation, pip takes its folder off the path, and src with it
+            package = Path(self.root) / "src" / "rootmatch"
+            shutil.copytree(package, Path(copy) / "rootmatch", ignore=shutil.ignore_patterns("__pycache__"))
+            path = os.pathsep.join(filter(None, [copy, os.environ.get("PYTHONPATH")]))
+            done = subprocess.run([sys.executable, "-c", PROGRAM, str(folder)], env={**os.environ, "PYTHONPATH": path})
         return f"kernels could not be compiled (exit code {done.returncode})" if done.returncode else None

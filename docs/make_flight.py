@@ -9,6 +9,7 @@ makes of them: every LED keeps its colour as long as it is identified.
 from __future__ import annotations
 
 import colorsys
+import csv
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,8 @@ RATE, FRAMES, STEP = 60, 300, 4
 """Frames a second, frames in all, and frames from one picture to the next."""
 VIEW = np.array([[310.0, 325.0], [1130.0, 745.0]])
 """Least and greatest pixel that is shown."""
+FAR = 0.02
+"""Error of a position, in metres, that only a wrong match has."""
 PANEL, SMOOTH = (520, 266), 2
 """Size of each half; pictures are drawn larger by the second number, then reduced."""
 GROUND, DOT, CLUTTER, TEXT = "#0d1117", "#f0f3f6", "#6b7683", "#c9d1d9"
@@ -40,14 +43,21 @@ SHADES = (0.25, 0.5, 0.75, 1.0)
 """Shades of each colour over the ground in the palette, for smooth edges."""
 
 
-def recording(folder: Path) -> tuple[rm.Camera, dict[str, tuple[np.ndarray, np.ndarray]], list[np.ndarray]]:
-    """Camera, LEDs and normals by body, and the detections of each frame."""
+def recording(
+    folder: Path,
+) -> tuple[rm.Camera, dict[str, tuple[np.ndarray, np.ndarray]], list[np.ndarray], dict[tuple[int, str], np.ndarray]]:
+    """Camera, LEDs and normals by body, the detections of each frame, and true positions by frame and body."""
     subprocess.run([sys.executable, RECORDING, folder, "--frames", str(FRAMES)], check=True)
     camera, model = read_camera(folder / "camera.json").camera, read_points(folder / "model.csv", 3)
     labels = np.array(model.bodies)
     bodies = {str(name): (model.points[labels == name], model.normals[labels == name]) for name in AXIS}
     rows = np.loadtxt(folder / "frames.csv", delimiter=",", skiprows=1)
-    return camera, bodies, [rows[rows[:, 0] == k, 1:] for k in range(FRAMES)]
+    with (folder / "truth.csv").open(newline="") as file:
+        truth = {
+            (int(row["frame"]), row["body"]): np.array([float(row[name]) for name in ("tx", "ty", "tz")])
+            for row in csv.DictReader(file)
+        }
+    return camera, bodies, [rows[rows[:, 0] == k, 1:] for k in range(FRAMES)], truth
 
 
 def on_panel(pixels: np.ndarray) -> np.ndarray:
@@ -122,22 +132,25 @@ def frame(
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        camera, bodies, frames = recording(Path(folder))
+        camera, bodies, frames, truth = recording(Path(folder))
     points, normals = (np.concatenate([body[k] for body in bodies.values()]) for k in range(2))
     labels = [name for name, (own, _) in bodies.items() for _ in own]
     known = {"normals": normals, "view_angle": np.radians(65.0), "bodies": labels}
     tracker = rm.Tracker(points, rm.P3P(camera), noise=0.4, **known)
-    pictures, missed = [], dict.fromkeys(bodies, 0)
+    pictures, missed, wrong = [], dict.fromkeys(bodies, 0), dict.fromkeys(bodies, 0)
     for k, detections in enumerate(frames):
         match = tracker.update(detections, time=k / RATE)
-        for name in bodies:
-            missed[name] += not match.bodies[name]
+        for name, body in match.bodies.items():
+            missed[name] += not body
+            wrong[name] += bool(body) and bool(np.linalg.norm(body.pose.t - truth[k, name]) > FAR)
         if k % STEP == 0:
             pictures.append(frame(camera, bodies, detections, match))
     first, *rest = (one.quantize(palette=palette(), dither=Image.Dither.NONE) for one in pictures)
     target = HERE / "flight.gif"
     first.save(target, save_all=True, append_images=rest, duration=1000 * STEP // RATE, loop=0, optimize=True)
-    print(f"{len(frames)} frames, not matched: {missed}; {target.stat().st_size / 1e3:.0f} kB")
+    print(
+        f"{len(frames)} frames, not matched: {missed}, matched and far off: {wrong}; {target.stat().st_size / 1e3:.0f} kB"
+    )
 
 
 if __name__ == "__main__":

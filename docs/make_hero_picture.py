@@ -19,6 +19,7 @@ os.environ["MPLBACKEND"] = "agg"
 import cv2
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.axes import Axes
 
 import rootmatch as rm
@@ -30,6 +31,7 @@ NOISE = 0.3
 AXIS = 50.0
 """Length of the drawn axes in millimetres: two squares."""
 SEEN, FOUND, LOST = "#ffb000", "#00e08a", "#ff4f6d"
+RIM = [patheffects.withStroke(linewidth=3.5, foreground="black")]
 X_RANGE, Y_RANGE = (0.0, 600.0), (478.0, 2.0)
 """The part of the photograph that is shown, in pixels."""
 
@@ -113,17 +115,19 @@ def main() -> None:
     R, t = pose
     drawn = cv2.projectPoints(np.vstack([origin, tips]), cv2.Rodrigues(np.array(R))[0], np.array(t), K, None)[0][:, 0]
     for tip, colour, name in zip(drawn[1:], ("#ff4040", "#40d040", "#5090ff"), "xyz", strict=True):
-        arrow = {"arrowstyle": "-|>", "color": colour, "lw": 3, "shrinkA": 0, "shrinkB": 0}
+        arrow = {"arrowstyle": "-|>", "color": colour, "lw": 3.5, "shrinkA": 0, "shrinkB": 0}
         found.annotate("", tip, drawn[0], arrowprops=arrow)
         beyond = tip + 9.0 * (tip - drawn[0]) / np.linalg.norm(tip - drawn[0])
-        found.text(*beyond, name, color=colour, fontsize=15, weight="bold", ha="center", va="center")
+        text = found.text(*beyond, name, color=colour, fontsize=17, weight="bold", ha="center", va="center")
+        text.set_path_effects(RIM)
     found.scatter(*detections[clutter].T, s=65, marker="x", color=LOST, linewidths=2.4)
     found.scatter(*detections[matched].T, s=85, facecolors="none", edgecolors=FOUND, linewidths=2.4)
     lines = [np.linspace(drawn[0], tip, 8) for tip in drawn[1:]]
     busy = np.vstack([*lines, detections])
     shown = np.flatnonzero(match.assignment >= 0)
     for i, place in zip(shown, free_places(detections, match.assignment[shown], busy), strict=True):
-        found.text(*place, str(i), color="white", fontsize=14, weight="bold", ha="center", va="center")
+        text = found.text(*place, str(i), color="white", fontsize=15, weight="bold", ha="center", va="center")
+        text.set_path_effects(RIM)
     figure.savefig(HERE / "hero.png", dpi=100)
     _check_labels(found)
 

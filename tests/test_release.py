@@ -7,7 +7,9 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 import yaml
+from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -26,6 +28,23 @@ def test_the_paper_is_cited_by_title_and_authors() -> None:
     assert paper["title"] in readme
     for author in paper["authors"]:
         assert author["family-names"] in readme
+
+
+@pytest.mark.parametrize("source", [None, "https://host.example/rootmatch"])
+def test_the_description_on_an_index_has_no_link_that_leads_nowhere(
+    source: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has all words of the README, and what is left of its links is absolute."""
+    monkeypatch.syspath_prepend(ROOT / "build_backend")
+    from index_page import for_index
+
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    given, shown = (MarkdownIt("commonmark").enable("table").render(page) for page in (text, for_index(text, source)))
+    links = re.findall(r'(?:href|src)="([^"]*)"', shown)
+    assert all(link.startswith("https://") for link in links)
+    assert len(links) == (0 if source is None else len(re.findall(r'(?:href|src)="', given)))
+    words = [re.sub(r"<!--.*?-->|<[^>]*>|\s", "", page, flags=re.DOTALL) for page in (given, shown)]
+    assert words[1].startswith(words[0])
 
 
 def test_the_conda_recipe_has_the_dependencies_of_the_package() -> None:
