@@ -18,9 +18,14 @@ from rootmatch.explain.explain import explain
 from rootmatch.explain.task import MatchingTask, MatchOptions
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import in_threads
+from rootmatch.problems.similarity.problem import distances
 from rootmatch.result import report
 from rootmatch.simulation import p3p_scene, up2p_scene
-from rootmatch.solvers import SOLVERS, PowerIteration
+from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
+from rootmatch.solvers.ascent.assignment_state import empty_state
+from rootmatch.solvers.ascent.local_search import climb_from
+from rootmatch.solvers.ascent.multi_start import MultiStart
+from rootmatch.solvers.ascent.subset_index import build_index
 
 
 class Clock:
@@ -199,6 +204,35 @@ def test_every_solver_keeps_to_a_deadline(name) -> None:  # type: ignore[no-unty
     cut = SOLVERS[name](tensor, deadline=Deadline(1e-9, clock=Clock(1.0)))  # type: ignore[call-arg]
     assert cut.assignment.shape == (6,)
     assert not cut.converged
+
+
+def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two() -> None:
+    rng = np.random.default_rng(1)
+    tuples = [rng.permuted(np.tile(np.arange(n), (4000, 1)), axis=1)[:, :3] for n in (12, 14)]
+    unary = rng.random((12, 14))
+    edges = (tuples[0] * 14 + tuples[1]).astype(np.int32)
+    index = build_index(AffinityTensor.unchecked(edges, rng.random(4000), (12, 14), unary).merged())
+    nothing = np.full(12, -1)
+    (whole,), (value,), (moves,) = climb_from(
+        index, empty_state(index), nothing[None], penalty=0.0, limit=10_000, exchanges=False
+    )
+    search = MultiStart(MultiStartAscent(), index, Deadline(1e6, clock=Clock(1e-3)))
+    (image,), (same,), (made,) = search.ascent_in_steps(nothing, 0.0, exchanges=False)
+    np.testing.assert_array_equal(image, whole)
+    assert (same, made) == (value, moves)
+    short = MultiStart(MultiStartAscent(), index, Deadline(6.0, clock=Clock(1.0)))
+    assert short.shortest_ascent < 0.25  # this one would be made whole
+    (image,), (less,), (made,) = short.ascent_in_steps(nothing, 0.0, exchanges=False)
+    assert 0 < made < moves
+    assert 0.0 < less < value
+    assert np.unique(image[image >= 0]).size == (image >= 0).sum() == made
+
+
+def test_distances_are_those_of_a_norm_and_end_at_a_deadline() -> None:
+    points = np.random.default_rng(2).normal(size=(1500, 3))
+    np.testing.assert_array_equal(distances(points[:40]), np.linalg.norm(points[:40, None] - points[:40], axis=2))
+    with Deadline(2.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+        distances(points)
 
 
 def test_a_solver_that_knows_no_deadline_is_called_without() -> None:

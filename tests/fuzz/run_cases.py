@@ -172,7 +172,7 @@ def main() -> int:
         part = state[what]
         while part["done"] < size and time.monotonic() < ends:
             start = time.monotonic()
-            left = min(ends - start, 120.0)
+            left = min(ends - start, 300.0)
             part["done"], faults = supervised(what, part["done"], min(size, part["done"] + 20_000), left)
             part["faults"] += faults
             part["seconds"] += time.monotonic() - start

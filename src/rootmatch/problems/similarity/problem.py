@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.noise import thousandth
@@ -18,6 +19,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 
 if TYPE_CHECKING:
     from rootmatch.problems.similarity.tables import SimilarityTables
+
+ENTRIES = 1_000_000
+"""Distances that are worked out between two looks at a deadline: a few milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +153,13 @@ class Rigid(Similarity):
 
 
 def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, n) distances of points (n, k)."""
-    lengths: NDArray[np.float64] = np.linalg.norm(points[:, None, :] - points[None, :, :], axis=2)
+    """(n, n) distances of points (n, k); rows at a time, between which a deadline is looked at."""
+    lengths = np.zeros((len(points), len(points)))
+    step = max(ENTRIES // max(len(points), 1), 1)
+    for first in range(0, len(points), step):
+        checkpoint()
+        rows = lengths[first : first + step]
+        for one, every in zip(points[first : first + step].T, points.T, strict=True):
+            rows += np.subtract.outer(one, every) ** 2
+        np.sqrt(rows, out=rows)
     return lengths

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
+from rootmatch.problems.similarity.problem import distances
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
 
 Floats = NDArray[np.float64]
@@ -88,7 +89,7 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[n
 def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
     n, n_target = len(clouds.source), len(clouds.target)
-    near, far = _distances(clouds.source), _distances(clouds.target)
+    near, far = distances(clouds.source), distances(clouds.target)
     u, v = clouds.source_variance, clouds.target_variance
     triples = np.array(list(combinations(range(n), 3)), np.int64)
     a, b, c = triples.T
@@ -214,7 +215,3 @@ def _distinct(parts: list[Integers], least: int) -> Integers:
 def _keys(n: int) -> Integers:
     """Random numbers (n,), the same for every labelling."""
     return np.random.default_rng(0).integers(-(2**62), 2**62, n, dtype=np.int64)
-
-
-def _distances(points: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(points[:, None] - points, axis=-1))

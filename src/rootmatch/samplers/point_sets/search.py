@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, checkpoint
 from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.similarity.problem import distances
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
@@ -27,6 +28,8 @@ ROUNDS = 4
 """Rounds in which a motion is fitted to the points that it explains; the gate narrows from one to the next."""
 BLOCK = 64
 """Motions that are judged together, at most."""
+SECONDS_PER_PAIR = 1e-7
+"""To sort the pairs of targets by their distance, by which they are looked up."""
 ENTRIES = 2_000_000
 """Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
 
@@ -51,10 +54,8 @@ class MotionSearch:
         self.rng = np.random.default_rng(task.seed)
         self.n, self.n_target = task.shape
         self.dimension = clouds.source.shape[1]
-        self.near = _distances(clouds.source)
-        checkpoint()
-        self.far = _distances(clouds.target)
-        checkpoint()
+        self.near, self.far = distances(clouds.source), distances(clouds.target)
+        checkpoint(SECONDS_PER_PAIR * self.n_target**2)
         self.allowed = task.candidates
         first, second = np.triu_indices(self.n_target, 1)
         order = np.argsort(self.far[first, second], kind="stable")
@@ -245,10 +246,6 @@ class MotionSearch:
     def assignments(self) -> Integers:
         """Assignments (K, n) of the motions, the highest evidence first."""
         return np.array([one.assignment for one in self.hypotheses], np.int64).reshape(-1, self.n)
-
-
-def _distances(points: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(points[:, None] - points, axis=-1))
 
 
 def _turn(corners: Floats) -> Floats:

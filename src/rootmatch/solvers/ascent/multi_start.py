@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, Pace
-from rootmatch.jit.threads import threads_worth
-from rootmatch.solvers.ascent.assignment_state import State, empty_state
-from rootmatch.solvers.ascent.local_search import climb_from, scored_neighbours, state_of
+from rootmatch.jit.threads import GROWTH, LONGEST, threads_worth
+from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
+from rootmatch.solvers.ascent.local_search import climb, climb_from, scored_neighbours, state_of
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import random_walk_start
 from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
@@ -21,6 +21,10 @@ from rootmatch.solvers.base import Alternatives, Solution
 
 LOOKUPS_PER_SUBSET = 4.0
 """An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
+SECONDS_PER_GAIN = 1e-9
+"""That a move takes for each of the n n' gains, at least; an ascent makes two moves for each match, at most, mostly."""
+SHORT = 0.25
+"""Part of the time left that an ascent may take, by that estimate, to be made in one piece."""
 
 
 class MultiStart:
@@ -56,10 +60,15 @@ class MultiStart:
             if size == 0:
                 break
             some = bases[len(images) : len(images) + size]
-            threads = threads_worth(int(size * self.effort))
-            optima, objectives, moves = climb_from(
-                self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges, threads=threads
-            )
+            if self.shortest_ascent > SHORT * self.deadline.left():
+                size, some = 1, some[:1]
+                optima, objectives, moves = self.ascent_in_steps(some[0], penalty, exchanges)
+            else:
+                threads = threads_worth(int(size * self.effort))
+                optima, objectives, moves = climb_from(
+                    self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges,
+                    threads=threads,
+                )  # fmt: skip
             self.made += size
             self.moves += int(moves.sum())
             self.cut += int(np.sum(moves >= self.options.limit))
@@ -67,6 +76,32 @@ class MultiStart:
                 np.concatenate([images, optima]), np.concatenate([values, objectives])
             )  # fmt: skip
         return images, values
+
+    @property
+    def shortest_ascent(self) -> float:
+        """Seconds that an ascent to a whole assignment takes, at least."""
+        n, n_target = self.index.n, self.index.n_target
+        return 2.0 * min(n, n_target) * n * n_target * SECONDS_PER_GAIN
+
+    def ascent_in_steps(
+        self, base: NDArray[np.int64], penalty: float, exchanges: bool
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline."""
+        state, moves, size = state_of(self.index, base), 0, 1
+        while moves < self.options.limit:
+            began = self.deadline.clock()
+            made = climb(self.index, state, penalty, size, exchanges)
+            moves += made
+            if made < size:
+                optima, objectives, _ = climb_from(self.index, state, state.image[None], penalty=penalty, limit=0)
+                return optima, objectives, np.array([moves])
+            if self.deadline.passed():
+                break
+            each = max((self.deadline.clock() - began) / made, 1e-9)
+            longest = min(LONGEST, 0.5 * self.deadline.left())
+            size = max(1, min(int(longest / each), GROWTH * size, self.options.limit - moves))
+        self.state = state  # which is needed again if it is the best
+        return state.image[None].copy(), np.array([objective(self.index, state, penalty)]), np.array([moves])
 
     def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
         """Ascents of the objective itself; the optima are kept."""
