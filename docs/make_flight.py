@@ -148,9 +148,8 @@ def main() -> None:
     first, *rest = (one.quantize(palette=palette(), dither=Image.Dither.NONE) for one in pictures)
     target = HERE / "flight.gif"
     first.save(target, save_all=True, append_images=rest, duration=1000 * STEP // RATE, loop=0, optimize=True)
-    print(
-        f"{len(frames)} frames, not matched: {missed}, matched and far off: {wrong}; {target.stat().st_size / 1e3:.0f} kB"
-    )
+    print(f"{len(frames)} frames, not matched: {missed}, matched and far off: {wrong}")
+    print(f"{target.name}: {target.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":
