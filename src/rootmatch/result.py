@@ -324,7 +324,7 @@ class Match:
 
 
 def _score(value: float) -> float | None:
-    """A score, or None where no hyper-edge was evaluated."""
+    """A score, or None if no hyper-edge was evaluated."""
     return None if np.isnan(value) else float(value)
 
 

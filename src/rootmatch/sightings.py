@@ -30,7 +30,7 @@ class Sightings:
     alternatives : list of (C, n) int64
         The next probable ones.
     poses : list of Pose or None
-        Of the rig, one for each body, by all sightings; their ``points`` are camera · n + point.
+        Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point.
     confidence : (n,) float64
         Of each point: of its surest sighting, or the least of those that an unseen point lacks.
     """
@@ -56,17 +56,17 @@ class Sightings:
 
     @property
     def poses(self) -> list[Pose | None]:
-        """Of the rig, one for each body, by all sightings; their ``points`` are camera · n + point."""
+        """Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point."""
         return self.copies.poses
 
     @property
     def pose(self) -> Pose | None:
-        """The first of them."""
+        """The pose of the first body; None if there is none."""
         return self.poses[0] if self.poses else None
 
     @cached_property
     def confidence(self) -> Floats:
-        """Of each point (n,): of its surest sighting, or the least of those that an unseen point lacks."""
+        """Confidence of each point (n,): that of its surest sighting; if unseen, the least over the cameras."""
         each = self.copies.confidence.reshape(self.assignment.shape)
         surest = np.where(self.assignment >= 0, each, -1.0).max(axis=0)
         return np.asarray(np.where((self.assignment >= 0).any(axis=0), surest, each.min(axis=0)))

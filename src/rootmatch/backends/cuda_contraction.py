@@ -67,7 +67,7 @@ class DeviceTensor(AffinityTensor):
 
     @classmethod
     def of(cls, tensor: AffinityTensor) -> DeviceTensor:
-        """The same tensor, on the card."""
+        """A tensor, copied to the card."""
         made = cls.unchecked(tensor.indices, tensor.weights, tensor.shape, tensor.unary)
         assert isinstance(made, DeviceTensor)
         return made

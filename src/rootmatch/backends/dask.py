@@ -112,7 +112,7 @@ class Cluster:
         self.prepare = prepare
 
     def _sent(self, client: Any, *content: Any) -> Any:
-        """The same for all pieces, sent once to each worker."""
+        """Content that all pieces share, sent once to each worker."""
         return client.scatter(pickle.dumps((self.prepare, pickle.dumps(content))), broadcast=True, hash=False)
 
     def strongest(

@@ -27,7 +27,7 @@ def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[
 
 
 def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
-    """The same for the median frame of a `Matcher`."""
+    """Time of the median frame of a `Matcher`, with its accuracy."""
     spent, accuracy, evaluations = [], [], []
     for seed in seeds:
         scene = make_scene(problem, points, outliers, seed)

@@ -14,7 +14,7 @@ from rootmatch.samplers.exhaustive import exhaustive_tensor
 
 
 def peak_megabytes() -> float | None:
-    """Peak memory of this process in MiB; None where the system does not report it."""
+    """Peak memory of this process in MiB; None if the system does not report it."""
     status = Path("/proc/self/status")
     if status.is_file():  # on Linux, getrusage inherits the parent's peak
         for line in status.read_text().splitlines():

@@ -20,7 +20,7 @@ STEP = 1e-6
 
 @dataclass(frozen=True)
 class Colmap(Lens):
-    """One of COLMAP's models, by its name.
+    """A lens model of COLMAP, by its name.
 
     Parameters
     ----------

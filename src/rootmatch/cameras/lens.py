@@ -38,7 +38,7 @@ class Lens(ABC):
 
     @abstractmethod
     def rays(self, image: Floats) -> Floats:
-        """Rays (…, 3) of an image (…, 2), of any length; NaN where the lens shows nothing."""
+        """Rays (…, 3) of an image (…, 2), of any length; NaN if the lens shows nothing."""
 
 
 def coefficients(values: ArrayLike, counts: Sequence[int], name: str) -> tuple[float, ...]:

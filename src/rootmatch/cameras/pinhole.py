@@ -252,5 +252,5 @@ class Camera(CameraModel):
         return rays
 
     def _lens_rays(self, lens: Lens, pixels: ArrayLike) -> Floats:
-        """Rays (…, 3) of pixels (…, 2), NaN where the lens shows nothing."""
+        """Rays (…, 3) of pixels (…, 2), NaN if the lens shows nothing."""
         return lens.rays((np.asarray(pixels, dtype=float) - (self.cx, self.cy)) / (self.fx, self.fy))

@@ -84,7 +84,7 @@ class Rig(CameraModel):
 
     @property
     def translations(self) -> Floats:
-        """And t (C, 3)."""
+        """Translations (C, 3) from the rig to the cameras."""
         return np.array([view[2] for view in self.views])
 
     @property
@@ -186,11 +186,11 @@ class Rig(CameraModel):
         raise InputError("rig: a point has an image in each camera; project with Rig.cameras, rotations, translations")
 
     def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """As `project`."""
+        """Refused, as `project` is: a rig has several images."""
         raise InputError("rig: each camera sees something else; ask Rig.cameras")
 
     def jacobian(self, points: ArrayLike) -> Floats:
-        """As `project`."""
+        """Refused, as `project` is: a rig has several images."""
         return self.project(points)
 
     def _of_each(self, pixels: ArrayLike, of: Any, size: int) -> Floats:
@@ -213,6 +213,6 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:
 
 
 def rig_of(problem: object) -> Rig | None:
-    """The rig whose cameras see the targets of a problem, None where it is one camera or there is none."""
+    """The rig whose cameras see the targets of a problem, None if it is one camera or there is none."""
     camera = getattr(problem, "camera", None)
     return camera if isinstance(camera, Rig) else None

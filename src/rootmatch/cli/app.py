@@ -23,7 +23,7 @@ from rootmatch.cli.warmup import warmup
 from rootmatch.errors import RootmatchError, printable
 
 _OVERLONG = re.compile(r"\S{300,}")
-"""Of a line of error: longer than the path of a file usually is."""
+"""A word too long for a line of error: longer than the path of a file usually is."""
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "match": pipes_copied("model", "image")(match),

@@ -5,7 +5,7 @@ from __future__ import annotations
 NOT_TRUSTED = 1
 """No trustworthy match, or an ambiguous one."""
 BAD_INPUT = 2
-"""Also where an output cannot be written."""
+"""Input cannot be used, or an output cannot be written."""
 INTERRUPTED = 130
 """Ctrl-C, as shells report it."""
 READER_GONE = 141

@@ -37,8 +37,8 @@ def frame_record(frame: int, time: float, match: Match, states: Mapping[Any, Tra
     """A tracked frame as numbers, lists and strings that JSON can hold.
 
     Keys: ``frame``, ``time`` (s), ``status``, ``state`` (``"tracking"``, ``"coasting"`` or ``"lost"``),
-    ``probability`` (null where it was not needed), ``pairs`` (source point, detection), ``pose`` (see
-    `rootmatch.io.pose_record`; null where it is not known). Of several bodies ``bodies`` has the last five of each.
+    ``probability`` (null if it was not needed), ``pairs`` (source point, detection), ``pose`` (see
+    `rootmatch.io.pose_record`; null if it is not known). Of several bodies ``bodies`` has the last five of each.
     """
     if match.bodies is None:
         return {"frame": frame, "time": time, **_body_record(match, states[None])}

@@ -79,7 +79,7 @@ class Job:
     noise: Noise | None = None
 
     def noise_of(self, frame: Frame) -> Any:
-        """σ of a frame whose detections have each their own; None where that of the options holds."""
+        """σ of a frame whose detections have each their own; None if that of the options holds."""
         return None if self.noise is None or frame.sigma is None else self.noise.of(frame.sigma)
 
 

@@ -71,7 +71,7 @@ class Noise:
 
 
 def parse_noise(text: str | None) -> Any:
-    """A number of pixels, two of them (source and target), or "auto"; None where nothing is given."""
+    """A number of pixels, two of them (source and target), or "auto"; None if nothing is given."""
     if text is None or text == "auto":
         return text
     try:

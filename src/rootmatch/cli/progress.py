@@ -17,7 +17,7 @@ Show = Callable[[int, int], None]
 
 @contextmanager
 def progress_bar(what: str, wanted: bool | None) -> Iterator[Show | None]:
-    """Yield a callback for (done, total), or None where no progress is shown.
+    """Yield a callback for (done, total), or None if no progress is shown.
 
     Parameters
     ----------

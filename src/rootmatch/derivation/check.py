@@ -121,7 +121,7 @@ class Judge:
         return (*order[:-1], *(k for k in self.first if k not in order[:-1]))
 
     def gradients(self, order: Order, shared: int) -> list[Floats]:
-        """Of each case the unit derivative of a constraint in all noise, the root of its own minimal set moving."""
+        """Unit derivative of a constraint in all noise, for each case; the root of its own minimal set moves."""
         base = self.base(order) if shared else self.first
         roots = np.array(self.truth)
         if base != self.first:

@@ -18,9 +18,9 @@ __all__ = ["Bearings", "DerivedProblem", "Measurement", "Points", "Uncalibrated"
 CASES = 12
 """Exact hyper-edges that a new derivation is checked on."""
 CASES_AGAIN = 3
-"""And one that is read from disk."""
+"""Exact cases that a derivation read from disk is checked on."""
 CASES_COUNTED = 3
-"""Of which the equations' constraints are counted."""
+"""Exact cases on which the constraints of the equations are counted."""
 
 
 def derive(

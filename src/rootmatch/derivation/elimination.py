@@ -31,7 +31,7 @@ class Definitions:
     leaves: Leaves
     entries: dict[Expr, Expr] = field(default_factory=dict)
     values: dict[Any, Expr] = field(default_factory=dict)
-    """Of some polynomials in the shared variable a shorter expression of their value."""
+    """Shorter expressions of the values of some polynomials in the shared variable."""
     _names: dict[Expr, Expr] = field(default_factory=dict)
 
     def name(self, expression: Expr) -> Expr:

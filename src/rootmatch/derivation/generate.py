@@ -15,7 +15,7 @@ from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
 
 FORMAT = 8
-"""Of generated modules; older ones are generated anew."""
+"""Version of the generated modules; older ones are generated anew."""
 
 
 @dataclass
@@ -92,7 +92,7 @@ def draft(
 
 
 def _sweeping(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequence[Expr]) -> list[Expr]:
-    """Those conditions that the last correspondence has a part in."""
+    """Conditions in which the last correspondence takes part."""
     program = Program(definitions)
     last = leaves.minimal - 1
     return [c for c in conditions if any(last in leaves.uses[s].slots for s in program.inputs(c) & leaves.uses.keys())]

@@ -75,7 +75,7 @@ def hoist(
 ) -> Hoisted | None:
     """Split the coefficients (highest power first), the value at x and what must be positive there.
 
-    None where they are not polynomial in quantities of the last target point.
+    None if they are not polynomial in quantities of the last target point.
     """
     program = Program(definitions)
     inputs: set[Expr] = set().union(*(program.inputs(c) for c in (*coefficients, value, *positive)))

@@ -20,7 +20,7 @@ Sampler = Callable[[np.random.Generator], Any]
 ATTEMPTS = 60
 """Starts of the numerical solution for one instance."""
 STEP = float(np.sqrt(np.finfo(float).eps))
-"""Of its differences, relative to what is more than 1."""
+"""Step of finite differences; relative for values above 1."""
 DIFFERENCE, DEPENDENT, HOLDS = 1e-6, 1e-6, 1e-9
 """Step of central differences of what is scaled to order 1, singular value of unit rows that is their error, and the
 value of an equation, relative to its terms, that is rounding."""

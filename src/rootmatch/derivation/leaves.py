@@ -52,7 +52,7 @@ class Leaves:
     target: Measurement
     minimal: int
     functions: dict[Class, list[Expr]] = field(default_factory=lambda: {"s": [], "ss": [], "t": [], "tt": []})
-    """Of each class the quantities, in the coordinates of a first and a second point."""
+    """Measured quantities of each class, in the coordinates of a first and a second point."""
     uses: dict[Expr, Use] = field(default_factory=dict)
     raw: dict[Expr, Expr] = field(default_factory=dict)
     """Leaf symbol to its expression in measured coordinates."""
@@ -211,7 +211,7 @@ def part_key(leaves: Leaves, part: Expr) -> tuple[tuple[str, int], ...]:
 
 
 def _ratio(one: Expr, other: Expr) -> Expr | None:
-    """The number that one is of the other, both expanded; None where there is none."""
+    """The number that one is of the other, both expanded; None if there is none."""
     if one == other:
         return sp.Integer(1)
     if one == sp.expand(-other):

@@ -14,7 +14,7 @@ from rootmatch.derivation.leaves import Expr
 from rootmatch.errors import InputError
 
 WIDTH = 118
-"""Of a generated line."""
+"""Width of a generated line, in characters."""
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log")
 """What a generated function may call."""
 

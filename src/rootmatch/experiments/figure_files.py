@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESOLUTION = 150
-"""Of the PNG, in dots per inch."""
+"""Resolution of the PNG, in dots per inch."""
 
 
 def contents(figure: Figure) -> Iterator[tuple[str, bytes]]:

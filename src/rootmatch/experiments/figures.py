@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = dict(zip(NOISES, ("#000000", "#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))
-"""Of each σ, black for noise-free to vermilion for one pixel."""
+"""Colour of each σ: from black without noise to vermilion for one pixel."""
 MARKERS = {0: "", 5: "o", 10: "s"}
-"""Of each number of outliers."""
+"""Marker of each number of outliers."""
 GRIDS = {"p3p": (1, 2), "3p1": (2, 2), "up2p": (2, 2)}
 """Rows and columns of a figure's panels."""
 _DESCRIPTIONS: dict[Improvement, str] = {

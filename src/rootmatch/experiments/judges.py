@@ -139,7 +139,7 @@ def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
 def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tuple[NDArray[np.float64] | None, str]:
     """Accuracy with QR less that with SVD, a mean over settings for each instance, and what was left out.
 
-    Settings in which both are lost say nothing; None where no other is left.
+    Settings in which both are lost say nothing; None if no other is left.
     """
     pairs = [
         [table.paper(s, rule=rule, samples=COMMON_SAMPLES, residual=residual) for residual in ("qr", "svd")]

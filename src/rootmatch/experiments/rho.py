@@ -71,7 +71,7 @@ class Rhos:
 
     @cached_property
     def problems(self) -> tuple[str, ...]:
-        """Those that were scanned."""
+        """Problems that were scanned."""
         return tuple(problem for problem in PROBLEMS if any(problem == p for _, p in self.whole))
 
     def by_seed(self, residual: str, problem: str, rule: Rule) -> NDArray[np.float64]:
@@ -126,7 +126,7 @@ def choose(store: Store, problems: tuple[str, ...] = PROBLEMS) -> Rhos:
 
 
 def _accuracies(store: Store, setting: Setting, residual: str) -> NDArray[np.float64]:
-    """Of each scanned seed at each ρ of the grid, (seeds, len(GRID))."""
+    """Accuracy of each scanned seed at each ρ of the grid, (seeds, len(GRID))."""
     methods = [Method(residual, SCAN_SOLVER, rho) for rho in GRID]
     found = [store.accuracies(setting, method, scan_seeds(residual))[SCAN_SAMPLES] for method in methods]
     return np.array([[by_seed[seed] for by_seed in found] for seed in scan_seeds(residual)])

@@ -28,7 +28,7 @@ class Case:
     name : str
         What it is about, such as ``"P3P, σ = 0.1"``.
     holds : bool or None
-        None where nothing that could have been measured would have decided otherwise.
+        None if nothing that could have been measured would have decided otherwise.
     figures : str
         What decides it, or why nothing does.
     """

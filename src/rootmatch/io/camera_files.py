@@ -27,7 +27,7 @@ from rootmatch.io.outputs import written_whole
 class Calibration:
     """Contents of a camera file: one or two cameras and the measured common directions.
 
-    Directions are unit vectors (3,); None where the file gives none.
+    Directions are unit vectors (3,); None if the file gives none.
     """
 
     camera: CameraModel

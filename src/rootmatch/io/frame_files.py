@@ -20,7 +20,7 @@ from rootmatch.io.csv_tables import check_header, number, positive
 
 STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
-"""Of a frame: a match takes a tenth of them."""
+"""Maximum number of detections in a frame; a match takes a tenth of them."""
 LONGEST_LINE = 1_000_000
 
 

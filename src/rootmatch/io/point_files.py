@@ -238,5 +238,5 @@ def write_matches(
 
 
 def _told(number: float) -> float | str:
-    """A number, or nothing where there is none."""
+    """A number, or nothing if there is none."""
     return float(number) if math.isfinite(number) else ""

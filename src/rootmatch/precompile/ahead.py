@@ -27,9 +27,9 @@ from rootmatch.tracking.tracker import Tracker
 Floats = NDArray[np.float64]
 Step = Callable[[], object]
 SIGMA, SIGMA_RADIANS = 0.5, 5e-4
-"""Of detections, in pixels or as unit rays."""
+"""Noise of the simulated detections, in pixels and in radians."""
 DISTANCE = 5.0
-"""Of a body from the camera, over its radius."""
+"""Distance of the simulated body from the camera, over its radius."""
 SMALL, LARGE = 12, 60
 """Points up to which few detections make a quick sweep; of a body whose neighbours are matched first."""
 BUDGET = 100_000

@@ -62,16 +62,16 @@ class Problem(ABC):
     least_for_pose: ClassVar[int] = 0
     """Matches that `poses` needs; 0 where there is none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
-    """What to check where no assignment can be trusted, in the words of the status' advice; …"""
+    """What to check if no assignment can be trusted, as the advice of the status says it."""
     to_tell: ClassVar[str] = "restrict the possible pairs by `candidates`"
-    """… and what may tell apart assignments that are equally good. Name nothing that the problem refuses."""
+    """What may tell apart assignments that are equally good, for the advice. Name nothing that the problem refuses."""
     small_baseline: float = 0.0
     """ρ of a prior exp(−∣R₂ₙ,₂ₙ∣ / ρ) on each hyper-edge, for views from nearly one place; 0 for none."""
     paper_rho: ClassVar[float] = 1e-6
     """ρ of the paper's preset, as `rootmatch reproduce` chooses it on noisy scenes (docs/reproduction/rho-scan.csv).
     The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
     paper_rho_of_exact_data: ClassVar[float] = 1e-12
-    """The same for data without noise, whose residuals are those of rounding (`rootmatch reproduce`, rho-scan.csv)."""
+    """ρ of the paper's preset for exact data, whose residuals are rounding errors (docs/reproduction/rho-scan.csv)."""
 
     def validated(
         self,
@@ -201,15 +201,15 @@ class Problem(ABC):
         raise NotImplementedError(f"{self.name} cannot fit answers")
 
     def point_clouds(self, points: PointSets) -> PointClouds | None:
-        """Both point sets as the search for the motion between them reads them; None where it is none of one space."""
+        """Both point sets, as the search for the motion between them takes them; None if they are not of one space."""
         return None
 
     def two_views(self, points: PointSets) -> TwoViews | None:
-        """Both images as the search for their relative pose reads them; None where it cannot search."""
+        """Both images, as the search for their relative pose takes them; None if it cannot search."""
         return None
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
-        """The most likely pose of each assignment (K, n), with its covariance; None where none is possible.
+        """The most likely pose of each assignment (K, n), with its covariance; None if none is possible.
 
         Each assignment needs `least_for_pose` matches.
         """

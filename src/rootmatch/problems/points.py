@@ -30,7 +30,7 @@ class PointSets:
     normals : (n, 3) float64, optional
         Outward normals of the source points, zero where unknown.
     view_cosine : (n,) float64, optional
-        Least cosine between the normal and the direction to the camera at which each point is visible; None where no
+        Least cosine between the normal and the direction to the camera at which each point is visible; None if no
         angle was given: 0, the rim.
     """
 
@@ -60,7 +60,7 @@ class PointSets:
         )
 
     def with_noise(self, source: Floats, target: Floats) -> PointSets:
-        """The same points with another noise."""
+        """These points with another noise."""
         return replace(self, source_noise=source, target_noise=target)
 
 

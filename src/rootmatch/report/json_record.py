@@ -50,7 +50,7 @@ def match_record(match: Match) -> dict[str, Any]:
 
 
 def _records(poses: Sequence[Pose | None] | None) -> list[dict[str, Any] | None] | None:
-    """Records of poses, None where there are none."""
+    """Records of poses, None if there are none."""
     return None if poses is None else [None if pose is None else pose_record(pose) for pose in poses]
 
 

@@ -230,7 +230,7 @@ class _Group:
         return "--" if self.dashes else "-"
 
     def handle(self) -> Line2D:
-        """Its legend entry."""
+        """Entry in the legend."""
         from matplotlib.lines import Line2D
 
         return Line2D([], [], linestyle=self.line, label=f"{self.name} ({len(self.members)})", **self.marker)

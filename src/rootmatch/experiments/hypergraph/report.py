@@ -38,9 +38,9 @@ COLOURS = dict(
         strict=True,
     )
 )
-"""Of each solver (the palette of Okabe and Ito)."""
+"""Colour of each solver (the palette of Okabe and Ito)."""
 DASHES = dict(zip(COLOURS, ("-", "-", "--", "-", "-", "--", ":", "-", "--"), strict=True))
-"""Of each solver, so that curves that lie on one another are still told apart."""
+"""Dashes of each solver, which tell coinciding curves apart."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from rootmatch.io.csv_tables import read_text
 from rootmatch.io.inputs import read_bytes
 
 SUFFIXES = (".json", ".yaml", ".yml", ".xml", ".txt", ".bin")
-"""Of the files that are read."""
+"""Suffixes of calibration files that can be read."""
 REMEDY = "it is no calibration; give the file of the camera"
 
 

@@ -49,7 +49,7 @@ class Evaluator:
         return np.broadcast_to(np.asarray(result, dtype=float), np.broadcast_shapes(*(v.shape for v in values)))
 
     def leaf_noise(self, kind: str, number: int, coordinates: list[Floats], spreads: list[Floats]) -> list[Floats]:
-        """Its derivatives in unit noise, (…, D) for each point, from coordinates (…, c) and spreads (…, c, D)."""
+        """Derivatives of a leaf in unit noise, (…, D) for each point, from coordinates (…, c) and spreads (…, c, D)."""
         values = [x[..., k] for x in coordinates for k in range(x.shape[-1])]
         shape = np.broadcast_shapes(*(v.shape for v in values))
         with np.errstate(all="ignore"):

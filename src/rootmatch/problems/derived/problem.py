@@ -103,7 +103,7 @@ class DerivedProblem(Problem):
     def stated_constraints(self) -> int | None:
         """Independent constraints that the equations put on a hyper-edge, of which `constraints` are used.
 
-        None where they could not be counted: no unknowns were found that satisfy the equations at the sampler's points.
+        None if they could not be counted: no unknowns were found that satisfy the equations at the sampler's points.
         """
         stated: int | None = self.generated.plan.get("stated")
         return stated
@@ -123,7 +123,7 @@ class DerivedProblem(Problem):
         return Evaluator(self.generated.plan, self.generated.functions, self.source, self.target)
 
     def measured(self, source: Measurement | None = None, target: Measurement | None = None) -> DerivedProblem:
-        """The same problem with other measurements: another camera, or other rotations."""
+        """A problem of the same equations with other measurements: another camera, or other rotations."""
         return DerivedProblem(self.title, self.generated, source or self.source, target or self.target)
 
     def tables(self, points: PointSets) -> DerivedTables:

@@ -175,7 +175,7 @@ def folder() -> Path:
 
 
 def save(text: str, stem: str) -> Path | None:
-    """Write a generated module whole or not at all; None where the folder cannot be used."""
+    """Write a generated module whole or not at all; None if the folder cannot be used."""
     place = folder()
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -196,7 +196,7 @@ def save(text: str, stem: str) -> Path | None:
 
 
 def load(stem: str) -> Generated | None:
-    """The generated module of that name; None where there is none that can be trusted."""
+    """The generated module of that name; None if there is none that can be trusted."""
     place = folder()
     path = place / f"{stem}.py"
     try:

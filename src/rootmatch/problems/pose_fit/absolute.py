@@ -22,7 +22,7 @@ from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invert
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples, upright_start
 
 TRIED = 2
-"""Of the poses of minimal sets, those that are refined: near a plane two of them nearly coincide. Not tuned."""
+"""How many poses of a minimal set are refined: near a plane, two of them nearly coincide. Not tuned."""
 DEPTHS = 100.0
 """Greatest over least distance of an object, beforehand, each octave as probable. A round value, not tuned."""
 CUT = 100.0
@@ -61,7 +61,7 @@ class AbsoluteFit(Fit):
     seen: NDArray[np.bool_]
     """(K, n) whether the camera sees those positions."""
     position_density: Floats
-    """(K,) pixels a unit of area across the ray to the points' centre, over its distance; NaN where it is not seen."""
+    """(K,) pixels a unit of area across the ray to the points' centre, over its distance; NaN if it is not seen."""
     upright: Upright | None
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
@@ -226,7 +226,7 @@ def _pinhole_fit(
     assignments: NDArray[np.int64],
     upright: Upright | None,
 ) -> AbsoluteFit:
-    """The same for a camera without a lens, compiled."""
+    """A fit in a camera without a lens, compiled."""
     from rootmatch.problems.pose_fit.pinhole_fit import Vertical, fitted_poses  # takes Numba
 
     rays, axes, prior = camera.bearings(target), np.eye(3), np.zeros(6)
@@ -320,7 +320,7 @@ class _Descent:
         return positions, predicted, np.where(behind | ~np.isfinite(chi2), np.inf, chi2)
 
     def jacobian(self, positions: Floats, translation: Floats) -> Floats:
-        """Of the pixels (B, n, 2) by the pose, (B, n, 2, p)."""
+        """Derivatives (B, n, 2, p) of the pixels by the pose."""
         by_position = self.camera.jacobian(positions)
         by_rotation = -by_position @ (cross_matrix(positions - translation[:, None]) @ self.axes.T)
         return np.concatenate([by_rotation, by_position], axis=-1)

@@ -33,7 +33,7 @@ from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_p
 Integers = NDArray[np.int64]
 
 KEPT = 3
-"""Of the fits from many starts, the lowest that are continued to the bottom. Not tuned."""
+"""How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
 
 
 def camera_poses(
@@ -43,7 +43,7 @@ def camera_poses(
     upright: Upright | None = None,
     prior: Pose | None = None,
 ) -> list[Pose | None]:
-    """The most likely pose of each assignment (K, n), None where none puts its points before the camera.
+    """The most likely pose of each assignment (K, n), None if none puts its points before the camera.
 
     Minimises the squared deviations of the detections from the projections of their points over the variances of the
     detections; a noisy vertical and a predicted pose add theirs.
@@ -130,7 +130,7 @@ class _Found:
 def _pose(
     found: _Found, k: int, points: PointSets, camera: CameraModel, *, assignment: Integers, measured: int
 ) -> Pose:
-    """One of the fits, in the caller's frame and unit."""
+    """The pose of one fit, in the caller's frame and unit."""
     rotation, shift = found.state[0][k], found.unit * found.state[1][k]
     turned = rotation @ found.centre
     change = np.zeros((6, len(found.axes) + 3))

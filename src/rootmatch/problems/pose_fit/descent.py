@@ -142,7 +142,7 @@ def covariance_of(model: Model, state: State) -> Floats:
 
 
 def lowest_of(state: State, chi2: Floats, groups: int, count: int = 1) -> tuple[State, Floats]:
-    """Of so many groups of equally many fits, one after another, the ``count`` lowest of each."""
+    """The ``count`` lowest fits of each group; groups are of equal size and follow one another."""
     order = np.argsort(chi2.reshape(groups, -1), axis=1, kind="stable")[:, :count]
     pick = (np.arange(groups)[:, None] * (len(chi2) // groups) + order).ravel()
     return tuple(part[pick] for part in state), chi2[pick]

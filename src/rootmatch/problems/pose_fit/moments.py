@@ -47,7 +47,7 @@ def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:
 
 
 def _sampled(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats | None:
-    """See `moments`; nothing where the covariance given is as good."""
+    """See `moments`; nothing if the covariance given is as good."""
     values, vectors = np.linalg.eigh(covariance)
     axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
     size = len(axes)

@@ -45,9 +45,9 @@ class PointSetFit(Fit):
     centre: Floats
     """(K, k) weighted mean of the matched source points."""
     spread: Floats
-    """(K, k) variance of the motion's rotation about each axis of ``frame``, in a plane the same for both; …"""
+    """Variance (K, k) of the motion's rotation about each axis of ``frame``; in a plane, the same for both."""
     frame: Floats
-    """(K, k, k) … these axes as columns, in the frame of the target."""
+    """Axes (K, k, k) of ``spread`` as columns, in the frame of the target."""
     total: Floats
     """(K,) sum of the weights of the matches."""
 
@@ -94,7 +94,7 @@ class PointSetFit(Fit):
         return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
 
     def joined(self, other: PointSetFit) -> PointSetFit:
-        """These fits and others of the same points."""
+        """These fits, followed by others of the same points."""
         both: dict[str, Any] = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in COLUMNS}
         return replace(self, **both)
 

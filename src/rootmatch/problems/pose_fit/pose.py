@@ -69,7 +69,7 @@ class Pose:
     rms : float, optional
         Root mean square of ``residuals``, in pixels, or in the unit of the target where that is points in space.
     rms_sigma : float, optional
-        √(χ² / dof): about 1 where the given σ is right. NaN where no degree of freedom is left.
+        √(χ² / dof): about 1 where the given σ is right. NaN if no degree of freedom is left.
     points : (m,) int array, optional
         Indices of the source points that were fitted, ascending.
     predicted : (m, k') array, optional

@@ -18,7 +18,7 @@ ASYMMETRIC = 1e-6
 def nearest_covariance(matrix: Floats) -> Floats | None:
     """The covariance nearest to a matrix that is one up to rounding, which is large where points determine little.
 
-    None where they do not determine the pose at all: no number of the covariance can be believed then.
+    None if they do not determine the pose at all: no number of the covariance can be believed then.
     """
     matrix = 0.5 * (matrix + matrix.T)
     if not np.all(np.isfinite(matrix)):

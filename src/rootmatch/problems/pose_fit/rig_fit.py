@@ -94,7 +94,7 @@ class Copies(CameraModel):
         raise InputError("rig: give the camera of each pixel")
 
     def axes(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
-        """As `bearings`."""
+        """Refused, as `bearings` is."""
         return self.bearings(pixels), self.bearings(pixels)
 
     def of_camera(self, positions: Floats, k: int) -> Floats:
@@ -141,11 +141,11 @@ class Copies(CameraModel):
 
 @dataclass(frozen=True, eq=False)
 class CopiesAsGiven(Copies):
-    """The same in the caller's frame and unit."""
+    """Copies in the caller's frame and unit."""
 
     @cached_property
     def unit(self) -> float:
-        """The caller's."""
+        """The unit of the caller."""
         return 1.0
 
 
@@ -206,7 +206,7 @@ def rig_fit(
 def rig_pose(
     copies: Copies, target: Floats, sigma: Floats, assignment: Integers, prior: Pose | None = None
 ) -> Pose | None:
-    """The most likely pose of the rig for one assignment of copies (C n,), None where there is none.
+    """The most likely pose of the rig for one assignment of copies (C n,), None if there is none.
 
     Its `points` are indices of copies: camera · n + point. With a predicted pose, which is part of the fit, three
     matches in all are enough.

@@ -34,7 +34,7 @@ ANGLES = 240
 STARTS = 6
 """The best of them, from which an assignment is fitted. Not tuned."""
 KEPT = 3
-"""Of these fits, the lowest that are continued to the bottom. Not tuned."""
+"""How many of these fits, the lowest, are continued to convergence. Not tuned."""
 DOUBTED = 9.0
 """Squared deviation from which a point counts less, when they are compared. Not tuned: (3 σ)²."""
 STEP = 1e-5
@@ -185,7 +185,7 @@ def _tilts(rotation: Floats) -> Floats:
 def _pose(
     model: _TwoViewModel, k: int, state: State, chi2: float, *, rotations: tuple[Floats, Floats], target: Floats
 ) -> Pose:
-    """One of the fits, in the frames of the cameras."""
+    """The pose of one fit, in the frames of the cameras."""
     views = model.views
     members = np.flatnonzero(model.used[k])
     alone = _TwoViewModel(views, model.k[k : k + 1], model.used[k : k + 1], model.planar)

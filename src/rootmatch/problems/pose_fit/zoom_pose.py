@@ -65,7 +65,7 @@ class _ZoomModel:
 def zoom_poses(
     points: PointSets, centre: Floats, rotations: tuple[Floats, Floats], assignments: Integers
 ) -> list[Pose | None]:
-    """The most likely pose and focal length of each assignment (K, n), None where there is none.
+    """The most likely pose and focal length of each assignment (K, n), None if there is none.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _pose(
     centre: Floats,
     axis: Floats,
 ) -> Pose:
-    """One of the fits, in the caller's frame and unit."""
+    """The pose of one fit, in the caller's frame and unit."""
     unit, middle = frame
     rotation, focal = state[0], float(np.exp(state[2]))
     turned = rotation @ middle

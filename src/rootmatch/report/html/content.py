@@ -132,7 +132,7 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
 
 
 def _odds(match: Match) -> Callable[[Integers], float | None]:
-    """The posterior probability of each alternative, None where the match has none."""
+    """The posterior probability of each alternative, None if the match has none."""
     if not match.alternatives or match.bodies or match.probability is None:
         return lambda other: None
     return ranked(match.task, [match.assignment, *(other for other, _ in match.alternatives)]).probability_of_assignment

@@ -24,7 +24,7 @@ WIDE = 8.0
 """Deviation in σ within which a point joins the motion of a triple, whose own error it covers too. As in the search for
 large sets (`rootmatch.samplers.point_sets.options.PointSetOptions`)."""
 NEAR = 6.0
-"""The same once the motion is fitted to all of its points. A round value."""
+"""Gate in σ once the motion is fitted to all of its points. A round value."""
 MOST_LOOKED_UP = 3_000_000
 """Pairs of triples' first two points and targets that are compared: a tenth of a second."""
 MOST_MOTIONS = 6_000

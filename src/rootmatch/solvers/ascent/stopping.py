@@ -24,9 +24,9 @@ class AscentStoppingOptions(Options):
     """Candidates in a row that bring nothing better after which no more are tried, at least: 87 ascents then do what
     255 did (docs/notebook/performance.md)."""
     correspondences_per_candidate: int = option(16, least=1)
-    """The same for large problems: one candidate for so many correspondences. Set with `patience`."""
+    """Correspondences for which one more candidate is tried in large problems. Set with `patience`."""
     reads: int = option(110_000, least=0)
-    """The same for cheap ascents: as many candidates as read so many entries of the index. Set with `patience`."""
+    """Entries of the index that candidates may read if ascents are cheap. Set with `patience`."""
     patience_after_walk: int = option(14, least=1)
     """Patience where nothing better than the ascent from the random walk has come yet: 52 ascents then do what 83 did,
     and after 6 two of 226 tensors end lower (docs/notebook/performance.md)."""

@@ -26,14 +26,14 @@ class Relaxation(NamedTuple):
     price: NDArray[np.float64]
     """(N,) of the elements, not negative."""
     slot_price: float
-    """Of one of the places."""
+    """Price of one of the places."""
     loss: NDArray[np.float64]
     """(G,) price less value of each set, not negative."""
     part: NDArray[np.float64]
     """(G,) of each set in the relaxed optimum."""
 
     def of(self, some: NDArray[np.int64]) -> Relaxation:
-        """The same prices for some of the sets."""
+        """These prices, for some of the sets."""
         return self._replace(loss=self.loss[some], part=self.part[some])
 
 

@@ -14,7 +14,7 @@ from rootmatch.solvers.packing.options import SelectionOptions
 RELAXED = 0.5
 """Share of the time left at a deadline that each step of the selection may take."""
 SECONDS_PER_NODE = 2e-5
-"""Of branch and bound, at most."""
+"""Time of a node of branch and bound, at most."""
 
 
 class GroupSelection:

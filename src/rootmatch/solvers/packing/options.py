@@ -70,8 +70,8 @@ class PackingOptions(Options):
     """Options of the parts of `GroupPacking`."""
 
     growth: GrowthOptions = option(GrowthOptions())
-    """Of groups from single hyper-edges."""
+    """How groups grow from single hyper-edges."""
     cliques: CliqueOptions = option(CliqueOptions())
-    """Of groups from cliques."""
+    """How groups are made from cliques."""
     selection: SelectionOptions = option(SelectionOptions())
-    """Of the selection among the groups."""
+    """How groups are selected."""

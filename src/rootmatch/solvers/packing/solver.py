@@ -21,7 +21,7 @@ from rootmatch.solvers.packing.options import PackingOptions
 GROWN = 0.5
 """Share of a deadline for the growth of groups, and of what is left then for the selection among them."""
 SECONDS_PER_GROUP = 1e-5
-"""Of a group that competes, at most (benchmarks/matches.py --only motions)."""
+"""Time for a group that competes, at most (benchmarks/matches.py --only motions)."""
 
 
 @dataclass(frozen=True)
