@@ -10,6 +10,7 @@ import time
 import traceback
 import types
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,6 +94,21 @@ def started(
 
     A fresh one imports everything itself, as anybody's does. Its output goes to a file of ``logs`` or a descriptor.
     """
+
+    def work() -> int:
+        _surrounded(folder, logs, stdin, closed)
+        if stdout is not None:
+            os.dup2(stdout, 1)
+        if fresh:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.execv(sys.executable, [sys.executable, "-c", "from rootmatch.cli import main; main()", *words])
+        return _run(words, logs, closed)
+
+    return forked(work, logs)
+
+
+def forked(work: Callable[[], int], logs: Path) -> Command:
+    """A child in a session of its own that does some work, whose code it ends with."""
     logs.mkdir(parents=True, exist_ok=True)
     for name in ("stdout", "stderr"):
         (logs / name).write_bytes(b"")  # which can be read before the child has begun
@@ -103,20 +119,15 @@ def started(
         return Command(child, logs)
     code = 70
     try:
-        _surrounded(folder, logs, stdin, closed)
-        if stdout is not None:
-            os.dup2(stdout, 1)
-        if fresh:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            os.execv(sys.executable, [sys.executable, "-c", "from rootmatch.cli import main; main()", *words])
-        code = _run(words, logs, closed)
+        os.setsid()
+        sys.modules["__main__"] = types.ModuleType("__main__")  # workers need not import that of the tests
+        code = work()
     finally:
         os._exit(code)
 
 
 def _surrounded(folder: Path, logs: Path, stdin: Path | str, closed: tuple[int, ...]) -> None:
-    """Give this process a session, a folder and standard streams of its own."""
-    os.setsid()
+    """Give this process a folder and standard streams of its own."""
     os.chdir(folder)
     places = (stdin, os.O_RDONLY), (logs / "stdout", os.O_WRONLY), (logs / "stderr", os.O_WRONLY)
     for number, (place, mode) in enumerate(places):
@@ -132,7 +143,6 @@ def _run(words: list[str], logs: Path, closed: tuple[int, ...]) -> int:
         stream = None if number in closed else open(number, "r" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
         setattr(sys, name, stream)
     sys.argv = ["rootmatch", *words]
-    sys.modules["__main__"] = types.ModuleType("__main__")  # workers need not import that of the tests
     from rootmatch.cli import main
 
     try:

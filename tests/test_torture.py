@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import os
 import random
-import signal
 import sqlite3
-import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rootmatch as rm
-from commands import started
+from commands import forked, started
 from rootmatch.experiments.store import Store
 from rootmatch.simulation import p3p_scene
 from test_tracker import BODY, frame
@@ -34,32 +33,34 @@ def test_a_sweep_killed_at_random_gives_the_rows_of_an_unbroken_one(tmp_path: Pa
     """The store is begun anew, and kept aside, each time that the sweep gets to its end."""
     expected = sweep(tmp_path / "unbroken.sqlite")
     rng = random.Random(18)
-    script = str(Path(__file__).with_name("tiny_sweep.py"))
     finished = kills = 0
     path = tmp_path / "0.sqlite"
     while kills < KILLS:
-        command = [sys.executable, script, str(path), "1", "0.05"]
-        process = subprocess.Popen(command, start_new_session=True)
+        child = forked(partial(swept, path, 0.05), tmp_path / "logs")
         # from before the store is there to beyond its last row
         begun, least = units_done(path), rng.choice((0, 0, 1, 2, 4))
         deadline = time.monotonic() + 120
-        while process.poll() is None and units_done(path) < min(begun + least, UNITS):
+        while not child.ended(0.0) and units_done(path) < min(begun + least, UNITS):
             assert time.monotonic() < deadline, "the sweep does not get on"
             time.sleep(0.01)
-        time.sleep(rng.uniform(0.0, 0.3))
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            kills += 1
-        code = process.wait()
-        assert code in (0, -signal.SIGKILL)
-        if code == 0:
+        if child.ended(rng.uniform(0.0, 0.3)):
+            assert child.code == 0
             with Store(path) as store:
                 assert store.rows() == expected
             finished += 1
             path = tmp_path / f"{finished}.sqlite"
-    assert subprocess.run([sys.executable, script, str(path), "1", "0"], check=False).returncode == 0
+        else:
+            child.kill()
+            kills += 1
+    assert swept(path, 0.0) == 0
     with Store(path) as store:
         assert store.rows() == expected
+
+
+def swept(path: Path, pause: float) -> int:
+    """Go on with a sweep to its end."""
+    sweep(path, pause=pause)
+    return 0
 
 
 def units_done(path: Path) -> int:
