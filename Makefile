@@ -52,7 +52,7 @@ wheel: $(VENV)/dev.stamp
 smoke-wheel: wheel
 	rm -rf $(FRESH)
 	$(BIN)/python -m venv --without-pip $(FRESH)
-	$(PIP) --python $(FRESH)/bin/python install -q "$$(ls dist/*.whl)[pose]" pytest
+	$(PIP) --python $(FRESH)/bin/python install -q "$$(ls dist/*.whl)" pytest
 	cd $(FRESH) && env -u PYTHONPATH NUMBA_CACHE_DIR=numba-cache bin/python -m pytest -p no:cacheprovider --rootdir .. \
 	  ../tests/test_prebuilt.py
 	rm -rf $(FRESH)
