@@ -136,6 +136,28 @@ def test_figures_are_those_of_the_files() -> None:
         assert f"<!-- table: {results.stem} -->" in shown
 
 
+QUOTED = [
+    ("README.md", "89 are called matched", "accuracy", "a drone with 6 LEDs"),
+    ("docs/faq.md", "89 of 100 simulated matches are called matched", "accuracy", "a drone with 6 LEDs"),
+    ("docs/faq.md", "Ten points among ten clutter detections take 3 ms", "speed", "`P3P`, 10 + 10"),
+    ("docs/howto/photogrammetry.md", "15 to 131 of 157 targets", "accuracy", "157 targets"),
+    ("docs/howto/photogrammetry.md", "all 57 recorded views", "accuracy", "157 targets"),
+    ("docs/benchmarks.md", "5 of 892 bodies called matched", "accuracy", "a headset and two mirrored controllers"),
+    ("docs/which-tool.md", "in 18 ms", "speed", "a real headset of 32 LEDs"),
+    ("docs/benchmarks.md", "`constellations` has 18 ms", "speed", "a real headset of 32 LEDs"),
+]
+"""Sentences with measured figures: page, words, and the file and row of results that the figures are from."""
+
+
+@pytest.mark.parametrize(("page", "words", "file", "begin"), QUOTED)
+def test_figures_in_sentences_are_those_of_the_files(page: str, words: str, file: str, begin: str) -> None:
+    assert words in " ".join((ROOT / page).read_text(encoding="utf-8").split())
+    with (ROOT / "benchmarks" / "results" / f"{file}.csv").open(encoding="utf-8", newline="") as rows:
+        (row,) = (row for row in csv.reader(rows) if row[0].startswith(begin))
+    known = {round(float(number)) for number in re.findall(r"\d+(?:\.\d+)?", " ".join(row))}
+    assert {int(number) for number in re.findall(r"\d+", words)} <= known
+
+
 def test_the_paper_s_preset_has_the_rho_that_the_scan_chose() -> None:
     scan = csv.DictReader((ROOT / "docs" / "reproduction" / "rho-scan.csv").open(newline=""))
     chosen = {
