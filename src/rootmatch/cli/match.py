@@ -65,9 +65,9 @@ def match(
 ) -> None:
     """Match points to image detections by geometry alone.
 
-    An image file with a column frame is many images: each is matched for itself, and a row a frame is written.
+    If the image file has a column frame, each frame is matched on its own and written as soon as it is known.
 
-    Image x points right and y down; points are raw pixels where the camera file has the lens. The camera looks along z.
+    Image x points right and y down; points are raw pixels if the camera file has the lens. The camera looks along z.
 
     Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the best one is printed all the same); 2: bad
     input; 130: interrupted.

@@ -27,7 +27,9 @@ Image = Annotated[
     Path,
     typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y of many images."),
 ]
-Problem = Annotated[ProblemName, typer.Option(help="Which minimal problem.", rich_help_panel=INPUT)]
+Problem = Annotated[
+    ProblemName, typer.Option(help="The minimal problem: what is known of cameras and points.", rich_help_panel=INPUT)
+]
 Camera = Annotated[
     str | None,
     typer.Option(
@@ -114,9 +116,7 @@ Dimension = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
-Normals = Annotated[
-    bool, typer.Option(help="Use the columns nx,ny,nz where the model has them.", rich_help_panel=INPUT)
-]
+Normals = Annotated[bool, typer.Option(help="Use the columns nx,ny,nz if the model has them.", rich_help_panel=INPUT)]
 ViewAngle = Annotated[
     float | None,
     typer.Option(
@@ -157,7 +157,7 @@ Candidates = Annotated[
     Path | None,
     typer.Option(
         metavar="CSV",
-        help="The possible source,target pairs, optionally with a prior weight.",
+        help="Possible source,target pairs, optionally with a prior weight.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -213,7 +213,7 @@ MaxEvaluations = Annotated[
     typer.Option(
         metavar="N",
         help="Maximum number of hyper-edges that an exhaustive search may evaluate.",
-        show_default="4e9, on a card 1e11",
+        show_default="4e9, on a GPU 1e11",
         rich_help_panel=METHOD,
     ),
 ]
@@ -229,7 +229,10 @@ MaxHyperedges = Annotated[
 MaxSeconds = Annotated[
     float | None,
     typer.Option(
-        metavar="S", help="Return what was found after so many seconds.", show_default="none", rich_help_panel=METHOD
+        metavar="S",
+        help="Stop after S seconds and return the best match so far.",
+        show_default="none",
+        rich_help_panel=METHOD,
     ),
 ]
 Backend = Annotated[
@@ -245,7 +248,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT; many frames: match there.",
+        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT; with many frames, match them there.",
         rich_help_panel=METHOD,
     ),
 ]
@@ -280,16 +283,16 @@ Plot = Annotated[
 ]
 Report = Annotated[
     Path | None,
-    typer.Option(
-        metavar="PAGE", help="Write a page for the browser that shows everything: .html.", rich_help_panel=OUTPUT
-    ),
+    typer.Option(metavar="PAGE", help="Write the match as a page for the browser: .html.", rich_help_panel=OUTPUT),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
 ]
 Truth = Annotated[
     Path | None,
-    typer.Option(metavar="CSV", help="Ground truth source,target to compare the matches with.", rich_help_panel=OUTPUT),
+    typer.Option(
+        metavar="CSV", help="Ground truth source,target, with which the matches are compared.", rich_help_panel=OUTPUT
+    ),
 ]
 Progress = Annotated[
     bool | None,

@@ -47,7 +47,7 @@ def simulate(
         str | None,
         typer.Option(
             metavar="FX,FY,CX,CY|FILE",
-            help="Another camera than the paper's, with a lens or not.",
+            help="A camera other than the paper's, with or without a lens.",
             show_default="1000,1000,320,240",
         ),
     ] = None,

@@ -30,13 +30,15 @@ FIRST_FRAMES, SLOW = 50, 1.0
 
 Frames = Annotated[
     Path,
-    typer.Argument(metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,camera,sigma] in order; - reads them."),
+    typer.Argument(
+        metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,camera,sigma] in order; - reads standard input."
+    ),
 ]
 Rate = Annotated[
     float | None,
     typer.Option(
         metavar="HZ",
-        help="Frames a second; missing numbers are time.",
+        help="Frames a second; missing frame numbers count as time.",
         show_default="60, or the column time",
         rich_help_panel=option.INPUT,
     ),
@@ -51,7 +53,8 @@ Poses = Annotated[
     ),
 ]
 AsJson = Annotated[
-    bool, typer.Option("--json", help="Print a JSON object a frame, one a line.", rich_help_panel=option.OUTPUT)
+    bool,
+    typer.Option("--json", help="Print one JSON object for each frame, one per line.", rich_help_panel=option.OUTPUT),
 ]
 Matches = Annotated[
     Path | None,
@@ -83,7 +86,8 @@ def track(
     Each frame is predicted from those before. Every row is written as soon as its frame is complete, which is at an
     empty line, or when the next one begins.
 
-    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, what was written stays.
+    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, rows written so far are
+    kept.
     """
     given: dict[str, str | float | int | None] = {
         "camera": camera,

@@ -17,9 +17,9 @@ def warmup(
 ) -> None:
     """Compile the kernels of usual matches for this machine, on all cores.
 
-    The kernels that come with a wheel are for any processor of its kind; those compiled here are for this very one, and
-    are used from then on. Needed once for each version of rootmatch, Numba and Python. Without a wheel it spares the
-    first match the wait.
+    The kernels of a wheel run on any processor of its kind; those compiled here are made for this one and take
+    precedence. Run it once for each version of rootmatch, Numba and Python. Without a wheel, it saves the first match
+    the wait.
 
     Exit code 0: compiled; 130: interrupted, what is compiled is kept.
     """
