@@ -151,7 +151,7 @@ class Match:
 
     @property
     def prior_holds(self) -> bool | None:
-        """With ``prior=`` whether it held.
+        """Whether the prediction ``prior=`` held.
 
         False if another pose was found without it; None if neither is trusted, or without a prior.
         """

@@ -28,7 +28,7 @@ class Sightings:
     assignment : (C, n) int64
         Index into the target of each source point in each camera; −1 where it is not seen.
     alternatives : list of (C, n) int64
-        The next probable ones.
+        The next most probable sightings.
     poses : list of Pose or None
         Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point.
     confidence : (n,) float64
@@ -51,7 +51,7 @@ class Sightings:
 
     @property
     def alternatives(self) -> list[Integers]:
-        """The next probable ones."""
+        """The next most probable sightings."""
         return [other.reshape(self.cameras, -1) for other, _ in self.copies.alternatives]
 
     @property

@@ -36,15 +36,15 @@ from rootmatch.problems.residual_dispatch import (
 )
 
 THREADS = 4 if SIMULATED else 128
-"""Threads a block."""
+"""Threads per block."""
 BLOCKS = 8
-"""Blocks a multiprocessor: with the kernels' registers two to four run at a time."""
+"""Blocks per multiprocessor: with the kernels' registers two to four run at a time."""
 LAUNCH = 1 << 28
-"""Hyper-edges a launch: a twentieth of a second, between two looks at the progress and at Ctrl-C."""
+"""Hyper-edges per launch: a twentieth of a second, between two checks for progress and Ctrl-C."""
 FIRST_LAUNCH = 1 << 20
 """Hyper-edges of the first launch where there is a deadline: well below a millisecond."""
 LISTED = 1 << 22
-"""Given hyper-edges a launch, 32 bytes each."""
+"""Given hyper-edges per launch, 32 bytes each."""
 LONGEST = 8
 """Highest order of a hyper-edge."""
 CAPACITY = 1 << 20

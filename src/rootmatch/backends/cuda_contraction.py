@@ -13,7 +13,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.cuda import SIMULATED
 
 THREADS = 2 if SIMULATED else 128
-"""Threads a block, a power of two."""
+"""Threads per block, a power of two."""
 
 
 def contract_kernel(indices, weights, x, starts, members, v):  # type: ignore[no-untyped-def]

@@ -32,9 +32,9 @@ CONNECT_SECONDS = 10.0
 IN_FLIGHT = 2
 """Pieces sent ahead to each thread of a cluster, so that none waits for the next."""
 PIECE = 64_000_000
-"""Most hyper-edges of an exhaustive build in a piece: about a second on a core."""
+"""Maximum number of hyper-edges of an exhaustive build in a piece: about a second on a core."""
 PIECES = 4
-"""Least pieces a thread, where there is enough for that."""
+"""Minimum number of pieces per thread, if there is enough work."""
 
 _one_at_a_time = Lock()
 """Each piece uses all threads that Numba has, whose simplest scheduler cannot be entered twice."""

@@ -13,9 +13,9 @@ from rootmatch.cameras.lens import Floats, Lens, coefficients, first_positive_ro
 COUNTS = (4, 5, 8, 12, 14)
 """OpenCV's: k1 k2 p1 p2, then k3, then k4 k5 k6, then s1 s2 s3 s4, then τx τy."""
 STEPS = 50
-"""Most steps of Newton's method in the plane; five are usual. Not tuned."""
+"""Maximum number of Newton steps in the plane; five are usual. Not tuned."""
 HALVINGS = 30
-"""Most halvings of one step that would pass the fold. Not tuned."""
+"""Maximum number of halvings of a step that would pass the fold. Not tuned."""
 EXACT = 1e-13
 """Deviation, over 1 + the distance from the principal point in focal lengths, at which an inversion has converged."""
 

@@ -61,7 +61,7 @@ class Colmap(Lens):
         return np.inf
 
     def __reduce__(self) -> Any:
-        """Without pycolmap's object."""
+        """Pickled without pycolmap's object."""
         return Colmap, (self.model, self.values)
 
     def image(self, points: Floats) -> Floats:

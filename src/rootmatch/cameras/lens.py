@@ -13,7 +13,7 @@ from rootmatch.errors import InputError
 Floats = NDArray[np.float64]
 
 STEPS = 60
-"""Most steps of a root finder: a bisection over the whole range of a double takes about as many."""
+"""Maximum number of steps of a root finder: a bisection over the whole range of a double takes about as many."""
 
 
 class Lens(ABC):
@@ -22,7 +22,7 @@ class Lens(ABC):
     @property
     @abstractmethod
     def radius(self) -> float:
-        """Distance from the principal point, in focal lengths, where the model folds over; infinite where nowhere."""
+        """Distance from the principal point, in focal lengths, where the model folds over; infinite if nowhere."""
 
     @abstractmethod
     def image(self, points: Floats) -> Floats:

@@ -15,7 +15,7 @@ from rootmatch.cameras.lens import Lens
 from rootmatch.errors import InputError, UnseenPixelError, quoted
 
 LEAST_FOCAL, MOST = 1e-6, 1e18
-"""Least focal length, and greatest size of any of the four numbers, in pixels: far beyond any camera's."""
+"""Minimum focal length, and maximum of any of the four numbers, in pixels: far beyond any camera's."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Camera(CameraModel):
 
     @classmethod
     def from_matrix(cls, K: ArrayLike) -> Camera:
-        """Make a camera of the 3×3 intrinsic matrix ``K`` (no skew, last row 0 0 1).
+        """Make a camera from the 3×3 intrinsic matrix ``K`` (no skew, last row 0 0 1).
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Camera(CameraModel):
 
     @classmethod
     def from_opencv(cls, K: ArrayLike, dist: ArrayLike | None = None) -> Camera:
-        """Make a camera of what ``cv2.calibrateCamera`` returns.
+        """Make a camera from the results of ``cv2.calibrateCamera``.
 
         Detections are then raw pixels, as the camera took them.
 
@@ -126,7 +126,7 @@ class Camera(CameraModel):
 
     @classmethod
     def from_opencv_fisheye(cls, K: ArrayLike, D: ArrayLike) -> Camera:
-        """Make a camera of what ``cv2.fisheye.calibrate`` returns; COLMAP's OPENCV_FISHEYE is the same model.
+        """Make a camera from the results of ``cv2.fisheye.calibrate``; COLMAP's OPENCV_FISHEYE is the same model.
 
         Directions beside and behind the camera are seen too, as far as the model goes; OpenCV itself projects only
         what lies in front.

@@ -17,7 +17,7 @@ Order = tuple[int, ...]
 TOLERANCE = 1e-6
 """Value at the true root, relative to the sum of the terms' sizes, that counts as zero."""
 INDEPENDENT = 1e-4
-"""Least singular value of the constraints' unit gradients above which they are independent."""
+"""Singular value of the constraints' unit gradients above which they count as independent."""
 TIE = 1.0 - 1e-6
 """Share of the greatest one from which another is as good."""
 

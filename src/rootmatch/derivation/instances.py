@@ -83,7 +83,7 @@ class Solver:
         self.places = places_of(base, [*statement.unknowns, statement.shared], slot_of, self._local())
         equations: dict[Expr, None] = {}
         self.of_first = 0
-        """How many of them are of the first minimal set."""
+        """Number of equations of the first minimal set."""
         for chosen in combinations(range(m + 1), m):
             built = statement.build([points["s"][k] for k in chosen], [points["t"][k] for k in chosen])
             swap = {symbol: self.copy(symbol, chosen) for symbol in (*statement.unknowns, statement.shared)}
@@ -195,7 +195,7 @@ class Solver:
         return unit
 
     def _isolated(self, unknowns: Floats, jacobian: Floats) -> bool:
-        """Whether the points determine the unknowns, and none is so near 0 that an equation loses its sense."""
+        """Whether the points determine the unknowns, and none of these is so near 0 that an equation degenerates."""
         if not np.all(np.isfinite(jacobian)):
             return False
         sizes = np.abs(unknowns)
@@ -243,7 +243,7 @@ def instances(
     count: int,
     solver: Solver | None = None,
 ) -> list[Instance]:
-    """So many exact hyper-edges."""
+    """Exact hyper-edges, ``count`` of them."""
     if sample is not None:
         return [sampled(sample, statement, rng) for _ in range(count)]
     solver = solver or Solver(statement)

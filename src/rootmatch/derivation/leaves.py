@@ -18,7 +18,7 @@ from rootmatch.problems.derived.measurements import Measurement
 Expr = Any
 """A SymPy expression; SymPy carries no types."""
 COMMON = -1
-"""In place of a slot: a coordinate that is the same for all points."""
+"""Stands for a slot where a coordinate is the same for all points."""
 Class = str
 """``"s"``, ``"t"``: of one source or target point; ``"ss"``, ``"tt"``: of two."""
 

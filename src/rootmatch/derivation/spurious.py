@@ -1,4 +1,4 @@
-"""What elimination adds to a polynomial and geometry does not know: factors and vanishing coefficients.
+"""Spurious factors and vanishing coefficients, which elimination adds to a polynomial.
 
 Two kinds are found. A factor that is the same for all measurements, such as the 1 + x² that clears the denominators of
 a rotation: its roots are roots of the polynomial of *any* measurements, so a few random draws show them; names hide the
@@ -161,7 +161,7 @@ def _polynomial_text(factor: Sequence[Fraction], x: Expr) -> Expr:
 
 
 def _visible_factors(polynomial: Any, x: Expr, definitions: Definitions) -> tuple[Any, list[str]]:
-    """Without content in the leaves and without repeated factors, where these can be seen."""
+    """The polynomial without content in the leaves and without repeated factors, as far as these can be seen."""
     terms = sum(len(sp.Add.make_args(c)) for c in polynomial.all_coeffs())
     if terms > FACTOR_TERMS or polynomial.as_expr() in definitions.values:
         return polynomial, []

@@ -1,4 +1,4 @@
-"""What the user states: the equations of a minimal set, which unknowns go and which variable stays."""
+"""The user's statement: the equations of a minimal set, the unknowns to eliminate and the variable that stays."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Statement:
         return _flat(name, made)
 
     def check(self, measured: set[Expr], built: Sequence[Expr], conditions: Sequence[Expr]) -> None:
-        """Refuse what cannot be meant.
+        """Refuse a statement that makes no sense.
 
         Raises
         ------

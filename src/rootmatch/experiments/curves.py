@@ -36,7 +36,7 @@ class Record:
 
 
 def rule_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
-    """By which rule the ρ of a method was chosen; several when they agree, none for the default pipeline."""
+    """Rule by which the ρ of a method was chosen; several if they agree, none for the default pipeline."""
     if method == DEFAULT_PIPELINE:
         return [None]
     return [rule for rule in RULES if table.method(problem, method.solver, rule, method.residual) == method]

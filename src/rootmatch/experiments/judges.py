@@ -45,19 +45,19 @@ def _points(e: Estimate) -> str:
 
 
 def _lost(*accuracies: NDArray[np.float64]) -> bool:
-    """Whether all of these accuracies are those of a method that is lost."""
+    """Whether all of these accuracies are at the level of chance."""
     return all(float(found.mean()) <= LOST for found in accuracies)
 
 
 def _lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64], figures: str, lead: Estimate) -> Case:
-    """Whether the first leads the second; undecidable where both are lost."""
+    """Whether the first leads the second; undecidable if both are at the level of chance."""
     if _lost(first, second):
         return Case(name, None, f"{figures}; both are lost")
     return Case(name, lead.low > 0.0, figures)
 
 
 def _under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
-    """Whether a method stays under 100 %; undecidable where it is lost, as it then finds nothing anywhere."""
+    """Whether a method stays below 100 %; undecidable if it is at the level of chance everywhere."""
     found = estimate(accuracy)
     if _lost(accuracy):
         return Case(name, None, f"{_text(found)}; lost")

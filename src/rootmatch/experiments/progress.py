@@ -9,14 +9,14 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """What a run tells how far it is."""
+    """Receives the progress of a run."""
 
     def begin(self, title: str, total: int) -> None:
         """Start a stage of ``total`` steps."""
         ...
 
     def advance(self, steps: int) -> None:
-        """So many more steps are done."""
+        """Count ``steps`` more steps as done."""
         ...
 
 
@@ -64,7 +64,7 @@ class Console:
             print(f"{title}: {total} rows to work out", file=sys.stderr, flush=True)
 
     def advance(self, steps: int) -> None:
-        """So many more steps are done."""
+        """Count ``steps`` more steps as done."""
         self._done += steps
         if self._task is not None:
             self._bar.advance(self._task, steps)

@@ -1,4 +1,4 @@
-"""The paper's experiments from scenes to figures and claims, in one call that goes on where it stopped."""
+"""The paper's experiments from scenes to figures and claims, in one call that resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STORE_NAME = "results.sqlite"
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What was written, and ρ as it was chosen."""
+    """The files that were written, and the chosen ρ."""
 
     files: tuple[Path, ...]
     rhos: Rhos

@@ -31,7 +31,7 @@ RULE_NAMES: dict[Rule, str] = {
     "own": "a ρ for each problem's noisy scenes",
     "exact": "a ρ for each problem's noise-free scenes",
 }
-"""By which scenes ρ is chosen; the first is the paper's way."""
+"""Scenes on which ρ is chosen; the first are the paper's."""
 
 RESIDUALS = ("qr", "qr-both", "svd")
 GRID = tuple(float(f"1e{k}") for k in range(-16, 1))

@@ -37,7 +37,7 @@ MOST_JOBS = 1024
 
 @dataclass(frozen=True)
 class Result:
-    """What a worker sends back."""
+    """Result of a worker."""
 
     rows: list[Row]
     seconds: float
@@ -112,7 +112,7 @@ def run(
 
 
 def check_jobs(jobs: int) -> None:
-    """Refuse a number of processes that means nothing."""
+    """Refuse an impossible number of processes."""
     if jobs == 0 or abs(jobs) > MOST_JOBS:
         raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one a processor")
 

@@ -47,7 +47,7 @@ class PointSets:
         return len(self.source), len(self.target)
 
     def subset(self, source: Indices | None = None, target: Indices | None = None) -> PointSets:
-        """Some of the points, in the order of the indices; None for all."""
+        """A subset of the points, in the order of the indices; None for all."""
         first = slice(None) if source is None else source
         second = slice(None) if target is None else target
         return PointSets(

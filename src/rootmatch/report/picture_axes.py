@@ -24,7 +24,7 @@ DEFAULT_VIEW = (30.0, -60.0, 0.0)
 
 
 def axes_frame(pixels: Floats, picture: Floats | None) -> Floats:
-    """Least and greatest x and y of an image's axes (2, 2): the photograph's, or the points' with room for labels."""
+    """Minimum and maximum x and y of an image's axes (2, 2): the photograph's, or the points' with room for labels."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     margin = 0.08 * max(float(np.max(high - low)), 1.0)
     low, high = low - margin, high + margin

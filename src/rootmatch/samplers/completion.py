@@ -31,7 +31,7 @@ AT_ONCE = 64
 
 
 def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
-    """Most points that are predicted for one root of each minimal set."""
+    """Maximum number of points that are predicted for one root of each minimal set."""
     return math.comb(shape[0], order) * min(bases, order) * math.perm(shape[1], order - 1)
 
 

@@ -1,11 +1,11 @@
-"""What others have reported on the same protocols, read off their figures: about two digits."""
+"""Published results on the same protocols, read off figures: about two digits."""
 
 from __future__ import annotations
 
 from rootmatch.experiments.hypergraph.protocol import DEFORMATION, OUTLIERS
 
 METHODS = {"power-l1": "TM", "rrwhm-published": "RRWHM", "bcagm": "BCAGM"}
-"""Solvers here and the names of the published methods that they are like."""
+"""Solvers here, and the published methods that they correspond to."""
 
 ACCURACY: dict[tuple[str, float], dict[str, float]] = {
     (DEFORMATION, 0.2): {"TM": 0.71, "RRWHM": 0.80, "BCAGM": 0.79},

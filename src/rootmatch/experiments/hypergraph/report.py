@@ -1,4 +1,4 @@
-"""Table, numbers and figure of the public protocols, beside what others have reported."""
+"""Table, numbers and figure of the public protocols, next to published results."""
 
 from __future__ import annotations
 

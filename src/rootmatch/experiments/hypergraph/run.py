@@ -1,4 +1,4 @@
-"""The public protocols from points to table and figure, in one call that goes on where it stopped."""
+"""The public protocols from points to table and figure, in one call that resumes where it stopped."""
 
 from __future__ import annotations
 

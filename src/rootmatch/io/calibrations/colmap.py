@@ -30,7 +30,7 @@ MOST = 1_000_000
 
 
 def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
-    """Cameras of ``cameras.txt``: id, model, width, height and parameters a line.
+    """Cameras of ``cameras.txt``: id, model, width, height and parameters on each line.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from rootmatch.errors import InputError, printable, quoted
 
 LONGEST = 64
-"""Most numbers of one entry: a camera's matrices and coefficients are shorter."""
+"""Maximum number of values in one entry: a camera's matrices and coefficients are shorter."""
 LARGEST = 10_000_000
 """Bytes of a file beyond which it is no calibration."""
 

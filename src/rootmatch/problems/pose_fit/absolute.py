@@ -24,7 +24,7 @@ from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples,
 TRIED = 2
 """How many poses of a minimal set are refined: near a plane, two of them nearly coincide. Not tuned."""
 DEPTHS = 100.0
-"""Greatest over least distance of an object, beforehand, each octave as probable. A round value, not tuned."""
+"""A-priori ratio of an object's largest to its smallest distance; octaves are equally probable. Not tuned."""
 CUT = 100.0
 """Squared deviation at which a point stops counting when those poses are compared. Not tuned: (10 σ)²."""
 

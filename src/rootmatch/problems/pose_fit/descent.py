@@ -16,11 +16,11 @@ State = tuple[Floats, ...]
 ROUGH_STEPS = 12
 """Steps after which fits from many starts are compared. Not tuned: most have arrived by then."""
 STEPS = 100
-"""Most steps. Not tuned: fits of well-placed points take 5, those of points nearly on a line hundreds (`polished`)."""
+"""Maximum number of steps. Not tuned: well-placed points take 5, points nearly on a line hundreds (`polished`)."""
 SETTLED = 1e-13
-"""Relative fall of χ² that the next step may still promise at the end. Not tuned."""
+"""Predicted relative decrease of χ² below which a fit has converged. Not tuned."""
 NEWTON_STEPS = 8
-"""Most steps of Newton's method at the end. Not tuned: it doubles the digits each time."""
+"""Maximum number of final Newton steps. Not tuned: each doubles the correct digits."""
 DELTA = 1e-5
 """Step of its central differences, in radians and in the unit of the fit. Not tuned."""
 MOST_DAMPING = 1e12

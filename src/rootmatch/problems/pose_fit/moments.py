@@ -25,7 +25,7 @@ TEMPERATURE = 2.0
 """Log likelihoods are divided by this where proposals are fitted: they then reach along valleys that bend. Of 1, 2, 3
 the value with the most of 1,200 scenes with noisy directions inside the 95 % quantile, by 0.4 % (seeds from 1000)."""
 ENOUGH = 30.0
-"""Least effective number of samples that is believed. Not tuned."""
+"""Minimum effective number of samples. Not tuned."""
 
 
 def moments(chi2: Callable[[Floats], Floats], covariance: Floats) -> Floats:

@@ -15,7 +15,7 @@ from rootmatch.problems.pose_fit.base import Fit, Floats
 Integers = NDArray[np.int64]
 
 ROUNDS = 8
-"""Most rounds in which an unknown scale changes the weights. Not tuned: three are usual."""
+"""Maximum number of rounds in which an unknown scale changes the weights. Not tuned: three are usual."""
 SETTLED = 1e-9
 """Relative change of the scale at which they end. Not tuned."""
 TURN = 2.0 * math.pi
@@ -90,7 +90,7 @@ class PointSetFit(Fit):
         return np.asarray(-0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance)))
 
     def take(self, which: NDArray[np.integer]) -> PointSetFit:
-        """Some of the fits."""
+        """A subset of the fits."""
         return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
 
     def joined(self, other: PointSetFit) -> PointSetFit:

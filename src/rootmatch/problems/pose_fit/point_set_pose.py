@@ -16,9 +16,9 @@ from rootmatch.problems.pose_fit.pose import Pose
 Integers = NDArray[np.int64]
 
 FLAT = 1e-6
-"""Least singular value, relative to the largest, of points that are in a plane, or two on a line. A round value."""
+"""Singular value, relative to the largest, below which points lie in a plane, or two on a line. A round value."""
 ROUNDS = 20
-"""Most rounds of closed-form fits, in which an unknown scale changes the weights. Not tuned: three are usual."""
+"""Maximum number of closed-form fits, in which an unknown scale changes the weights. Not tuned: three are usual."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 Integers = NDArray[np.int64]
 
 STEPS = 20
-"""Most steps of a descent, which starts where one camera puts it; five are usual. Not tuned."""
+"""Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
 LEAST = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 

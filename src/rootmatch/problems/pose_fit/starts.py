@@ -21,7 +21,7 @@ APART = 0.1
 DOUBTED = 9.0
 """Squared deviation from which a point counts less, when starts are compared. Not tuned: (3 σ)²."""
 BEFORE = 0.1
-"""Least depth of a start's points in units of their root mean square distance from their centre. Not tuned."""
+"""Minimum depth of a start's points in units of their root mean square distance from their centre. Not tuned."""
 
 
 def starting_poses(points: Floats, rays: Floats, weight: Floats, upright: Upright | None) -> State:

@@ -171,7 +171,7 @@ def _starts(views: Views, k: Integers, used: NDArray[np.bool_], planar: bool) ->
 
 
 def _tilts(rotation: Floats) -> Floats:
-    """By how much (B, 2) the common direction is rotated about x and z, in radians.
+    """Rotation (B, 2) of the common direction about x and z, in radians.
 
     By the angle, not by its sine: half a turn about a horizontal baseline leaves the epipolar lines as they are, and
     would cost nothing.

@@ -36,7 +36,7 @@ PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
 @dataclass(frozen=True)
 class Labels:
-    """How the points are called, and what is known of them; see `write_report`."""
+    """Names of the points, and the truth if known; see `write_report`."""
 
     source: Sequence[str] | None = None
     target: Sequence[str] | None = None
@@ -61,7 +61,7 @@ def report_content(
 
 
 def facts(match: Match) -> list[tuple[str, str]]:
-    """Settings, effort and versions, a line each."""
+    """Settings, effort and versions, one per line."""
     options = match.task.options
     noise = match.noise
     used = {
@@ -294,7 +294,7 @@ def _embedded(photo: Path) -> tuple[str, tuple[int, int]]:
 
 
 def _scale(frames: Sequence[dict[str, Any]]) -> int:
-    """By what residuals are drawn longer than they are: 1, 2, 5, 10 and so on."""
+    """Factor by which residuals are drawn longer than they are: 1, 2, 5, 10 and so on."""
     ratios = []
     for frame in frames:
         view, target = frame["views"][0], frame["target"]

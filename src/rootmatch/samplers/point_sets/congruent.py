@@ -46,11 +46,11 @@ class Labellings(NamedTuple):
     """Labellings (K, n) that motions explain, −1 for unmatched, those with the most matches first."""
 
     proper: Integers
-    """By motions of the kind that is looked for."""
+    """Labellings by motions of the kind that is looked for."""
     mirrored: Integers
-    """By reflections, where none is looked for: only those with more matches than any of the others."""
+    """Labellings by reflections, if none is looked for: only those with more matches than any of the others."""
     tried: int
-    """Motions."""
+    """Number of motions tried."""
 
 
 def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.bool_] | None = None) -> Labellings:

@@ -24,7 +24,7 @@ class Motions(NamedTuple):
     """(H,)."""
 
     def take(self, which: NDArray[np.integer]) -> Motions:
-        """Some of them."""
+        """A subset of these motions."""
         return Motions(self.linear[which], self.shift[which], self.scale[which])
 
     def squares(self, clouds: PointClouds) -> tuple[Floats, Floats]:

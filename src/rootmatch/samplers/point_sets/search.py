@@ -29,7 +29,7 @@ ROUNDS = 4
 BLOCK = 64
 """Motions that are judged together, at most."""
 SECONDS_PER_PAIR = 1e-7
-"""To sort the pairs of targets by their distance, by which they are looked up."""
+"""Time to sort a pair of targets by distance, for looking it up."""
 ENTRIES = 2_000_000
 """Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
 

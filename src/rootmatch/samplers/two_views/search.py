@@ -29,7 +29,7 @@ BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 SOLVED = 0.6
 """Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
 SECONDS_PER_RATIO = 2e-7
-"""To work one out in each step of a refinement."""
+"""Time to compute one likelihood ratio in a step of a refinement."""
 REFINED = 4_000_000
 """Likelihood ratios of the poses that are refined together: 32 MB."""
 RARE = 0.1

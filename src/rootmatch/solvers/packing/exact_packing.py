@@ -16,7 +16,7 @@ CLOSED = 1e-9
 DIGITS = 6
 """Decimals of the relaxed optimum that count when it is rounded; what is beyond is the accuracy of HiGHS."""
 TINY = 1e-300
-"""Least value that is divided by."""
+"""Minimum divisor."""
 
 
 class Relaxation(NamedTuple):

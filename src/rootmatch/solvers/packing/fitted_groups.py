@@ -17,7 +17,7 @@ from rootmatch.solvers.packing.options import CliqueOptions
 
 Groups = NDArray[np.int64]
 SECONDS_PER_GROUP = 1e-4
-"""To extend a group in all ways and to value them, at most (benchmarks/matches.py --only motions)."""
+"""Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
 
 
 class GroupFit(NamedTuple):
@@ -157,7 +157,7 @@ def without_one(groups: Groups) -> Groups:
 
 
 def shared(groups: Groups, others: Groups) -> NDArray[np.int64]:
-    """Most correspondences that each group (G, n) has in common with one of some others (H, n)."""
+    """Maximum number of correspondences that each group (G, n) has in common with one of some others (H, n)."""
     most = np.zeros(len(groups), np.int64)
     for other in others:
         members = np.flatnonzero(other >= 0)

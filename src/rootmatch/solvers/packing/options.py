@@ -15,7 +15,7 @@ class GrowthOptions(Options):
     gate: float = option(GATE, above=0.0)
     """Residual that a hyper-edge outside of the tensor is taken to have: the gate."""
     starts: int = option(20_000, least=1)
-    """Most hyper-edges that grow. A round value, not tuned."""
+    """Maximum number of hyper-edges that grow. A round value, not tuned."""
     per_round: int = option(512, least=1)
     """Groups grown before those within them are skipped. A round value, not tuned."""
     limit: int = option(1_000, least=1)
@@ -48,7 +48,7 @@ class SelectionOptions(Options):
     """How the groups are selected, by branch and bound."""
 
     columns: int = option(6_000, least=1)
-    """Most groups that compete, those of the highest evidence. A round value, not tuned."""
+    """Maximum number of groups that compete, those of the highest evidence. A round value, not tuned."""
     large: int = option(2, least=0)
     """Members beyond the order of a large group, which are selected before all compete. Not tuned."""
     nodes_of_large: int = option(400_000, least=1)

@@ -18,11 +18,11 @@ from rootmatch.benchmark.real.sources.common import Fields, Floats, data_set, fo
 from rootmatch.errors import InputError
 
 REDUCED = 3
-"""By which photographs are made smaller."""
+"""Factor by which photographs are made smaller."""
 WORST = 2.0
 """Pixels by which a track may miss its point, at the reduced size."""
 STEEPEST = np.radians(30.0)
-"""By which segments of vertical edges lean in the image."""
+"""Maximum lean of segments of vertical edges in the image."""
 SHORTEST = 25.0
 """Pixels of a segment, at the reduced size."""
 TOWARDS = np.radians(1.0)
