@@ -176,6 +176,12 @@ def test_completions_are_the_same_in_one_thread_and_two_and_obey_the_mask() -> N
     assert mask[source, target].all()
 
 
+def test_more_than_can_be_listed_is_refused() -> None:
+    scene = up2p_scene(400, 0, 0.5, 1)
+    with pytest.raises(rm.InputError, match=r"completion: 1.06e\+07 sets of 3 source points .* sampler=.guided"):
+        rm.match(scene.source, scene.target[:4], scene.problem, noise=0.5, sampler=Completion(), motions=2)
+
+
 def test_what_cannot_be_completed_says_so() -> None:
     scene = rm.simulation.p3p_scene(6, 0, 1.0, 0)
     tables = scene.problem.prepare(scene.source, scene.target, 1.0)

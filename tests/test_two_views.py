@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -11,10 +12,15 @@ import pytest
 from scipy.optimize import brentq
 
 import rootmatch as rm
+from rootmatch.deadline import Deadline, OutOfTime
+from rootmatch.hypergraph.affinity import Affinity, Residual
+from rootmatch.problems.residual_kinds import Joint
 from rootmatch.problems.two_views import TwoViews
+from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
 from rootmatch.samplers.two_views.pose_search import search_pairs, search_triples
+from rootmatch.samplers.two_views.search import PoseSearch, TwoViewOptions, _in_pieces
 from rootmatch.simulation import three_plus_one_scene
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -153,6 +159,41 @@ def test_hidden_points_and_candidates() -> None:
     matched = np.flatnonzero(match.assignment >= 0)
     assert allowed[matched, match.assignment[matched]].all()
     assert scene.accuracy(match.assignment) > 0.8
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_ranges_of_images_are_all_that_may_be_and_no_others(planar: bool) -> None:
+    rng = np.random.default_rng(3)
+    views = TwoViews(bearings(4, rng).T, bearings(7, rng).T, np.ones(4), np.ones(7), planar)
+    for candidates in (None, rng.random((4, 7)) < 0.4):
+        task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (4, 7), 4, candidates=candidates)
+        search = PoseSearch(replace(task, views=views), TwoViewOptions())
+        sets = np.array([[0, 1], [2, 1]] if planar else [[0, 1, 2], [3, 2, 0]])
+        found = np.concatenate([np.arange(*one) for one in search._images(sets)])
+        allowed = np.ones((4, 7), bool) if candidates is None else candidates
+        firsts = allowed[sets[:, 0]].any(axis=0)
+        seconds = allowed[sets[:, 1]].any(axis=0)
+        if planar:
+            expected = [first * 7 + last for first in range(7) if firsts[first] for last in range(7)]
+        else:
+            pairs = [pair for pair in itertools.permutations(range(7), 2) if firsts[pair[0]] and seconds[pair[1]]]
+            expected = [(first * 7 + second) * 7 + last for first, second in pairs for last in range(7)]
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_pieces_grow_and_end_at_the_deadline() -> None:
+    now, pieces = [0.0], []
+
+    def work(begin: int, end: int) -> None:
+        pieces.append((begin, end))
+        now[0] += 0.001 * (end - begin)
+
+    with Deadline(1.0, clock=lambda: now[0]).enforced(), pytest.raises(OutOfTime):
+        _in_pieces(work, iter([(3, 30), (40, 100_000)]))
+    assert pieces[0] == (3, 4)
+    assert all(after[0] in (before[1], 40) for before, after in itertools.pairwise(pieces))
+    assert max(end - begin for begin, end in pieces) <= 50
+    assert now[0] < 1.002
 
 
 def test_a_match_depends_on_its_seed_alone() -> None:

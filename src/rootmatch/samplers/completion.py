@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace, checkpoint
+from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.jit.threads import in_threads
@@ -28,6 +29,10 @@ SEARCHED = 0.6
 """Share of a deadline after which the hyper-edges found so far are evaluated."""
 AT_ONCE = 64
 """Minimal sets between two progress reports; changes no result."""
+MOST_LISTED = 5_000_000
+"""Sets of source points that are listed with their minimal sets, which takes two gigabytes. A round value."""
+SECONDS_PER_SET = 4e-6
+"""That this takes."""
 
 
 def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
@@ -83,6 +88,13 @@ class Completion(Options):
         """
         tables, shape, order = task.tables, task.shape, task.order
         Capability.COMPLETION.require(can_complete(type(tables)), task.problem)
+        listed = math.comb(shape[0], order)
+        if listed > MOST_LISTED:
+            raise InputError(
+                f"completion: {listed:.3g} sets of {order} source points are more than the {MOST_LISTED:,} that are "
+                'listed; use sampler="guided"'
+            )
+        checkpoint(SECONDS_PER_SET * listed)
         arrangements = enumeration.target_arrangements(shape[1], order - 1)
         checkpoint()
         images = arrangements.astype(np.int64)
@@ -113,7 +125,7 @@ class Completion(Options):
 
     def _tasks(self, tables: Any, n: int, order: int) -> list[tuple[Integers, Integers]]:
         """Minimal sets of source points, each with the other points for which it is among the widest."""
-        subsets = np.array(list(combinations(range(n), order)), np.int64).reshape(-1, order)
+        subsets = enumeration.subsets(n, order)
         bases = np.array(list(combinations(range(order), order - 1)), np.int64)
         last = np.array([np.setdiff1d(np.arange(order), base)[0] for base in bases])
         positions = np.ascontiguousarray(tables.points.T)

@@ -81,7 +81,9 @@ class Guided(GuidedOptions):
             few = self
             if task.deadline.is_set:
                 few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
-            source, target, coverage = hyperedges_among(clusters, task.shape, task.order, few, search.rng)
+            source, target, coverage = hyperedges_among(
+                clusters, task.shape, task.order, few, search.rng, deadline=task.deadline
+            )
             task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
             return given_tensor(task, source, target), coverage, len(source)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
-from rootmatch.jit.threads import in_pieces, in_threads, threads_worth
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint, in_force
+from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
 from rootmatch.problems.two_views import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
@@ -137,7 +138,7 @@ class PoseSearch:
 
         try:
             with self.deadline.part(SOLVED).enforced():
-                in_pieces(piece, self.n_target**self.minimal)
+                _in_pieces(piece, self._images(sets))
         except OutOfTime:
             self.cut = True
         self.solved += int(counts[:, 0].sum())
@@ -150,6 +151,22 @@ class PoseSearch:
         self.sets += count
         with self.deadline.within():
             self._take(chosen, which)
+
+    def _images(self, sets: Integers) -> Iterator[tuple[int, int]]:
+        """Ranges of the images that some of the sets may have, as `search_triples` and `search_pairs` number them.
+
+        What cannot be, as two points with one image, would cost nothing and tell nothing of the cost of the next ones.
+        """
+        every, possible = self.n_target, self.judge[1] > 0.0
+        first = np.asarray(possible[sets[:, 0]].any(axis=0))
+        if self.views.planar:
+            yield from every * _runs(first)
+            return
+        second = np.asarray(possible[sets[:, 1]].any(axis=0))
+        for image in np.flatnonzero(first).tolist():
+            others = second.copy()
+            others[image] = False
+            yield from every * (image * every + _runs(others))
 
     def _take(self, poses: Floats, which: Integers) -> None:
         """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
@@ -249,6 +266,31 @@ class PoseSearch:
             lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
         evidence = np.array([one.evidence for one in leaders])
         return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
+
+
+def _runs(mask: NDArray[np.bool_]) -> Integers:
+    """First and last + 1 (K, 2) of each run of true values."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
+
+
+def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int]]) -> None:
+    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all is begun.
+    """
+    deadline, size = in_force(), 1
+    for begin, end in ranges:
+        while begin < end:
+            checkpoint()
+            stop, started = min(begin + size, end), deadline.clock()
+            work(begin, stop)
+            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
+            longest = min(LONGEST, 0.5 * deadline.left())
+            size = max(1, min(int(longest / each), GROWTH * (stop - begin)))
+            begin = stop
 
 
 def _density(views: TwoViews) -> Floats:
