@@ -130,7 +130,7 @@ def main() -> None:
     if options.csv:
         with options.csv.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["step", "by the clock", "processor time"])
+            writer.writerow(["step", "wall-clock time", "processor time"])
             writer.writerows([what, figure(seconds), figure(used)] for what, seconds, used in steps.rows)
 
 
