@@ -95,7 +95,11 @@ def scene(rng: np.random.Generator, name: str, n: int, n_target: int) -> Scene:
         move = rng.normal(size=3) * (1.0, 0.0 if name == "planar" else 1.0, 1.0)
         second = CAMERA.project(points @ turn.T + move / np.linalg.norm(move)) + NOISE * rng.normal(size=(n, 2))
         first = CAMERA.project(points) + NOISE * rng.normal(size=(n, 2))
-        problem = rm.PlanarMotion(CAMERA) if name == "planar" else rm.ThreePlusOne(CAMERA)
+        problem = (
+            rm.PlanarMotion(CAMERA, axis=(0, 1, 0))
+            if name == "planar"
+            else rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0))
+        )
         target = shown_among_clutter(rng, second, n_target, *corners)
         return {"source": first, "target": target, "problem": problem, "noise": NOISE}
     points = points_in_a_ball(rng, n)

@@ -28,6 +28,7 @@ class Frame(NamedTuple):
 
 Case = tuple[str, Callable[[], rm.Match | list[Frame]]]
 
+DOWN = (0, 1, 0)
 CAMERA = rm.Camera(scenes.FOCAL, scenes.FOCAL, *scenes.CENTRE.tolist())
 K = [[scenes.WIDE, 0.0, 320.0], [0.0, scenes.WIDE, 240.0], [0.0, 0.0, 1.0]]
 LONG = 3600.0
@@ -109,7 +110,7 @@ def cases() -> Iterator[Case]:
 
 def plain() -> Iterator[Case]:
     """One match each: problems, searches, motions, solvers, noise."""
-    p3p, up2p, between = rm.P3P(CAMERA), rm.UP2P(CAMERA), rm.ThreePlusOne(CAMERA)
+    p3p, up2p, between = rm.P3P(CAMERA), rm.UP2P(CAMERA), rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN)
     absolute, views, flat = scenes.absolute, scenes.views, scenes.flat
     for s in range(20):
         yield run(f"p3p-8+4-{s}", absolute(100 + s, 8, 4, 0.5), p3p, noise=0.5)
@@ -133,9 +134,14 @@ def plain() -> Iterator[Case]:
         yield run(f"up2p-noises-{s}", scene, up2p, noise=scene["rng"].uniform(0.3, 0.9, 12))
         scene = absolute(1200 + s, 8, 3, 0.5, **UPRIGHT)
         yield run(f"up2p-normalised-{s}", scene, up2p, noise=0.5, residual="normalised")
-        small = rm.ThreePlusOne(CAMERA, small_baseline=1e-7)
+        small = rm.ThreePlusOne(CAMERA, small_baseline=1e-7, axis=(0, 1, 0), axis2=(0, 1, 0))
         yield run(f"3p1-baseline-{s}", views(1300 + s, 9, 2, 0.5, 0.3), small, noise=0.5)
-        yield run(f"planar-{s}", views(1400 + s, 8, 0, 0.1, 1.0, planar=True), rm.PlanarMotion(CAMERA), noise=0.1)
+        yield run(
+            f"planar-{s}",
+            views(1400 + s, 8, 0, 0.1, 1.0, planar=True),
+            rm.PlanarMotion(CAMERA, axis=(0, 1, 0)),
+            noise=0.1,
+        )
         yield run(f"up2pf-{s}", absolute(1500 + s, 7, 1, 0.3, **UPRIGHT), rm.UP2PF((320.0, 240.0)), noise=0.3)
         yield run(f"similarity-{s}", flat(1600 + s, 12, 4, 0.01, 2, 2.5), rm.Similarity(2), noise=0.01)
         yield run(f"rigid-{s}", flat(1700 + s, 12, 4, 0.01, 3, 1.0), rm.Rigid(3), noise=0.01)
@@ -294,7 +300,7 @@ def sequences() -> Iterator[Case]:
             [*faulty[:2], both[0]],
         )
         pair = scenes.views(5100 + s, 8, 2, 0.3, 2.0)
-        between = rm.ThreePlusOne(CAMERA)
+        between = rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN)
         yield sequence(
             f"matcher-3p1-{s}",
             lambda pair=pair, between=between: rm.Matcher(pair["source"], between, noise=noise),
@@ -336,10 +342,10 @@ def cameras() -> Iterator[Case]:
             pair = scenes.views(seed + 10, 8, 1, 0.3, 2.0)
             source, target = (scenes.unit(one) if name == "rays" else project(one) for one in pair["seen"])
             noisy = {"source": source, "target": target[pair["rng"].permutation(8)]}
-            yield run(f"3p1-{name}-{s}", noisy, rm.ThreePlusOne(camera), noise=sigma)
+            yield run(f"3p1-{name}-{s}", noisy, rm.ThreePlusOne(camera, axis=(0, 1, 0), axis2=(0, 1, 0)), noise=sigma)
         tilted = rm.UP2P(CAMERA, vertical_noise=0.01)
         yield run(f"up2p-tilted-{s}", scenes.absolute(5700 + s, 9, 4, 0.5, **UPRIGHT), tilted, noise=0.5)
-        tilted = rm.ThreePlusOne(CAMERA, axis_noise=0.005)
+        tilted = rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN, axis_noise=0.005)
         yield run(f"3p1-tilted-{s}", scenes.views(5710 + s, 9, 1, 0.3, 2.0), tilted, noise=0.3)
         sided = scenes.surface(5800 + s, 30, 4)
         normals = {"noise": 0.4, "normals": sided["normals"]}
@@ -366,9 +372,14 @@ def large() -> Iterator[Case]:
             candidates=many["rng"].uniform(0.5, 1.0, (60, len(many["target"]))),
         )
         yield run(f"visible-triples-{s}", many, p3p, noise=0.4, normals=many["normals"], view_angle=75.0)
-        yield run(f"3p1-guided-{s}", scenes.views(6100 + s, 30, 8, 0.3, 2.0), rm.ThreePlusOne(CAMERA), noise=0.3)
+        yield run(
+            f"3p1-guided-{s}",
+            scenes.views(6100 + s, 30, 8, 0.3, 2.0),
+            rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN),
+            noise=0.3,
+        )
         floor = scenes.views(6200 + s, 24, 4, 0.1, 1.0, planar=True)
-        yield run(f"planar-guided-{s}", floor, rm.PlanarMotion(CAMERA), noise=0.1)
+        yield run(f"planar-guided-{s}", floor, rm.PlanarMotion(CAMERA, axis=(0, 1, 0)), noise=0.1)
         two_sets = scenes.flat(6300 + s, 40, 15, 0.01, 3, 1.0)
         yield run(f"rigid-guided-{s}", two_sets, rm.Rigid(3), noise=0.01)
         yield run(f"rigid-source-noise-{s}", two_sets, rm.Rigid(3), noise=0.01, source_noise=0.005)
@@ -404,7 +415,9 @@ def weights() -> Iterator[Case]:
         one = scenes.absolute(7200 + s, 16, 16, 0.5)
         yield run(f"p3p-guided-weights-{s}", one, p3p, noise=0.5, candidates=weighed(one))
         one = scenes.views(7300 + s, 8, 2, 0.3, 2.0)
-        yield run(f"3p1-weights-{s}", one, rm.ThreePlusOne(CAMERA), noise=0.3, candidates=weighed(one))
+        yield run(
+            f"3p1-weights-{s}", one, rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN), noise=0.3, candidates=weighed(one)
+        )
         one = scenes.bodies(7400 + s, [scenes.shape(s, 8)], 4)
         yield run(f"prior-weights-{s}", one, p3p, noise=0.3, candidates=weighed(one), prior=predicted(one, s))
         yield run(f"prior-mask-{s}", one, p3p, noise=0.3, candidates=weighed(one) > 0.0, prior=predicted(one, s))

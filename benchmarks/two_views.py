@@ -71,7 +71,7 @@ def unrelated(seeds: range) -> str:
         camera = rm.Camera(1000.0, 1000.0, WIDTH / 2.0, HEIGHT / 2.0)
         points = [rng.uniform(0.0, (WIDTH, HEIGHT), (count, 2)) for count in (n, n_target)]
         started = time.process_time()
-        found = rm.match(*points, rm.ThreePlusOne(camera), noise=sigma, seed=seed)
+        found = rm.match(*points, rm.ThreePlusOne(camera, axis=(0, 1, 0), axis2=(0, 1, 0)), noise=sigma, seed=seed)
         seconds.append(time.process_time() - started)
         states.append(found.status.name)
     return (

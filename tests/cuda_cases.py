@@ -66,7 +66,7 @@ def case_scene(case: Case) -> tuple[Any, NDArray[np.int64]]:
     c, s = np.cos(0.3), np.sin(0.3)
     moved = points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) + (1.0, 0.0, 0.5)
     first, second = (camera.project(view) + 0.5 * rng.normal(size=(n_target, 2)) for view in (points, moved))
-    return PlanarMotion(camera, camera).prepare(first[:n], second, 0.5), truth
+    return PlanarMotion(camera, camera, axis=(0, 1, 0)).prepare(first[:n], second, 0.5), truth
 
 
 def case_tables(case: Case) -> Any:

@@ -210,6 +210,6 @@ def test_points_that_are_no_finite_numbers_of_a_sane_size(points: Any, text: str
 
 
 def test_a_derived_problem_is_shown_without_its_code() -> None:
-    shown = repr(rm.PlanarMotion(CAMERA).derived)
+    shown = repr(rm.PlanarMotion(CAMERA, axis=(0, 1, 0)).derived)
     assert shown.startswith("DerivedProblem('planar', source=Bearings(")
     assert len(shown) < 1000

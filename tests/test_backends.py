@@ -40,7 +40,9 @@ def scene(problem: str, n: int, n_target: int, seed: int = 0, sigma: float = 0.5
         pair = instances.paper_pair(rng, 3.0, max(n, n_target))
         noisy = [view + sigma * rng.normal(size=view.shape) for view in (pair.first[:n], pair.second[:n_target])]
         camera = Camera(*pair.intrinsics)
-        return ThreePlusOne(camera, camera).prepare(noisy[0], noisy[1][rng.permutation(n_target)], sigma)
+        return ThreePlusOne(camera, camera, axis=(0, 1, 0), axis2=(0, 1, 0)).prepare(
+            noisy[0], noisy[1][rng.permutation(n_target)], sigma
+        )
     made = instances.paper_scene(problem, rng, n)
     pixels = made.target[:n_target] + sigma * rng.normal(size=made.target[:n_target].shape)
     clutter = rng.uniform((0.0, 0.0), (640.0, 480.0), (max(0, n_target - n), 2))

@@ -95,7 +95,7 @@ def test_kernels_that_are_made_when_a_problem_is_used(scheduler: str) -> None:
     points = rng.uniform(-1.0, 1.0, (6, 2))
     for source, target, problem, noise in (
         (points, points[::-1] + np.array([0.5, 0.2]), Rigid(), 0.01),
-        (pixels, shifted, rm.PlanarMotion(camera), 1.0),
+        (pixels, shifted, rm.PlanarMotion(camera, axis=(0, 1, 0)), 1.0),
     ):
         here, there = (
             rm.match(source, target, problem, noise=noise, sampler="exhaustive", scheduler=address)

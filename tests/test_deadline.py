@@ -254,7 +254,7 @@ camera = rm.Camera(800.0, 800.0, 320.0, 240.0)
 first, second = rng.uniform((0.0, 0.0), (640.0, 480.0), (2, 900, 2))
 ball = rng.uniform(-1.0, 1.0, (900, 3))
 tasks = {
-    "between views": (first[:30], second[:700], rm.ThreePlusOne(camera)),
+    "between views": (first[:30], second[:700], rm.ThreePlusOne(camera, axis=(0, 1, 0), axis2=(0, 1, 0))),
     "guided": (ball, second, rm.P3P(camera)),
 }
 source, target, problem = tasks[sys.argv[1]]

@@ -212,8 +212,8 @@ def test_bearings_are_a_measurement_and_a_camera() -> None:
     rays = rm.Bearings()
     problem = rm.P3P(rays)
     assert (problem.source_dimension, problem.target_dimension) == (3, 3)
-    assert rm.ThreePlusOne(rays, rm.Camera.from_matrix(K)).source_dimension == 3
-    assert rm.ThreePlusOne(rays, rm.Camera.from_matrix(K)).target_dimension == 2
+    assert rm.ThreePlusOne(rays, rm.Camera.from_matrix(K), axis=(0, 1, 0), axis2=(0, 1, 0)).source_dimension == 3
+    assert rm.ThreePlusOne(rays, rm.Camera.from_matrix(K), axis=(0, 1, 0), axis2=(0, 1, 0)).target_dimension == 2
     assert rm.Bearings(rm.Camera.from_matrix(K)).dimension == 2
     with pytest.raises(InputError, match="give the camera itself"):
         rm.P3P(rm.Bearings(rm.Camera.from_matrix(K)))

@@ -24,7 +24,7 @@ def robot_scene() -> tuple[Any, np.ndarray, np.ndarray]:
     points = rng.uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 12.0), (7, 3))
     moved = points @ rotation_about_y(np.cos(0.2), np.sin(0.2)).T + [0.8, 0.0, 0.4]
     images = [camera.project(seen) + rng.normal(0.0, NOISE, (7, 2)) for seen in (points, moved)]
-    return rm.PlanarMotion(camera), images[0], images[1][rng.permutation(7)]
+    return rm.PlanarMotion(camera, axis=(0, 1, 0)), images[0], images[1][rng.permutation(7)]
 
 
 def object_scene(name: str) -> tuple[Any, np.ndarray, np.ndarray]:

@@ -414,7 +414,19 @@ def test_no_input_is_written_over(scene: Path, tmp_path: Path, option: str, name
     for camera in ("camera.json", "camera2.json"):
         (tmp_path / camera).write_text('{"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}')
     before = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    command = ["match", "model.csv", "model.csv", "--problem", "3p1", "--camera", "camera.json"]
+    command = [
+        "match",
+        "model.csv",
+        "model.csv",
+        "--problem",
+        "3p1",
+        "--camera",
+        "camera.json",
+        "--axis",
+        "0,1,0",
+        "--axis2",
+        "0,1,0",
+    ]
     command += ["--camera2", "camera2.json", option, name, "--pose-format", "csv"]
     with chdir(tmp_path):
         found = CliRunner().invoke(app, command)

@@ -29,7 +29,7 @@ CAMERA = Camera(*INTRINSICS)
 @cache
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python, which need not be compiled; `test_match` runs the compiled ones."""
-    derived = PlanarMotion(CAMERA).derived
+    derived = PlanarMotion(CAMERA, axis=(0, 1, 0)).derived
     return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
 
 
@@ -49,7 +49,7 @@ def test_quadratic_is_the_epipolar_determinant() -> None:
     for seed in range(20):
         scene = robot_scenes.robot(4, noise=2.0, seed=seed)
         pixels = scene.source[:2], scene.target[scene.truth[:2]]
-        found = PlanarMotion(CAMERA).coefficients(pixels[0][None], pixels[1][None])[0]
+        found = PlanarMotion(CAMERA, axis=(0, 1, 0)).coefficients(pixels[0][None], pixels[1][None])[0]
         rays = [oracles.bearings(p, INTRINSICS) for p in pixels]
         expected = np.array([epipolar_determinant(*rays, a) / math.cos(a / 2.0) ** 2 for a in angles])
         # det · (1 + x²) is the quadratic: 1 / cos² = 1 + x²
@@ -73,10 +73,12 @@ def test_shipped_formulas_are_those_of_the_equation() -> None:
     rng = np.random.default_rng(0)
     sets = np.array([rng.permutation(8)[:2] for _ in range(50)])
     args = scene.source[sets], scene.target[sets]
-    np.testing.assert_allclose(fresh.coefficients(*args), PlanarMotion(CAMERA).coefficients(*args), rtol=1e-9)
-    shipped = PlanarMotion(CAMERA).derived
+    np.testing.assert_allclose(
+        fresh.coefficients(*args), PlanarMotion(CAMERA, axis=(0, 1, 0)).coefficients(*args), rtol=1e-9
+    )
+    shipped = PlanarMotion(CAMERA, axis=(0, 1, 0)).derived
     for name in ("minimal", "order", "degree", "constraints", "pair_count", "source_dimension", "target_dimension"):
-        assert getattr(shipped, name) == getattr(fresh, name) == getattr(PlanarMotion(CAMERA), name)
+        assert getattr(shipped, name) == getattr(fresh, name) == getattr(PlanarMotion(CAMERA, axis=(0, 1, 0)), name)
 
 
 def best_motion_chi2(scene: robot_scenes.Scene, first: np.ndarray, second: np.ndarray, sigma: float) -> float:
@@ -106,7 +108,7 @@ def test_joint_is_the_reprojection_error_of_the_best_motion() -> None:
     for seed in range(30):
         scene = robot_scenes.robot(3, noise=sigma, seed=seed)
         target = scene.target[scene.truth]
-        value = edge(PlanarMotion(CAMERA).prepare(scene.source, target, sigma), Joint(), index, index)
+        value = edge(PlanarMotion(CAMERA, axis=(0, 1, 0)).prepare(scene.source, target, sigma), Joint(), index, index)
         expected = best_motion_chi2(scene, scene.source, target, sigma)
         errors.append(abs(value**2 - expected) / max(expected, 0.1))
     assert np.quantile(errors, 0.5) < 0.05
@@ -159,7 +161,9 @@ class TestDegenerate:
             scene = robot_scenes.robot(3, noise=0.2, seed=seed, step=1e-6)
             target = scene.target[scene.truth]
             for turned in (target, target[[1, 2, 0]]):
-                value = edge(PlanarMotion(CAMERA).prepare(scene.source, turned, 0.2), Joint(), index, index)
+                value = edge(
+                    PlanarMotion(CAMERA, axis=(0, 1, 0)).prepare(scene.source, turned, 0.2), Joint(), index, index
+                )
                 assert np.isfinite(value)
                 assert value >= 0.0
             values.append(value)
@@ -170,9 +174,9 @@ class TestDegenerate:
         rng = np.random.default_rng(0)
         source = np.column_stack((rng.uniform(100.0, 500.0, 4), np.full(4, INTRINSICS[3])))
         target = np.column_stack((rng.uniform(100.0, 500.0, 4), np.full(4, INTRINSICS[3])))
-        assert np.all(PlanarMotion(CAMERA).coefficients(source[None, :2], target[None, :2]) == 0.0)
+        assert np.all(PlanarMotion(CAMERA, axis=(0, 1, 0)).coefficients(source[None, :2], target[None, :2]) == 0.0)
         index = np.arange(3)
-        tables = PlanarMotion(CAMERA).prepare(source, target, 0.5)
+        tables = PlanarMotion(CAMERA, axis=(0, 1, 0)).prepare(source, target, 0.5)
         for kind in (QR, QRBoth, SVD, Normalised, Joint):
             assert interpreted(kind)(tables, kind(), index, index) >= 1.4
 
@@ -187,7 +191,7 @@ class TestDegenerate:
             if rays[:, 2].max() > -0.1:
                 continue
             pixels = CAMERA.project(-rays)  # the same lines, seen behind
-            value = PlanarMotion(CAMERA).coefficients(scene.source[None, :2], pixels[None, :2])[0]
+            value = PlanarMotion(CAMERA, axis=(0, 1, 0)).coefficients(scene.source[None, :2], pixels[None, :2])[0]
             assert oracles.relative_value(value, math.tan((math.pi - 1e-3) / 2.0)) < 1e-9
             found += 1
         assert found >= 5
@@ -196,12 +200,18 @@ class TestDegenerate:
 @pytest.mark.parametrize("change", [{"axis": (0.0, 0.0, 0.0)}, {"axis2": (0.0, 1.0)}, {"axis": (np.nan, 1.0, 0.0)}])
 def test_bad_axis(change: dict[str, tuple[float, ...]]) -> None:
     with pytest.raises(InputError, match="axis"):
-        PlanarMotion(CAMERA, **change)
+        PlanarMotion(CAMERA, **{"axis": (0.0, 1.0, 0.0)} | change)
+
+
+def test_the_second_normal_is_the_first_by_default() -> None:
+    assert PlanarMotion(CAMERA, axis=(1, 2, 0)).axis2 == (1.0, 2.0, 0.0)
+    with pytest.raises(InputError, match="axis: none given; planar needs a direction"):
+        PlanarMotion(CAMERA)
 
 
 def test_bad_points() -> None:
     scene = robot_scenes.robot(4, seed=0)
     with pytest.raises(InputError, match="at least 3"):
-        PlanarMotion(CAMERA).prepare(scene.source[:2], scene.target)
+        PlanarMotion(CAMERA, axis=(0, 1, 0)).prepare(scene.source[:2], scene.target)
     with pytest.raises(InputError, match="normals"):
-        PlanarMotion(CAMERA).prepare(scene.source, scene.target, 1.0, np.ones((4, 3)))
+        PlanarMotion(CAMERA, axis=(0, 1, 0)).prepare(scene.source, scene.target, 1.0, np.ones((4, 3)))

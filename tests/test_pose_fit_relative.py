@@ -79,8 +79,8 @@ def test_measured_directions_are_a_prior() -> None:
     scene = three_plus_one_scene(12, 0, 0.3, 4, baseline=5.0)
     camera = scene.cameras[0]
     tilted = (0.009, 1.0, -0.006)
-    exact = rm.ThreePlusOne(camera, camera, axis2=tilted)
-    noisy = rm.ThreePlusOne(camera, camera, axis2=tilted, axis_noise=0.007)
+    exact = rm.ThreePlusOne(camera, camera, axis=(0, 1, 0), axis2=tilted)
+    noisy = rm.ThreePlusOne(camera, camera, axis=(0, 1, 0), axis2=tilted, axis_noise=0.007)
     chi2 = [
         problem.fitted(problem.validated(scene.source, scene.target, 0.3), scene.truth[None]).chi2[0]
         for problem in (scene.problem, exact, noisy)

@@ -96,7 +96,7 @@ class TestRelativePose:
             pair = instances.paper_pair(rng, baseline, POINTS)
             camera = Camera(*pair.intrinsics)
             first, second = (v + sigma * rng.normal(size=v.shape) for v in (pair.first, pair.second))
-            tables = ThreePlusOne(camera, camera).prepare(first, second, sigma)
+            tables = ThreePlusOne(camera, camera, axis=(0, 1, 0), axis2=(0, 1, 0)).prepare(first, second, sigma)
             edges = np.array([rng.permutation(POINTS)[:4] for _ in range(EDGES)])
             made.append(cpu.residuals(tables, kind, edges, edges))
         return np.concatenate(made)

@@ -42,7 +42,7 @@ def planar() -> Case:
     points = rng.uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 14.0), (7, 3))
     c, s = np.cos(0.3), np.sin(0.3)
     moved = points @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]).T + (-2.0, 0.0, 1.0)
-    return shuffled(rng, CAMERA.project(points), CAMERA.project(moved), rm.PlanarMotion(CAMERA), 0.1)
+    return shuffled(rng, CAMERA.project(points), CAMERA.project(moved), rm.PlanarMotion(CAMERA, axis=(0, 1, 0)), 0.1)
 
 
 def upright() -> Case:

@@ -659,17 +659,19 @@ class TestBadInput:
     @pytest.mark.parametrize(
         ("settings", "text"),
         [
-            ({"axis": (0, 0, 0)}, "axis"),
+            ({"axis": (0, 0, 0)}, "axis: its length is 0"),
             ({"axis2": (0, float("nan"), 0)}, "axis2"),
             ({"axis_noise": -1.0}, "axis_noise"),
+            ({"axis": ()}, "axis: none given; 3p1 needs a direction that both images share.* five-point solver"),
+            ({"axis2": ()}, "axis2: none given"),
         ],
     )
     def test_of_the_problem(self, settings: dict[str, object], text: str) -> None:
         with pytest.raises(InputError, match=text):
-            ThreePlusOne(Camera(1000, 1000, 320, 240), **settings)  # type: ignore[arg-type]
+            ThreePlusOne(Camera(1000, 1000, 320, 240), **{"axis": (0, 1, 0), "axis2": (0, 1, 0)} | settings)
 
     def test_of_the_points(self) -> None:
-        problem = ThreePlusOne(Camera(1000, 1000, 320, 240))
+        problem = ThreePlusOne(Camera(1000, 1000, 320, 240), axis=(0, 1, 0), axis2=(0, 1, 0))
         source, target = self.points()
         with pytest.raises(InputError, match="source"):
             problem.prepare(source[:3], target)
@@ -684,7 +686,7 @@ class TestBadInput:
 
     def test_noise_of_each_point(self) -> None:
         """n' numbers are the target's; the source gets their root mean square."""
-        problem = ThreePlusOne(Camera(1000, 1000, 320, 240))
+        problem = ThreePlusOne(Camera(1000, 1000, 320, 240), axis=(0, 1, 0), axis2=(0, 1, 0))
         source, target = self.points()
         noise = np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0])
         tables = problem.prepare(source, target, noise)
@@ -694,5 +696,7 @@ class TestBadInput:
 
     def test_the_second_camera_is_the_first_by_default(self) -> None:
         camera = Camera(1000, 900, 320, 240)
-        assert ThreePlusOne(camera).cameras == (camera, camera)
-        assert ThreePlusOne(camera, Camera(1, 1, 0, 0)).cameras[1] == Camera(1, 1, 0, 0)
+        assert ThreePlusOne(camera, axis=(0, 1, 0), axis2=(0, 1, 0)).cameras == (camera, camera)
+        assert ThreePlusOne(camera, Camera(1, 1, 0, 0), axis=(0, 1, 0), axis2=(0, 1, 0)).cameras[1] == Camera(
+            1, 1, 0, 0
+        )

@@ -216,5 +216,5 @@ def test_unrelated_images_are_not_trusted() -> None:
     for seed in range(6):
         rng = np.random.default_rng([seed, 7])
         points = [rng.uniform(0.0, (640.0, 480.0), (count, 2)) for count in (14, 18)]
-        match = rm.match(*points, rm.ThreePlusOne(CAMERA), noise=0.5, sampler="guided")
+        match = rm.match(*points, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), noise=0.5, sampler="guided")
         assert match.status is not rm.Status.MATCHED

@@ -23,8 +23,8 @@ FISHEYE = rm.Camera.from_opencv_fisheye(CAMERA.matrix, [0.02, -0.01, 0.001, 0.0]
 PROBLEMS: dict[str, Any] = {
     "p3p": lambda: rm.P3P(CAMERA),
     "up2p": lambda: rm.UP2P(CAMERA, vertical_camera=(0.1, 1.0, 0.0), vertical_noise=0.01),
-    "3p1": lambda: rm.ThreePlusOne(CAMERA),
-    "planar": lambda: rm.PlanarMotion(CAMERA),
+    "3p1": lambda: rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)),
+    "planar": lambda: rm.PlanarMotion(CAMERA, axis=(0, 1, 0)),
     "up2pf": lambda: rm.UP2PF((320.0, 240.0)),
     "similarity": lambda: rm.Similarity(2),
     "rigid": lambda: rm.Rigid(3),

@@ -48,6 +48,23 @@ def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
     return tuple(float(value) for value in np.asarray(vector, dtype=float))
 
 
+def common_direction(vector: ArrayLike, name: str, problem: str) -> tuple[float, ...]:
+    """The same of a direction that two images share, which is never taken for granted.
+
+    Raises
+    ------
+    InputError
+        If none is given, or as `unit_direction`.
+    """
+    if np.size(vector) == 0:
+        raise InputError(
+            f"{name}: none given; {problem} needs a direction that both images share, such as gravity from an "
+            "accelerometer, (0, 1, 0) for level cameras, or a vanishing point. Two images without one are not offered: "
+            "match descriptors and use a five-point solver (OpenCV's findEssentialMat, PoseLib)"
+        )
+    return plain_direction(vector, name)
+
+
 def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
     """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0).
 

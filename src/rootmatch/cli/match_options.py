@@ -82,7 +82,7 @@ Axis = Annotated[
     typer.Option(
         metavar="X,Y,Z",
         help="3p1, planar: the common direction in the first camera.",
-        show_default="0,1,0",
+        show_default="none",
         rich_help_panel=INPUT,
     ),
 ]
@@ -91,7 +91,7 @@ Axis2 = Annotated[
     typer.Option(
         metavar="X,Y,Z",
         help="3p1, planar: the same direction in the second camera.",
-        show_default="0,1,0",
+        show_default="planar: as the first",
         rich_help_panel=INPUT,
     ),
 ]

@@ -47,7 +47,7 @@ def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def _planar() -> Sample:
     points = np.random.default_rng(1).uniform((-3.0, -2.0, 6.0), (3.0, 2.0, 14.0), (7, 3))
     seen = CAMERA.project(points), CAMERA.project(_rotated(points) + np.array([-2.0, 0.0, 1.0]))
-    return Sample(*seen, problem_class("planar")(CAMERA), 0.1)
+    return Sample(*seen, problem_class("planar")(CAMERA, axis=(0, 1, 0)), 0.1)
 
 
 def _unknown_zoom() -> Sample:

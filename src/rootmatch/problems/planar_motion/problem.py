@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, common_direction, plain_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Bearings
 from rootmatch.problems.derived.problem import DerivedProblem
@@ -42,7 +42,7 @@ class PlanarMotion(Problem):
         Of the second image; the first one by default.
     axis, axis2 : three floats
         The plane's normal (for a robot on a floor: down) in the frame of the first and of the second camera. Any length
-        but 0; for a camera fixed to a robot both are the same.
+        but 0; for a camera fixed to a robot both are the same, so the second one is the first unless it is given.
 
     Notes
     -----
@@ -56,8 +56,8 @@ class PlanarMotion(Problem):
 
     camera: CameraModel
     camera2: CameraModel | None = None
-    axis: Vector = (0.0, 1.0, 0.0)
-    axis2: Vector = (0.0, 1.0, 0.0)
+    axis: Vector = ()
+    axis2: Vector = ()
     name: ClassVar[str] = "planar"
     order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
@@ -76,8 +76,8 @@ class PlanarMotion(Problem):
             check_camera(self.camera2, "camera2")
         self._take_dimensions(self.camera, self.camera2)
         self.__dict__.update(
-            axis=plain_direction(self.axis, "axis"),
-            axis2=plain_direction(self.axis2, "axis2"),
+            axis=common_direction(self.axis, "axis", self.name),
+            axis2=plain_direction(self.axis if np.size(self.axis2) == 0 else self.axis2, "axis2"),
         )
 
     @property

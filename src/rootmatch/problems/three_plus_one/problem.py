@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, common_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
@@ -39,7 +39,8 @@ class ThreePlusOne(Problem):
         Of the second image; the first one by default.
     axis, axis2 : three floats
         The common direction (gravity, a vanishing point) in the frame of the first and of the second camera. Any length
-        but 0.
+        but 0. There is no default; two images without a common direction would need five points, an order of 6, and
+        are not offered.
     axis_noise : float
         Standard deviation in radians of either direction on each of two axes; it enters the residuals' variance.
     small_baseline : float
@@ -55,8 +56,8 @@ class ThreePlusOne(Problem):
 
     camera: CameraModel
     camera2: CameraModel | None = None
-    axis: Vector = (0.0, 1.0, 0.0)
-    axis2: Vector = (0.0, 1.0, 0.0)
+    axis: Vector = ()
+    axis2: Vector = ()
     axis_noise: float = 0.0
     small_baseline: float = 0.0
     name: ClassVar[str] = "3p1"
@@ -78,8 +79,8 @@ class ThreePlusOne(Problem):
             check_camera(self.camera2, "camera2")
         self._take_dimensions(self.camera, self.camera2)
         self.__dict__.update(
-            axis=plain_direction(self.axis, "axis"),
-            axis2=plain_direction(self.axis2, "axis2"),
+            axis=common_direction(self.axis, "axis", self.name),
+            axis2=common_direction(self.axis2, "axis2", self.name),
         )
         if not (0.0 <= self.axis_noise < 1.0):
             raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
