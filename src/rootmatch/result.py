@@ -22,6 +22,7 @@ from rootmatch.explain.assessment import (
 from rootmatch.explain.assignment_posterior import Ranked
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
+from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_assignment import fused_pose
@@ -284,28 +285,23 @@ class Match:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose of the only body; None if there is none. With several bodies or motions see `bodies` and `poses`.
-
-        Raises
-        ------
-        InputError
-            As `poses`.
-        """
+        """The pose of the only body; None if there is none. With several bodies or motions see `bodies` and `poses`."""
         poses = self.poses
         return poses[0] if len(poses) == 1 else None
+
+    def diagnose(self, max_seconds: float = 20.0) -> Diagnosis:
+        """Try the usual mistakes, such as a mirrored y or inward normals, and weigh what each would explain.
+
+        `Diagnosis.fits` names those with which the points match; ``print`` it. ``max_seconds`` is for all together.
+        """
+        return diagnosed(self, lambda finding: report(finding, seconds=0.0), max_seconds)
 
     def report(self, path: str | Path, **options: Any) -> None:
         """Write the match as one self-contained page for the browser, which needs no network.
 
         It shows points and camera in 3D, the image with reprojections and residuals, the alternatives, poses, settings
-        and versions. It needs the extra ``report``.
-
-        Parameters
-        ----------
-        path : path
-            Of the file, ``.html``.
-        source_names, target_names, truth, photo, title
-            See `rootmatch.report.html.write_report`.
+        and versions. It needs the extra ``report``. Options: source_names, target_names, truth, photo, title; see
+        `rootmatch.report.html.write_report`.
 
         Raises
         ------

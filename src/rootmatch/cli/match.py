@@ -59,6 +59,7 @@ def match(
     report: option.Report = None,
     photo: option.Photo = None,
     as_json: option.AsJson = False,
+    diagnose: option.Diagnose = False,
     truth: option.Truth = None,
     resume: option.Resume = False,
     progress: option.Progress = None,
@@ -93,6 +94,8 @@ def match(
         refused = [name for name, value in lone.items() if value is not None]
         if refused:
             raise InputError(f"{flag(refused[0])}: it is of one image, and {image} has a column frame; leave it out")
+        if diagnose:
+            raise InputError(f"--diagnose: it is of one image, and {image} has a column frame; leave it out")
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")
     elif jobs is not None or resume:
@@ -186,6 +189,8 @@ def match(
         file=sys.stderr if outputs.printed else sys.stdout,
     )
     if found.status.name != "MATCHED":
+        if diagnose:
+            print(found.diagnose(), file=sys.stderr)
         raise typer.Exit(NOT_TRUSTED)
 
 

@@ -285,6 +285,10 @@ Report = Annotated[
     Path | None,
     typer.Option(metavar="PAGE", help="Write the match as a page for the browser: .html.", rich_help_panel=OUTPUT),
 ]
+Diagnose = Annotated[
+    bool,
+    typer.Option("--diagnose", help="Where nothing fits, try the usual mistakes.", rich_help_panel=OUTPUT),
+]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
 ]

@@ -1,0 +1,178 @@
+"""What `Match.diagnose` names where nothing fits: one mistake at a time is made, and found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import rootmatch as rm
+from rootmatch.cli import app
+from rootmatch.explain.diagnosis import _mistakes
+
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+BROWN = rm.Camera.from_opencv(CAMERA.matrix, [-0.3, 0.1, 0.0, 0.0])
+FISHEYE = rm.Camera.from_opencv_fisheye([[330.0, 0, 640], [0, 330, 480], [0, 0, 1]], [0.08, -0.02, 0.004, -0.0008])
+SECONDS = 120.0
+"""For all mistakes together, on a loaded machine."""
+
+
+def scene(seed: int, camera: rm.Camera = CAMERA, noise: float = 0.3) -> dict[str, Any]:
+    """Ten points of a body and two stray detections, with what `rootmatch.match` takes."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.3, 0.3, (10, 3))
+    R = Rotation.random(random_state=seed).as_matrix()
+    # a lens matters far from the centre
+    seen = camera.project(points @ R.T + ((0.5, -0.3, 0.7) if camera is FISHEYE else (0.05, -0.08, 1.0)))
+    clutter = rng.uniform(seen.min(axis=0), seen.max(axis=0), (2, 2))
+    target = rng.permutation(np.vstack([seen, clutter])) + rng.normal(0, noise, (12, 2))
+    return {"source": points, "target": target, "problem": rm.P3P(camera), "noise": noise}
+
+
+def mistaken(mistake: str, seed: int) -> dict[str, Any]:
+    """A scene with one mistake."""
+    given = scene(seed, BROWN if "undistorted" in mistake else CAMERA)
+    if mistake.startswith("y is measured upwards"):
+        given["target"] = given["target"] * (1, -1) + (0, 960)
+    elif mistake.startswith("x and y"):
+        given["target"] = given["target"][:, ::-1]
+    elif "half the size" in mistake:
+        given["problem"] = rm.P3P(rm.Camera(450, 450, 320, 240))
+    elif "twice the size" in mistake:
+        given["problem"] = rm.P3P(rm.Camera(1800, 1800, 1280, 960))
+    elif "fisheye" in mistake:
+        given = scene(seed, FISHEYE)
+        given["problem"] = rm.P3P(rm.Camera.from_opencv(FISHEYE.matrix, FISHEYE.lens.values))
+    elif "noise" in mistake:
+        given["noise"] = 0.03
+    elif "undistorted" in mistake:
+        rays = BROWN.bearings(given["target"])
+        given["target"] = CAMERA.project(rays)
+    return given
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        "y is measured upwards in the image, or the model is left-handed",
+        "x and y of the image are exchanged",
+        "the camera was calibrated at half the size of the image",
+        "the lens' coefficients are those of a fisheye",
+        "the detections were undistorted already",
+        "the noise is 10 times as large",
+    ],
+)
+def test_the_mistake_that_was_made_is_named_first(mistake: str) -> None:
+    match = rm.match(**mistaken(mistake, 1))
+    if "undistorted" in mistake:  # which a pose absorbs in part: some points match
+        assert match.status is not rm.Status.MATCHED or len(match.pairs) < 10
+    else:
+        assert not match
+    found = match.diagnose(SECONDS)
+    assert found.fits, str(found)
+    first = found.fits[0]
+    assert (first.mistake, first.matched) == (mistake, 10)
+    assert first.probability == max(one.probability for one in found.trials)
+    assert first.remedy in str(found)
+    assert "as given: " in str(found)
+
+
+def test_inward_normals() -> None:
+    given = scene(2)
+    outward = given["source"] / np.linalg.norm(given["source"], axis=1, keepdims=True)
+    camera, R = CAMERA, Rotation.random(random_state=2).as_matrix()
+    moved = given["source"] @ R.T + (0.05, -0.08, 1.0)
+    towards = -np.einsum("ij,ij->i", moved, outward @ R.T) > 0.1
+    given["target"] = camera.project(moved[towards]) + np.random.default_rng(0).normal(0, 0.3, (towards.sum(), 2))
+    assert rm.match(**given, normals=outward)
+    found = rm.match(**given, normals=-outward).diagnose(SECONDS)
+    assert "the normals point inwards" in [one.mistake for one in found.fits]
+
+
+def test_point_sets_that_are_mirrored_or_scaled() -> None:
+    rng = np.random.default_rng(3)
+    plan = rng.uniform(-80, 80, (8, 3))
+    seen = plan @ Rotation.random(random_state=3).as_matrix().T + 300.0 + rng.normal(0, 0.2, (8, 3))
+    for target, mistake in (
+        (seen * (-1, 1, 1), "one of the sets is left-handed"),
+        (seen / 1000.0, "the sets have different units"),
+    ):
+        match = rm.match(plan, target, rm.Rigid(), noise=(0.2, 0.2 if target[0, 2] > 1.0 else 0.0002))
+        assert not match
+        found = match.diagnose(SECONDS)
+        assert found.fits, str(found)
+        assert found.fits[0].mistake == mistake
+
+
+def test_nothing_is_named_where_nothing_is_to_be_found() -> None:
+    rng = np.random.default_rng(4)
+    match = rm.match(rng.uniform(-0.3, 0.3, (8, 3)), rng.uniform(0, 900, (9, 2)), rm.P3P(CAMERA), noise=0.3)
+    found = match.diagnose(SECONDS)
+    assert found.fits == ()
+    assert str(found).startswith(f"diagnosis: none of {len(found.trials)} usual mistakes explains the points")
+    assert all(one.probability is None or one.probability < 0.5 for one in found.trials)
+
+
+def test_what_there_is_no_time_for_is_counted() -> None:
+    found = rm.match(**mistaken("x and y", 1)).diagnose(1e-9)
+    assert found.trials == ()
+    assert found.left_out > 5
+    assert f"no time for {found.left_out} more" in str(found)
+
+
+def names(match: rm.Match) -> set[str]:
+    return {mistake for mistake, _, _ in _mistakes(match.task)}
+
+
+def test_mistakes_are_those_that_a_problem_allows() -> None:
+    """Each can be made into a task; what a problem has not is not tried."""
+    given = scene(5)
+    plain = rm.match(**given)
+    assert names(plain) >= {"cx and cy are exchanged", "the noise is 3 times as large"}
+    assert not names(plain) & {"the normals point inwards", "one of the verticals is upside down"}
+    upright = rm.match(**given | {"problem": rm.UP2P(CAMERA)})
+    assert names(upright) >= {"one of the verticals is upside down", "x is mirrored, or the model is left-handed"}
+    pair = rm.match(
+        given["target"], given["target"] + 3.0, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), max_seconds=1
+    )
+    assert names(pair) >= {"one of the axes is reversed", "x and y of the image are exchanged"}
+    rays = rm.match(given["source"], CAMERA.bearings(given["target"]), rm.P3P(rm.Bearings()), noise=3e-4)
+    assert "the noise is in degrees" in names(rays)
+    assert "cx and cy are exchanged" not in names(rays)
+    turned = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    rig = rm.Rig([(CAMERA, np.eye(3), np.zeros(3)), (BROWN, turned, np.array([0.1, 0, 0]))])
+    both = rm.match(given["source"], (given["target"], np.zeros(12, int)), rm.P3P(rig), noise=0.3)
+    assert names(both) >= {"poses of the cameras map to the rig", "the detections were undistorted already"}
+    for match in (plain, upright, pair, rays, both):
+        for mistake, remedy, change in _mistakes(match.task):
+            changed = change()
+            assert changed.shape == match.task.shape, mistake
+            assert remedy
+            same = replace(changed.points, target=match.task.points.target).source is match.task.points.source
+            assert changed.problem != match.task.problem or changed.points is not match.task.points or not same
+
+
+def test_axes_are_mirrored_about_the_principal_point() -> None:
+    match = rm.match(**scene(5))
+    change = next(change for mistake, _, change in _mistakes(match.task) if mistake.startswith("y is"))
+    np.testing.assert_allclose(change().points.target, match.target * (1, -1) + (0, 960))
+    shifted = [c().problem.camera for m, _, c in _mistakes(match.task) if "half a pixel" in m]  # type: ignore[attr-defined]
+    assert [camera.cx for camera in shifted] == [640.5, 639.5]
+    assert math.isclose(shifted[0].fx, CAMERA.fx)
+
+
+def test_on_the_command_line(tmp_path: Path) -> None:
+    given = mistaken("x and y", 1)
+    for name, key, header in (("model", "source", "x,y,z"), ("image", "target", "x,y")):
+        np.savetxt(tmp_path / f"{name}.csv", given[key], delimiter=",", header=header, comments="", fmt="%.17g")
+    files = [str(tmp_path / "model.csv"), str(tmp_path / "image.csv")]
+    options = ["--problem", "p3p", "--camera", "900,900,640,480", "--noise", "0.3", "--diagnose"]
+    result = CliRunner().invoke(app, ["match", *files, *options])
+    assert result.exit_code == 1
+    assert "diagnosis: x and y of the image are exchanged: matched, 10 points" in result.stderr
