@@ -12,7 +12,7 @@ from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs, Job, match_frames
 from rootmatch.cli.match_outputs import Outputs, print_match
-from rootmatch.cli.noise import Noise, parse_noise
+from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.progress import progress_bar
 from rootmatch.errors import InputError, quoted
@@ -138,7 +138,7 @@ def match(
         "bodies": source.bodies,
     }
     plain = {name: value for name, value in plain.items() if value is not None}
-    given_noise = Noise(parse_noise(noise), source.sigma, model, image, posed.noisy_source, posed.name)
+    given_noise = Noise(noise_option(noise), source.sigma, model, image, posed.noisy_source, posed.name)
     if has_frames(image):
         settings = {
             "noise": given_noise.of(None),

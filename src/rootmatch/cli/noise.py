@@ -25,7 +25,7 @@ class Noise:
     Parameters
     ----------
     given : number, pair or "auto", optional
-        What ``--noise`` says, see `parse_noise`.
+        What ``--noise`` says, see `noise_option`.
     source_sigma : (n,) array, optional
         The column of the model.
     model, image : path
@@ -70,7 +70,7 @@ class Noise:
         return source if self.source_sigma is None else self.source_sigma, target
 
 
-def parse_noise(text: str | None) -> Any:
+def noise_option(text: str | None) -> Any:
     """A number of pixels, two of them (source and target), or "auto"; None if nothing is given."""
     if text is None or text == "auto":
         return text
