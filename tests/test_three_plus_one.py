@@ -7,6 +7,7 @@ homogeneous value |h(x)| / (|h| |(x⁴ … 1)|) judges instead.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import NamedTuple
@@ -399,6 +400,54 @@ class TestResultants:
             )
 
 
+def by_cosine(instance: Instance) -> Instance:
+    """The same instance; its problem has the paper's unknown."""
+    return CosineInstance(*instance)
+
+
+class CosineInstance(Instance):
+    @property
+    def problem(self) -> ThreePlusOne:
+        return dataclasses.replace(Instance(*self).problem, unknown="cos")
+
+
+def slow_cosine_quartic(instance: Instance, triple: tuple[int, ...], p: np.ndarray | None = None) -> np.ndarray:
+    """D(θ) D(−θ) interpolated as a polynomial in cos θ."""
+    q, second = turned_rays(instance)
+    p = second if p is None else p
+    angles = np.linspace(0.2, 2.9, 9)
+    both = [np.linalg.det(normals(q[list(triple)], p[list(triple)], sign * angles)) for sign in (1.0, -1.0)]
+    return np.polyfit(np.cos(angles), both[0] * both[1], 4)
+
+
+class TestCosine:
+    """The unknown x = cos θ."""
+
+    def test_the_true_cosine_is_a_root(self) -> None:
+        for instance in all_instances():
+            h = quartic_of(by_cosine(instance))
+            assert abs(np.polyval(h, math.cos(instance.angle))) < 1e-9 * np.abs(h).sum()
+
+    def test_it_is_the_product_of_the_determinants_of_both_turns(self) -> None:
+        for instance, _ in cases():
+            h, wanted = quartic_of(by_cosine(instance)), slow_cosine_quartic(instance, (0, 1, 2))
+            np.testing.assert_allclose(h, wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
+
+    @pytest.mark.parametrize(("kind", "oracle"), [(QR, by_qr), (SVD, by_svd)])
+    def test_residuals_against_factorisations(self, kind: type, oracle: object) -> None:
+        for instance, target in cases():
+            p = rays_of(target, instance.camera2) @ to_y(instance.axis2).T
+            h, g = (slow_cosine_quartic(instance, TRIPLES[k], p) for k in (0, 1))
+            wanted = oracle(h, g)  # type: ignore[operator]
+            assert residual(by_cosine(instance), target, kind()) == pytest.approx(wanted, rel=1e-5, abs=1e-9)
+
+    def test_residuals_in_units_of_the_noise_do_not_depend_on_the_unknown(self) -> None:
+        for instance, target in cases(10):
+            for kind in (Normalised(), Joint()):
+                found = residual(by_cosine(instance), target, kind)
+                assert found == pytest.approx(residual(instance, target, kind), rel=1e-12)
+
+
 class TestNormalised:
     def test_against_differences_through_newtons_method(self) -> None:
         """Wherever the roots lie well apart, to which the first order is confined; the least over those in front."""
@@ -664,6 +713,7 @@ class TestBadInput:
             ({"axis_noise": -1.0}, "axis_noise"),
             ({"axis": ()}, "axis: none given; 3p1 needs a direction that both images share.* five-point solver"),
             ({"axis2": ()}, "axis2: none given"),
+            ({"unknown": "sin"}, "give 'tan'"),
         ],
     )
     def test_of_the_problem(self, settings: dict[str, object], text: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,16 +20,19 @@ from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
 from rootmatch.problems.two_views import TwoViews
 
 if TYPE_CHECKING:
+    from rootmatch.problems.three_plus_one.cosine import CosineTables
     from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
+
+Unknown = Literal["tan", "cos"]
 
 
 @dataclass(frozen=True)
 class ThreePlusOne(Problem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
-    The unknown is x = tan(θ/2) of the rotation θ about the common direction that takes the first view to the second; it
-    belongs to the cameras, so all triples share it (the paper has cos θ, see docs/reproduction.md). Pixels of the first
-    image are the source, of the second the target.
+    The unknown is x = tan(θ/2) or cos θ of the rotation θ about the common direction that takes the first view to the
+    second; it belongs to the cameras, so all triples share it. Pixels of the first image are the source, of the second
+    the target.
 
     Parameters
     ----------
@@ -46,6 +49,9 @@ class ThreePlusOne(Problem):
     small_baseline : float
         ρ of a prior exp(−|R₈,₈| / ρ) on each hyper-edge, 0 for none. The raw resultant vanishes for two views from one
         place, so where the baseline is known to be below a tenth of the distance 3e-8 helps; elsewhere it harms.
+    unknown : "tan" or "cos"
+        Which unknown the polynomials have: x = tan(θ/2), whose roots are rotations, or x = cos θ, as the paper writes,
+        whose roots θ and −θ share. It matters to `coefficients` and to ``"qr"``, ``"qr-both"`` and ``"svd"`` only.
 
     Notes
     -----
@@ -60,6 +66,7 @@ class ThreePlusOne(Problem):
     axis2: Vector = ()
     axis_noise: float = 0.0
     small_baseline: float = 0.0
+    unknown: Unknown = "tan"
     name: ClassVar[str] = "3p1"
     order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
@@ -86,6 +93,8 @@ class ThreePlusOne(Problem):
             raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
         if not (0.0 <= self.small_baseline < float("inf")):
             raise InputError(f"small_baseline: {self.small_baseline} given; give a positive ρ, or 0 for none")
+        if self.unknown not in get_args(Unknown):
+            raise InputError(f"unknown: {self.unknown!r} given; give 'tan' for tan(θ/2) or 'cos' for cos θ")
 
     @property
     def cameras(self) -> tuple[CameraModel, CameraModel]:
@@ -96,13 +105,15 @@ class ThreePlusOne(Problem):
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
-    def tables(self, points: PointSets) -> ThreePlusOneTables:
+    def tables(self, points: PointSets) -> ThreePlusOneTables | CosineTables:
         """Tables for the kernels; see `Problem.tables`."""
-        from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables  # takes Numba: see `P3P`
+        from rootmatch.problems.three_plus_one.cosine import CosineTables  # takes Numba: see `P3P`
+        from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
         camera, camera2 = self.cameras
         rotation, rotation2 = self.rotations()
-        return ThreePlusOneTables(
+        kind = CosineTables if self.unknown == "cos" else ThreePlusOneTables
+        return kind(
             source=np.ascontiguousarray((camera.bearings(points.source) @ rotation.T).T),
             target=np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
             source_deviation=camera.angular_noise(points.source, points.source_noise),
@@ -144,6 +155,7 @@ class ThreePlusOne(Problem):
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""
+        from rootmatch.problems.three_plus_one.cosine import in_cosine
         from rootmatch.problems.three_plus_one.quartic import quartic
 
         camera, camera2 = self.cameras
@@ -154,4 +166,6 @@ class ThreePlusOne(Problem):
             quartic(tuple(q[0]), tuple(p[0]), tuple(q[1]), tuple(p[1]), tuple(q[2]), tuple(p[2]))
             for q, p in zip(first, second, strict=True)
         ]
+        if self.unknown == "cos":
+            rows = [in_cosine(*row) for row in rows]
         return np.array(rows, dtype=float).reshape(-1, 5)
