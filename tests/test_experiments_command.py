@@ -9,6 +9,7 @@ from rootmatch.cli.app import app
 from rootmatch.experiments import progress
 from rootmatch.experiments.progress import Console
 from rootmatch.experiments.reproduce import Reproduction
+from rootmatch.experiments.settings import Effort
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def test_all_problems_and_the_papers_number_of_instances_are_the_default(call):
     assert result.exit_code == 0, result.output
     assert asked["problems"] == ("p3p", "3p1", "up2p")
     assert asked["output"] == Path("somewhere")
-    assert (asked["instances"], asked["seed"], asked["jobs"], asked["scheduler"]) == (100, 0, -1, None)
+    assert (asked["effort"], asked["seed"], asked["jobs"], asked["scheduler"]) == (Effort(100), 0, -1, None)
     assert result.stdout == "somewhere/claims.md\n"
     assert "scenes: 4 rows to work out" in result.stderr
     assert "scenes: done in 0:00:00" in result.stderr
@@ -49,9 +50,16 @@ def test_options_arrive(call):
     )
     assert result.exit_code == 0, result.output
     assert asked["problems"] == ("3p1",)
-    assert (asked["instances"], asked["seed"], asked["jobs"], asked["scheduler"]) == (7, 3, 2, "tcp://a:1")
+    assert (asked["effort"], asked["seed"], asked["jobs"], asked["scheduler"]) == (Effort(7), 3, 2, "tcp://a:1")
     assert asked["progress"] is None
     assert result.stderr == ""
+
+
+def test_quick_is_a_few_instances_unless_more_are_asked_for(call):
+    _, asked = call("all", "--quick", "--output", "x")
+    assert asked["effort"] == Effort(4, quick=True)
+    _, asked = call("all", "--quick", "--instances", "9", "--output", "x")
+    assert asked["effort"] == Effort(9, quick=True)
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from made_up_results import EXACT, ONE, RHO, made_up_rhos, made_up_table
+from made_up_results import EXACT, NEEDED, ONE, RHO, made_up_rhos, made_up_table
 from rootmatch.errors import InputError
 from rootmatch.experiments.curves import curves_csv, scan_csv
 from rootmatch.experiments.figures import COLOURS, draw, draw_scan
 from rootmatch.experiments.reproduce import reproduce, write
-from rootmatch.experiments.rho import GRID, RESIDUALS, scan_seeds
-from rootmatch.experiments.settings import PANELS, PROBLEMS, SAMPLES
+from rootmatch.experiments.rho import ALL_RULES, RESIDUALS
+from rootmatch.experiments.settings import GRID, PANELS, PROBLEMS, SAMPLES, Effort
 from rootmatch.experiments.store import Row
 
 
@@ -28,8 +28,10 @@ def table():
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
-@pytest.mark.parametrize("beside", [None, "balanced", "pipeline"])
+@pytest.mark.parametrize("beside", [None, "tan", "balanced", "pipeline"])
 def test_panels_have_the_same_axes_labels_and_all_curves(table, problem, beside):
+    if beside == "tan" and problem != "3p1":
+        pytest.skip("only 3P1 has another unknown")
     figure = draw(table, problem, "one", beside)
     axes = [axis for axis in figure.axes if axis.lines]
     assert [axis.get_title(loc="left").split()[0] for axis in axes] == [panel.label for panel in PANELS[problem]]
@@ -55,12 +57,12 @@ def test_panels_have_the_same_axes_labels_and_all_curves(table, problem, beside)
 
 
 def test_curves_show_the_means_of_the_table(table):
-    axis = draw(table, "p3p", "own").axes[0]
+    axis = draw(table, "p3p", "paper").axes[0]
     for line in axis.lines:
         np.testing.assert_array_equal(line.get_xdata(), SAMPLES)
     noise_free = next(line for line in axis.lines if line.get_color() == COLOURS[0.0] and line.get_linestyle() == "-")
     setting = PANELS["p3p"][0].settings[0]
-    expected = [100 * table.paper(setting, rule="own", samples=size).mean() for size in SAMPLES]
+    expected = [100 * table.paper(setting, rule="paper", samples=size).mean() for size in SAMPLES]
     np.testing.assert_allclose(noise_free.get_ydata(), expected)
 
 
@@ -78,10 +80,10 @@ def test_colours_keep_apart_for_colour_blind_eyes():
 
 def test_scan_marks_what_was_chosen():
     figure = draw_scan(made_up_rhos())
-    assert len(figure.axes) == 3
-    for axis in figure.axes:
+    assert [axis.get_title(loc="left") for axis in figure.axes] == ["solver of the text", "published solver"]
+    for axis, shift in zip(figure.axes, (1.0, 10.0), strict=True):
         marked = sorted(float(line.get_xdata()[line.get_markevery()[0]]) for line in axis.lines)
-        assert marked == sorted([ONE, *RHO.values(), *EXACT.values()])
+        np.testing.assert_allclose(marked, sorted([shift * ONE, shift * NEEDED, *RHO.values(), *EXACT.values()]))
         assert "ρ" in axis.get_xlabel()
 
 
@@ -94,17 +96,24 @@ def test_csv_is_tidy_and_holds_the_means(table, problem):
     for line in lines:
         assert 0.0 <= float(line["low"]) <= float(line["accuracy"]) <= float(line["high"]) <= 1.0
         assert line["instances"] == "12"
-        assert line["rho_rule"] in (("",) if line["solver"] == "ascent" else ("one", "own", "exact"))
-    paper = [line for line in lines if line["residual"] == "qr" and line["solver"] == "power-l1"]
+        assert line["rho_rule"] in (("",) if line["solver"] == "ascent" else ALL_RULES)
+    written = "qr-cos" if problem == "3p1" else "qr"
     settings = sum(len(panel.settings) for panel in PANELS[problem])
-    assert len(paper) == 3 * len(SAMPLES) * settings
+    for solver in ("power-l1", "power-l1-start"):
+        paper = [line for line in lines if line["residual"] == written and line["solver"] == solver]
+        assert len(paper) == 2 * (len(SAMPLES) + 1) * settings
+    assert any(line["residual"] == "qr" for line in lines)
 
 
 def test_scan_csv_names_the_choices():
     lines = list(csv.DictReader(io.StringIO(scan_csv(made_up_rhos()))))
-    assert len(lines) == 3 * 7 * len(GRID)
-    chosen = {(line["rho_rule"], line["problem"], float(line["rho"])) for line in lines if line["chosen"] == "1"}
-    expected = {("one", "all", ONE)}
+    assert len(lines) == (2 * 3 * (2 + 6) + 2 + 2) * len(GRID)
+    chosen = {
+        (line["rho_rule"], line["problem"], float(line["rho"]))
+        for line in lines
+        if line["chosen"] == "1" and line["solver"] == "power-l1"
+    }
+    expected = {("one", "all", ONE), ("paper", "all", NEEDED)}
     expected |= {("own", p, rho) for p, rho in RHO.items()} | {("exact", p, rho) for p, rho in EXACT.items()}
     assert chosen == expected
 
@@ -138,13 +147,14 @@ def reproduced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reproduced")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rootmatch.experiments.reproduce.draw", draw_few)
-        return folder, reproduce(PROBLEMS, folder, instances=2, jobs=1, function=fake)
+        return folder, reproduce(PROBLEMS, folder, effort=Effort(2), jobs=1, function=fake)
 
 
 def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
     folder, done = reproduced
-    stems = [f"figure-{k}-{p}{kind}" for k, p in zip("234", ("p3p", "3p1", "up2p"), strict=True) for kind in
-             ("", "-own-rho", "-balanced", "-default-pipeline")]  # fmt: skip
+    kinds = ("", "-free-rho", "-published", "-published-free-rho", "-balanced", "-default-pipeline")
+    stems = [f"figure-{k}-{p}{kind}" for k, p in (("2", "p3p"), ("3", "3p1"), ("4", "up2p")) for kind in kinds]
+    stems += ["figure-3-3p1-tan"]
     names = {f"{stem}.{end}" for stem in [*stems, "rho-scan"] for end in ("png", "svg")}
     names |= {"figure-2-p3p.csv", "figure-3-3p1.csv", "figure-4-up2p.csv", "rho-scan.csv", "claims.md"}
     assert {path.name for path in done.files} == names
@@ -165,7 +175,9 @@ def test_reproduction_writes_every_figure_curve_and_claim(reproduced):
 def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
     _, done = reproduced
     assert {p: done.rhos.chosen("qr", p, "own") for p in PROBLEMS} == RHO
-    assert all(scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
+    for effort in (Effort(), Effort(2), Effort(4, quick=True)):
+        assert all(effort.scan_seeds(residual).start >= 1_000_000 for residual in RESIDUALS)
+    assert (len(Effort().scan_seeds("qr")), len(Effort().scan_seeds("svd"))) == (24, 12)
 
 
 def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worked_out_again(reproduced, monkeypatch):
@@ -176,10 +188,10 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
     def never(unit):
         raise AssertionError("nothing is missing")
 
-    done = reproduce(("up2p",), folder, instances=2, jobs=1, function=never)
+    done = reproduce(("up2p",), folder, effort=Effort(2), jobs=1, function=never)
     assert {path.name.split("-")[1] for path in done.files if path.name.startswith("figure")} == {"4"}
     again = {path.name: path.read_bytes() for path in done.files if path.suffix != ".md"}
-    assert len(again) == 12
+    assert len(again) == 16
     assert again == {name: before[name] for name in again}
 
 
@@ -191,13 +203,26 @@ def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_pa
         met.update(task.setting.problem for task in unit.tasks)
         return fake(unit)
 
-    done = reproduce(("up2p",), tmp_path, instances=1, jobs=1, function=noted)
+    done = reproduce(("up2p",), tmp_path, effort=Effort(1), jobs=1, function=noted)
     assert met == {"up2p"}
     assert done.rhos.problems == ("up2p",)
     assert done.rhos.chosen("qr", "up2p", "one") == RHO["up2p"]
     lines = list(csv.DictReader(io.StringIO((tmp_path / "rho-scan.csv").read_text())))
     assert {line["problem"] for line in lines} == {"all", "up2p"}
     assert "| residual | ρ | up2p |" in (tmp_path / "claims.md").read_text(encoding="utf-8")
+
+
+def test_a_quick_reproduction_writes_the_same_files(tmp_path, reproduced):
+    _, everything = reproduced
+    met = set()
+
+    def noted(unit):
+        met.update(size for task in unit.tasks for _, sizes in task.methods for size in sizes)
+        return fake(unit)
+
+    done = reproduce(PROBLEMS, tmp_path, effort=Effort(2, quick=True), jobs=1, function=noted)
+    assert {path.name for path in done.files} == {path.name for path in everything.files}
+    assert max(met) == 100_000
 
 
 def test_writing_replaces_and_leaves_no_parts(tmp_path):
@@ -212,9 +237,9 @@ def test_writing_replaces_and_leaves_no_parts(tmp_path):
     [
         ({"problems": ("p4p",)}, "p4p given"),
         ({"problems": ()}, "none given"),
-        ({"problems": PROBLEMS, "instances": 0}, "0 instances"),
+        ({"problems": PROBLEMS, "effort": Effort(0)}, "0 instances"),
         ({"problems": PROBLEMS, "seed": -1}, "from seed -1"),
-        ({"problems": PROBLEMS, "seed": 999_999, "instances": 2}, "seeds from 0"),
+        ({"problems": PROBLEMS, "seed": 999_999, "effort": Effort(2)}, "seeds from 0"),
     ],
 )
 def test_what_cannot_be_run_is_refused_before_anything_is_written(tmp_path, arguments, words):

@@ -23,20 +23,25 @@ class What(StrEnum):
 
     SPEED = "speed"
     REAL = "real"
+    BLIND = "blind"
 
 
 def benchmark(
     what: Annotated[
-        What, typer.Argument(help="This machine's speed and memory, or methods on real targets with ground truth.")
+        What,
+        typer.Argument(
+            help="This machine's speed and memory, methods on real targets with ground truth, or on blind PnP "
+            "(simultaneous pose and correspondence)."
+        ),
     ] = What.SPEED,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
     tiny: Annotated[
         bool, typer.Option("--tiny", help="Smallest sizes: checks that everything runs, not how fast.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
-    data: Annotated[Path | None, typer.Option(help="real: folder of the data sets (.npz).")] = None,
+    data: Annotated[Path | None, typer.Option(help="real, blind: folder of the data sets (.npz).")] = None,
     output: Annotated[
-        Path | None, typer.Option(help="real: folder for results and leaderboard; a run there is resumed.")
+        Path | None, typer.Option(help="real, blind: folder for rows and tables; a run there is resumed.")
     ] = None,
     method: Annotated[
         list[str] | None,
@@ -45,16 +50,43 @@ def benchmark(
             "with one; may be repeated. Default: the first two."
         ),
     ] = None,
-    protocol: Annotated[list[str] | None, typer.Option(help="real: only these scenes; may be repeated.")] = None,
-    timeout: Annotated[float, typer.Option(help="real: seconds a reply may take.")] = 60.0,
+    protocol: Annotated[list[str] | None, typer.Option(help="real, blind: only these scenes; may be repeated.")] = None,
+    timeout: Annotated[
+        float | None, typer.Option(help="Seconds for a scene; real: of the reply (60), blind: of processor time (10).")
+    ] = None,
+    scenes: Annotated[int, typer.Option(metavar="N", help="blind: scenes per row.")] = 20,
+    first_seed: Annotated[int, typer.Option(metavar="S", help="blind: seed of the first scene.")] = 20_000,
+    peer: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="blind: a Python file with a function ransac_match.")
+    ] = None,
 ) -> None:
-    """Measure kernels, contraction, whole matches and memory on this machine, or methods on real targets.
+    """Measure kernels, contraction, whole matches and memory on this machine, or methods on real targets or blind PnP.
 
     Kernels are compared with batched numpy.linalg.qr of the same problem's matrices in the same run. The first run
     compiles, which takes minutes and is not timed; later runs take about a minute on two cores.
     """
     from rootmatch.cli.progress import progress_bar
 
+    if what is What.BLIND:
+        from rootmatch.benchmark.blind.run import run_blind
+
+        if output is None:
+            raise InputError("benchmark blind: give --output, the folder of rows and tables")
+        leaves("the rows so far are kept, and the same command goes on")
+        with progress_bar("scenes", not quiet) as show:
+            found = run_blind(
+                output,
+                scenes=scenes,
+                first_seed=first_seed,
+                seconds=10.0 if timeout is None else timeout,
+                data=data,
+                peer=peer,
+                only=protocol,
+                tiny=tiny,
+                progress=show,
+            )
+        typer.echo(dumps(found) if json else "\n".join(" | ".join(line) for line in found))
+        return
     if what is What.REAL:
         from rootmatch.benchmark.real.leaderboard import page
         from rootmatch.benchmark.real.methods import METHODS
@@ -64,7 +96,9 @@ def benchmark(
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
         leaves("the rows so far are kept, and the same command goes on")
         with progress_bar("scenes", not quiet) as show:
-            table = run_real(data, output, method or list(METHODS), only=protocol, timeout=timeout, progress=show)
+            table = run_real(
+                data, output, method or list(METHODS), only=protocol, timeout=timeout or 60.0, progress=show
+            )
         typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)
         return
     from rootmatch.benchmark import Plan, run

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from rootmatch.experiments.plan import SPARSE, Table, plan_of
-from rootmatch.experiments.rho import GRID, RESIDUALS, RULES, SCAN_SAMPLES, Rhos, Rule
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, PANELS, Method, Setting
+from rootmatch.experiments.plan import Table, method_of, plan_of
+from rootmatch.experiments.rho import ALL_RULES, RESIDUALS, RULES, Rhos, Rule
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, PANELS, Method, Setting, residual_of
 from rootmatch.experiments.statistics import estimates
 
 
@@ -35,11 +35,20 @@ class Record:
     high: float
 
 
-def rule_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
-    """Rule by which the ρ of a method was chosen; several if they agree, none for the default pipeline."""
+def rules_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
+    """By which rules the ρ of a method was chosen; several if they agree, none for the default pipeline."""
     if method == DEFAULT_PIPELINE:
         return [None]
-    return [rule for rule in RULES if table.method(problem, method.solver, rule, method.residual) == method]
+    asked = [(residual, rule) for residual in RESIDUALS for rule in ALL_RULES if residual != "tan" or problem == "3p1"]
+    same = [rule for residual, rule in asked if _is_chosen(table, problem, method, residual, rule)]
+    return list(dict.fromkeys(same))
+
+
+def _is_chosen(table: Table, problem: str, method: Method, residual: str, rule: Rule) -> bool:
+    """Whether a rule gives a method its ρ."""
+    if residual_of(problem, residual) != method.residual:
+        return False
+    return method_of(table.rhos, problem, method.solver, rule, residual) == method
 
 
 def records(table: Table, problem: str) -> list[Record]:
@@ -51,7 +60,7 @@ def records(table: Table, problem: str) -> list[Record]:
             for method, sizes in plan[setting]:
                 columns = np.stack([table.cells[setting, method, size] for size in sizes], axis=1)
                 for size, e in zip(sizes, estimates(columns), strict=True):
-                    for rule in rule_of(table, problem, method):
+                    for rule in rules_of(table, problem, method):
                         found.append(
                             _record(
                                 panel=panel.label,
@@ -95,15 +104,17 @@ def curves_csv(table: Table, problem: str) -> str:
 
 
 def scan_csv(rhos: Rhos) -> str:
-    """The scan of ρ as CSV text: mean accuracy of the sparse solver at each ρ of the grid."""
+    """The scan of ρ as CSV text: mean accuracy of both sparse solvers at each ρ of the grid."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"])
-    for residual in RESIDUALS:
-        for rule in RULES:
-            for problem in ("all",) if rule == "one" else rhos.problems:
-                chosen, curve = rhos.chosen(residual, problem, rule), rhos.curve(residual, problem, rule)
-                for rho, mean in zip(GRID, curve, strict=True):
-                    values = (residual, problem, rule, SPARSE, SCAN_SAMPLES, rho, round(mean, 6), int(rho == chosen))
-                    writer.writerow(values)
+    for residual, solver in dict.fromkeys((residual, solver) for residual, solver, _ in rhos.whole):
+        for rule in ALL_RULES:
+            scanned = [p for p in rhos.problems if (residual, solver, p) in rhos.whole]
+            for problem in scanned[:1] if rule in RULES else scanned:
+                asked = residual, problem, rule, solver
+                chosen, curve = rhos.chosen(*asked), rhos.curve(*asked)
+                name, samples = "all" if rule in RULES else problem, rhos.effort.scan_samples(residual)
+                for rho, mean in zip(rhos.effort.grid, curve, strict=True):
+                    writer.writerow((residual, name, rule, solver, samples, rho, round(mean, 6), int(rho == chosen)))
     return out.getvalue()

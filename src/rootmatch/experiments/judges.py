@@ -1,8 +1,8 @@
 """The rules that decide the paper's statements: for each, its cases and the figures that decide them.
 
-The rules and their thresholds (`rootmatch.experiments.verdict`) were written before the results were looked at, but for
-one: that lost methods decide nothing, as a verdict that no result could have changed says nothing. "At the end" means
-at the largest sample. Intervals are 95 % bootstrap intervals over the instances.
+The rules and their thresholds (`rootmatch.experiments.verdict`) were written before any result was seen, with one
+exception: methods at chance level decide nothing, because a verdict that no result could have changed says nothing.
+Where no sample size is named, it is the largest. Intervals are 95 % bootstrap intervals over the instances.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.experiments.plan import COMMON_SAMPLES, DENSE, MOST_SAMPLES, SPARSE, Table
-from rootmatch.experiments.rho import Rule
+from rootmatch.experiments.plan import DENSE, Table
+from rootmatch.experiments.rho import SPARSE, Rule
 from rootmatch.experiments.settings import (
     BASELINES,
     NOISES,
     OUTLIERS,
     PANELS,
-    SAMPLES,
     TITLES,
     Setting,
     has_svd,
@@ -45,31 +44,32 @@ def _points(e: Estimate) -> str:
 
 
 def _lost(*accuracies: NDArray[np.float64]) -> bool:
-    """Whether all of these accuracies are at the level of chance."""
+    """Whether all of these accuracies are at chance level."""
     return all(float(found.mean()) <= LOST for found in accuracies)
 
 
 def _lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64], figures: str, lead: Estimate) -> Case:
-    """Whether the first leads the second; undecidable if both are at the level of chance."""
+    """Whether the first leads the second; undecidable if both are at chance level."""
     if _lost(first, second):
-        return Case(name, None, f"{figures}; both are lost")
+        return Case(name, None, f"{figures}; both at chance level")
     return Case(name, lead.low > 0.0, figures)
 
 
 def _under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
-    """Whether a method stays below 100 %; undecidable if it is at the level of chance everywhere."""
+    """Whether a method stays under 100 %; undecidable at chance level, where it finds nothing at all."""
     found = estimate(accuracy)
     if _lost(accuracy):
-        return Case(name, None, f"{_text(found)}; lost")
+        return Case(name, None, f"{_text(found)}; chance level")
     return Case(name, found.mean < FULL, _text(found))
 
 
 def few_samples(table: Table, rule: Rule) -> list[Case]:
     """Noise-free P3P is full from few samples on."""
-    setting = Setting("p3p")
-    means = {size: float(table.paper(setting, rule=rule, samples=size).mean()) for size in SAMPLES}
-    figures = ", ".join(f"{_percent(means[size])} at {size:,}" for size in (1000, 10_000, FEW, MOST_SAMPLES))
-    return [Case("σ = 0", all(means[size] >= FULL for size in SAMPLES if size >= FEW), figures)]
+    setting, sizes = Setting("p3p"), table.effort.samples
+    means = {size: float(table.paper(setting, rule=rule, samples=size).mean()) for size in sizes}
+    shown = sorted({1000, 10_000, FEW, table.effort.most})
+    figures = ", ".join(f"{_percent(means[size])} at {size:,}" for size in shown)
+    return [Case("σ = 0", all(means[size] >= FULL for size in sizes if size >= FEW), figures)]
 
 
 def sparse_beats_dense(table: Table, rule: Rule) -> list[Case]:
@@ -78,7 +78,9 @@ def sparse_beats_dense(table: Table, rule: Rule) -> list[Case]:
     for problem in table.problems:
         for panel in PANELS[problem]:
             sparse, dense = (
-                np.mean([table.paper(s, how, rule, size) for s in panel.settings for size in SAMPLES], axis=0)
+                np.mean(
+                    [table.paper(s, how, rule, size) for s in panel.settings for size in table.effort.samples], axis=0
+                )
                 for how in (SPARSE, DENSE)
             )
             lead = estimate(sparse - dense)
@@ -91,7 +93,10 @@ def noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
     cases = []
     for less, more in pairwise(NOISES):
         before, after = (
-            np.mean([table.paper(Setting("p3p", 0, noise), rule=rule, samples=size) for size in SAMPLES], axis=0)
+            np.mean(
+                [table.paper(Setting("p3p", 0, noise), rule=rule, samples=size) for size in table.effort.samples],
+                axis=0,
+            )
             for noise in (less, more)
         )
         fall = estimate(before - after)
@@ -100,12 +105,12 @@ def noise_needs_samples(table: Table, rule: Rule) -> list[Case]:
 
 
 def under_full(table: Table, rule: Rule) -> list[Case]:
-    """P3P with noise is not full at the end."""
+    """P3P with noise is not full at the largest sample."""
     return [_under_full(f"σ = {noise:g}", table.paper(Setting("p3p", 0, noise), rule=rule)) for noise in NOISY]
 
 
 def geometry_is_to_blame(table: Table) -> list[Case]:
-    """P3P with noise is not full at the end by the default pipeline either."""
+    """P3P with noise is not full at the largest sample by the default pipeline either."""
     return [
         Case(f"σ = {s.noise:g}", found.mean < FULL, f"default pipeline {_text(found)}")
         for s in (Setting("p3p", 0, noise) for noise in NOISY)
@@ -139,17 +144,17 @@ def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
 def _qr_less_svd(table: Table, rule: Rule, settings: tuple[Setting, ...]) -> tuple[NDArray[np.float64] | None, str]:
     """Accuracy with QR less that with SVD, a mean over settings for each instance, and what was left out.
 
-    Settings in which both are lost say nothing; None if no other is left.
+    Settings in which both are at chance level say nothing; None if there is no other.
     """
     pairs = [
-        [table.paper(s, rule=rule, samples=COMMON_SAMPLES, residual=residual) for residual in ("qr", "svd")]
+        [table.paper(s, rule=rule, samples=table.effort.common, residual=residual) for residual in ("qr", "svd")]
         for s in settings
     ]
     told = [qr - svd for qr, svd in pairs if not _lost(qr, svd)]
     if not told:
-        return None, "both are lost in all settings"
+        return None, "both at chance level in all settings"
     left_out = len(pairs) - len(told)
-    remark = f"; {left_out} of {len(pairs)} settings left out, where both are lost" if left_out else ""
+    remark = f"; {left_out} of {len(pairs)} settings left out: both at chance level" if left_out else ""
     return np.mean(told, axis=0), remark
 
 
@@ -159,7 +164,7 @@ def _roots_inside(seeds: range) -> NDArray[np.bool_]:
 
 
 def handles_outliers(table: Table, rule: Rule) -> list[Case]:
-    """Noise-free P3P with outliers is good at the end."""
+    """Noise-free P3P with outliers is good at the largest sample."""
     found = {k: estimate(table.paper(Setting("p3p", k), rule=rule)) for k in OUTLIERS}
     return [Case(f"{k} outliers", e.mean >= GOOD, _text(e)) for k, e in found.items()]
 
@@ -188,18 +193,18 @@ def short_is_better(table: Table, rule: Rule) -> list[Case]:
 
 
 def long_under_full(table: Table, rule: Rule) -> list[Case]:
-    """Noise-free 3P1 at b = 5 is not full at the end."""
+    """Noise-free 3P1 at b = 5 is not full at the largest sample."""
     return [_under_full("b = 5, σ = 0", table.paper(Setting("3p1", 0, 0.0, LONG), rule=rule))]
 
 
 def long_is_degenerate(table: Table) -> list[Case]:
-    """Noise-free 3P1 at b = 5 is not full at the end by the default pipeline either."""
+    """Noise-free 3P1 at b = 5 is not full at the largest sample by the default pipeline either."""
     found = estimate(table.default(Setting("3p1", 0, 0.0, LONG)))
     return [Case("b = 5, σ = 0", found.mean < FULL, f"default pipeline {_text(found)}")]
 
 
 def short_is_robust(table: Table, rule: Rule) -> list[Case]:
-    """3P1 at b = 1 with outliers and noise is good at the end."""
+    """3P1 at b = 1 with outliers and noise is good at the largest sample."""
     return [
         Case(f"{k} outliers, σ = {noise:g}", found.mean >= GOOD, _text(found))
         for k in OUTLIERS
@@ -232,7 +237,7 @@ def two_motions_are_harder(table: Table, rule: Rule) -> list[Case]:
 
 
 def two_motions_are_good(table: Table, rule: Rule) -> list[Case]:
-    """up2p with two motions and noise is good at the end."""
+    """up2p with two motions and noise is good at the largest sample."""
     return [
         Case(f"σ = {noise:g}", found.mean >= GOOD, _text(found))
         for noise in NOISY
@@ -240,16 +245,16 @@ def two_motions_are_good(table: Table, rule: Rule) -> list[Case]:
     ]
 
 
-def one_rho_serves_all(table: Table) -> list[Case]:
-    """A ρ of its own gains a problem little."""
+def one_rho_serves_all(table: Table, rule: Rule) -> list[Case]:
+    """A ρ of its own gains a problem little over the one ρ of a rule."""
     cases = []
     for problem in table.problems:
         pairs = [
-            table.paper(s, rule="own" if s.noise > 0.0 else "exact") - table.paper(s, rule="one")
+            table.paper(s, rule="own" if s.noise > 0.0 else "exact") - table.paper(s, rule=rule)
             for s in settings_of(problem)
         ]
         gain = estimate(np.mean(pairs, axis=0))
-        one, own, exact = (table.method(problem, rule=r).rho for r in ("one", "own", "exact"))
+        one, own, exact = (table.method(problem, rule=r).rho for r in (rule, "own", "exact"))
         figures = f"ρ = {own:g} with noise and {exact:g} without, instead of {one:g}, gains {_points(gain)}"
         cases.append(Case(TITLES[problem], gain.mean <= EQUAL, figures))
     return cases

@@ -8,47 +8,78 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.experiments.rho import RESIDUALS, RULES, Rhos, Rule
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, SAMPLES, Method, Setting, has_svd, settings_of
+from rootmatch.experiments.rho import RULES, SPARSE, START, Rhos, Rule
+from rootmatch.experiments.settings import DEFAULT_PIPELINE, Effort, Method, Setting, has_svd, residual_of, settings_of
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Plan
 
-SPARSE, BALANCED, DENSE = "power-l1", "power-l1-balanced", "power-dense"
-"""The paper's two solvers, and between them the one that balances both sets, which is not the paper's."""
+DENSE, DENSE_START = "power-dense", "power-dense-start"
+BALANCED = "power-l1-balanced"
 
-Improvement = Literal["balanced", "pipeline"]
-IMPROVEMENT_NAMES: dict[Improvement, str] = {"balanced": "balanced solver", "pipeline": "default pipeline"}
-"""What may stand in the place of the paper's sparse solver: another normalisation, or all that this library has."""
+Variant = Literal["text", "published", "tan", "balanced", "pipeline"]
+VARIANT_NAMES: dict[Variant, str] = {
+    "text": "solver of the text",
+    "published": "published solver",
+    "tan": "3P1 by tan(θ/2)",
+    "balanced": "balanced solver",
+    "pipeline": "default pipeline",
+}
+"""The paper's method with the solver of its text, or with one thing replaced: by the solver of the published code, by
+the other unknown of 3P1, by another normalisation; or all that this library has."""
 
-COMMON_SAMPLES = 100_000
-"""The sample size at which all residuals are compared."""
-MOST_SAMPLES = max(SAMPLES)
+_SOLVERS: dict[Variant, dict[str, str]] = {
+    "published": {SPARSE: START, DENSE: DENSE_START},
+    "balanced": {SPARSE: BALANCED},
+}
 
 
 def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     """Methods and sample sizes on all settings of the problems' figures.
 
-    The residual of the paper's figures and the default pipeline have whole curves. ``qr-both`` is compared at 10⁵
-    samples; so is ``svd``, on the settings that have it. The balanced solver gets the tensors of the sparse one, its ρ
-    included, so that nothing differs but the normalisation.
+    The residual of the paper's figures, with either unknown of 3P1, and the default pipeline have whole curves, the
+    other residuals one sample size each; ``svd`` is run on the settings that have it. The balanced solver gets the
+    tensors of the sparse one, its ρ included, so that nothing differs but the normalisation.
     """
     plan: Plan = {}
+    effort, end = rhos.effort, (rhos.effort.most,)
     # up2p, the cheapest, first: what all share is then compiled and kept on disk by the time that the others need it.
     for problem in reversed(problems):
         for setting in settings_of(problem):
-            methods: dict[Method, tuple[int, ...]] = {}
+            sizes: dict[Method, tuple[int, ...]] = {}
+
+            def add(
+                residual: str,
+                solver: str,
+                rule: Rule,
+                wanted: tuple[int, ...],
+                into: dict[Method, tuple[int, ...]] = sizes,
+            ) -> None:
+                method = method_of(rhos, problem, solver, rule, residual)  # noqa: B023
+                into[method] = tuple(sorted({*into.get(method, ()), *wanted}))
+
             for rule in RULES:
-                rho = {r: rhos.chosen(r, problem, rule) for r in RESIDUALS}
-                for solver in (SPARSE, BALANCED, DENSE):
-                    methods[Method("qr", solver, rho["qr"])] = SAMPLES
-                for solver in (SPARSE, BALANCED):
-                    methods[Method("qr-both", solver, rho["qr-both"])] = (COMMON_SAMPLES,)
-                    if has_svd(setting):
-                        methods[Method("svd", solver, rho["svd"])] = (COMMON_SAMPLES,)
-            methods[DEFAULT_PIPELINE] = SAMPLES
-            plan[setting] = tuple(methods.items())
+                for solver in (SPARSE, START, BALANCED, DENSE, DENSE_START):
+                    add("qr", solver, rule, effort.samples)
+                for residual in ("qr-both", "svd") if has_svd(setting) else ("qr-both",):
+                    for solver in (SPARSE, START, BALANCED):
+                        add(residual, solver, rule, (effort.common,))
+                if problem == "3p1":
+                    add("tan", SPARSE, rule, effort.samples)
+            for solver in (SPARSE, START, BALANCED):
+                add("qr", solver, "own", end)
+                add("qr", solver, "exact", end)
+            sizes[DEFAULT_PIPELINE] = effort.samples
+            plan[setting] = tuple(sizes.items())
     # Scenes with few outliers first, the problems in turn: progress is then a fair sample of the whole.
     return dict(sorted(plan.items(), key=lambda item: item[0].outliers))
+
+
+def method_of(rhos: Rhos, problem: str, solver: str, rule: Rule, residual: str = "qr") -> Method:
+    """The paper's method with the ρ that a rule chooses for its solver."""
+    scanned = START if solver in (START, DENSE_START) else SPARSE
+    if residual == "tan" and problem != "3p1":
+        residual = "qr"
+    return Method(residual_of(problem, residual), solver, rhos.chosen(residual, problem, rule, scanned))
 
 
 @dataclass(frozen=True)
@@ -64,15 +95,15 @@ class Table:
     rhos : Rhos
     cells : dict of (Setting, Method, samples) to (instances,) array
         Instances in the order of their seeds, so that cells can be paired.
-    improvement : Improvement, optional
-        What `paper` gives in the place of the paper's sparse solver, so that the same claims can be judged for it.
+    variant : Variant
+        Which reading of the paper's method, or what in its place, `paper` gives: the same claims are judged for each.
     """
 
     problems: tuple[str, ...]
     seeds: range
     rhos: Rhos
     cells: dict[tuple[Setting, Method, int], NDArray[np.float64]]
-    improvement: Improvement | None = None
+    variant: Variant = "text"
 
     @classmethod
     def read(cls, store: Store, problems: tuple[str, ...], rhos: Rhos, seeds: range) -> Table:
@@ -85,25 +116,31 @@ class Table:
                     cells[setting, method, size] = np.array([found[size][seed] for seed in seeds])
         return cls(problems, seeds, rhos, cells)
 
-    def method(self, problem: str, solver: str = SPARSE, rule: Rule = "one", residual: str = "qr") -> Method:
-        """The paper's method with a chosen ρ."""
-        return Method(residual, solver, self.rhos.chosen(residual, problem, rule))
+    @property
+    def effort(self) -> Effort:
+        """How much was run."""
+        return self.rhos.effort
+
+    def method(self, problem: str, solver: str = SPARSE, rule: Rule = "paper", residual: str = "qr") -> Method:
+        """The variant's method with a chosen ρ."""
+        if self.variant == "pipeline" and solver == SPARSE:
+            return DEFAULT_PIPELINE
+        if self.variant == "tan" and residual == "qr" and solver == SPARSE:
+            residual = "tan"
+        solver = _SOLVERS.get(self.variant, {}).get(solver, solver)
+        return method_of(self.rhos, problem, solver, rule, residual)
 
     def paper(
         self,
         setting: Setting,
         solver: str = SPARSE,
-        rule: Rule = "one",
-        samples: int = MOST_SAMPLES,
+        rule: Rule = "paper",
+        samples: int | None = None,
         residual: str = "qr",
     ) -> NDArray[np.float64]:
-        """Accuracies (instances,) of the paper's method, or of the improvement in the place of its sparse solver."""
-        if solver == SPARSE and self.improvement == "pipeline":
-            return self.default(setting, samples)
-        if solver == SPARSE and self.improvement == "balanced":
-            solver = BALANCED
-        return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples]
+        """Accuracies (instances,) of the variant's method, at the largest sample unless another is given."""
+        return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples or self.effort.most]
 
-    def default(self, setting: Setting, samples: int = MOST_SAMPLES) -> NDArray[np.float64]:
+    def default(self, setting: Setting, samples: int | None = None) -> NDArray[np.float64]:
         """Accuracies (instances,) of the default pipeline."""
-        return self.cells[setting, DEFAULT_PIPELINE, samples]
+        return self.cells[setting, DEFAULT_PIPELINE, samples or self.effort.most]

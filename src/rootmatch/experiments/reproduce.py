@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rootmatch.errors import InputError
@@ -12,8 +12,8 @@ from rootmatch.experiments.figure_files import contents
 from rootmatch.experiments.figures import FIGURES, draw, draw_scan
 from rootmatch.experiments.plan import Table, plan_of
 from rootmatch.experiments.progress import Progress
-from rootmatch.experiments.rho import RESIDUALS, Rhos, choose, scan_plan, scan_seeds
-from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED
+from rootmatch.experiments.rho import RESIDUALS, Rhos, choose, scan_plan
+from rootmatch.experiments.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.experiments.store import Store
 from rootmatch.experiments.sweep import Evaluate, Plan, check_jobs, run, units
 from rootmatch.experiments.unit import evaluate
@@ -34,7 +34,7 @@ def reproduce(
     problems: tuple[str, ...],
     output: Path,
     *,
-    instances: int = 100,
+    effort: Effort | None = None,
     seed: int = 0,
     jobs: int = -1,
     scheduler: str | None = None,
@@ -50,8 +50,8 @@ def reproduce(
     output : Path
         Folder of ``results.sqlite``, the figures (PNG and SVG), the curves (CSV) and ``claims.md``. The same call on
         the same folder goes on where an earlier one stopped; more instances or problems add to what is there.
-    instances : int
-        Scenes of each setting.
+    effort : Effort, optional
+        How much is run; a hundred scenes of each setting by default.
     seed : int
         Of the first scene; the others follow.
     jobs, scheduler, progress, function
@@ -65,6 +65,8 @@ def reproduce(
     unknown = [problem for problem in problems if problem not in PROBLEMS]
     if unknown or not problems:
         raise InputError(f"problem: {', '.join(unknown) or 'none'} given; one of {', '.join(PROBLEMS)} expected")
+    effort = effort or Effort()
+    instances = effort.instances
     if instances < 1 or seed < 0 or seed + instances > SCAN_SEED:
         raise InputError(
             f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {SCAN_SEED - 1:,}; "
@@ -81,19 +83,21 @@ def reproduce(
                 progress.begin(title, sum(unit.rows for unit in work))
             run(work, store, jobs=jobs, scheduler=scheduler, progress=progress, function=function)
 
-        scanned = tuple(p for p in PROBLEMS if p in ordered or _is_scanned(p, store))
+        scanned = tuple(p for p in PROBLEMS if p in ordered or _is_scanned(p, store, effort))
         for residual in RESIDUALS:
-            complete(f"choosing ρ for {residual}", scan_plan(residual, scanned), scan_seeds(residual))
-        rhos = choose(store, scanned)
+            complete(f"choosing ρ for {residual}", scan_plan(residual, effort, scanned), effort.scan_seeds(residual))
+        rhos = choose(store, effort, scanned)
         complete(f"{', '.join(ordered)}: {instances} instances", plan_of(ordered, rhos), seeds)
         table = Table.read(store, ordered, rhos, seeds)
         files = write(table, output, claims_markdown(table, store.versions(), store.seconds()))
     return Reproduction(files, rhos)
 
 
-def _is_scanned(problem: str, store: Store) -> bool:
+def _is_scanned(problem: str, store: Store, effort: Effort) -> bool:
     """Whether a store holds the whole scan of a problem."""
-    return not any(units(scan_plan(residual, (problem,)), scan_seeds(residual), store) for residual in RESIDUALS)
+    return not any(
+        units(scan_plan(residual, effort, (problem,)), effort.scan_seeds(residual), store) for residual in RESIDUALS
+    )
 
 
 def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
@@ -108,10 +112,15 @@ def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
     drawings = {"rho-scan": draw_scan(table.rhos)}
     for problem in table.problems:
         stem = f"figure-{FIGURES[problem]}-{problem}"
-        drawings[stem] = draw(table, problem, "one")
-        drawings[f"{stem}-own-rho"] = draw(table, problem, "own")
-        drawings[f"{stem}-balanced"] = draw(table, problem, "own", "balanced")
-        drawings[f"{stem}-default-pipeline"] = draw(table, problem, "one", "pipeline")
+        published = replace(table, variant="published")
+        drawings[stem] = draw(table, problem, "paper")
+        drawings[f"{stem}-free-rho"] = draw(table, problem, "one")
+        drawings[f"{stem}-published"] = draw(published, problem, "paper")
+        drawings[f"{stem}-published-free-rho"] = draw(published, problem, "one")
+        if problem == "3p1":
+            drawings[f"{stem}-tan"] = draw(table, problem, "paper", "tan")
+        drawings[f"{stem}-balanced"] = draw(table, problem, "paper", "balanced")
+        drawings[f"{stem}-default-pipeline"] = draw(table, problem, "paper", "pipeline")
     for stem, figure in drawings.items():
         for kind, content in contents(figure):
             add(f"{stem}.{kind}", content)

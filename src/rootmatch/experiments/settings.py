@@ -20,8 +20,59 @@ BASELINES = (1.0, 5.0)
 SAMPLES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
 """Sampled hyper-edges, 10³ to 10⁶, two a decade; each sample holds those before it."""
 
+GRID = tuple(float(f"1e{k}") for k in range(-16, 1))
+"""ρ from 10⁻¹⁶ to 1 in decades: residuals of the three problems lie six decades apart, those of exact data lower."""
+
 SCAN_SEED = 1_000_000
 """The first seed of the scenes on which ρ is chosen; those that are reported lie below."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run: instances, sample sizes, and the scan of ρ.
+
+    Attributes
+    ----------
+    instances : int
+        Scenes of each setting.
+    quick : bool
+        Leave out the sample sizes above 10⁵ and every second ρ, and compare the residuals at 10⁴ samples.
+    """
+
+    instances: int = 100
+    quick: bool = False
+
+    @property
+    def samples(self) -> tuple[int, ...]:
+        """Sample sizes of the curves."""
+        return tuple(size for size in SAMPLES if size <= 100_000) if self.quick else SAMPLES
+
+    @property
+    def most(self) -> int:
+        """The largest sample, at which most claims are judged."""
+        return max(self.samples)
+
+    @property
+    def common(self) -> int:
+        """The sample size at which all residuals are compared."""
+        return 10_000 if self.quick else 100_000
+
+    @property
+    def grid(self) -> tuple[float, ...]:
+        """Among which ρ is chosen."""
+        return GRID[::2] if self.quick else GRID
+
+    def scan_samples(self, residual: str) -> int:
+        """Sample size of the scan of a residual."""
+        return self.common if residual in ("qr-both", "svd") else 100_000
+
+    def scan_seeds(self, residual: str) -> range:
+        """Seeds on which a residual is scanned: as many as instances are reported, up to 24.
+
+        The residual of the paper's figures, on which most claims rest, has twice as many as those it is compared with.
+        """
+        count = min(24, self.instances)
+        return range(SCAN_SEED, SCAN_SEED + (-(-count // 2) if residual in ("qr-both", "svd") else count))
 
 
 @dataclass(frozen=True, order=True)
@@ -74,9 +125,9 @@ class Method:
     Attributes
     ----------
     residual : str
-        ``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``.
+        ``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``; with ``-cos`` appended, 3P1 by x = cos θ.
     solver : str
-        ``"power-l1"`` (sparse), ``"power-l1-balanced"``, ``"power-dense"`` or ``"ascent"``.
+        A key of `rootmatch.experiments.unit.SOLVERS`.
     rho : float
         Spread ρ of the affinity, in units of the residual; 1 for ``"joint"``, which is in units of the noise.
     """
@@ -88,6 +139,16 @@ class Method:
 
 DEFAULT_PIPELINE = Method("joint", "ascent", 1.0)
 """What `rootmatch.match` does when nothing else is asked for, but on sampled hyper-edges."""
+
+
+def residual_of(problem: str, residual: str) -> str:
+    """How a `Method` names a residual of the paper for a problem: 3P1 is written in cos θ, unless ``"tan"`` is given.
+
+    ``"tan"`` is ``"qr"`` with the unknown tan(θ/2), which up2p has in the paper and 3P1 has by default in this library.
+    """
+    if residual == "tan":
+        return "qr"
+    return f"{residual}-cos" if problem == "3p1" else residual
 
 
 @dataclass(frozen=True)

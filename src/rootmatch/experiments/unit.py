@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import cpu
 from rootmatch.errors import InputError
+from rootmatch.experiments.grouping import groups_of_keys, lower
 from rootmatch.experiments.settings import Method, Setting
 from rootmatch.experiments.store import Row
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, random_hyperedges, wide_first
 from rootmatch.hypergraph.rows import sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import at_most
 from rootmatch.problems import residual_kinds
+from rootmatch.problems.base import Problem
+from rootmatch.problems.three_plus_one import ThreePlusOne
 from rootmatch.samplers.exhaustive import exhaustive_residuals
 from rootmatch.simulation import Scene
 from rootmatch.solvers import MultiStartAscent, PowerIteration, Solver
@@ -40,11 +42,14 @@ NOISE_FLOOR = 0.01
 
 SOLVERS: dict[str, Solver] = {
     "power-l1": PowerIteration("l1", keep=0),
+    "power-l1-start": PowerIteration("l1", bias=1.0, keep=0),
     "power-l1-balanced": PowerIteration("l1", normalise="smaller", keep=0),
     "power-dense": PowerIteration("l2", keep=0),
+    "power-dense-start": PowerIteration("l2", bias=1.0, keep=0),
     "ascent": MultiStartAscent(keep=0),
 }
-"""The solvers of `rootmatch.match`, without alternatives, which a sweep does not need."""
+"""Solvers without alternatives, which a sweep does not need; those with ``-start`` add the start value to each iterate,
+as the published code does."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """Held by the unit in work: a cluster's worker may have several threads, and Numba's simplest one has none to share."""
@@ -95,7 +100,7 @@ class Stream:
         if base**order >= 2**63:
             raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
         self.base = base
-        self.group, first = _groups(self._keys(rows))
+        self.group, first = groups_of_keys(self._keys(rows))
         self.indices = np.ascontiguousarray(rows[first])
         self.seen = np.maximum.accumulate(self.group) + 1
 
@@ -120,39 +125,6 @@ class Stream:
         return np.where(keys[place] == wanted, order[place], -1)
 
 
-@driver()
-def _groups(keys):  # type: ignore[no-untyped-def]
-    """Group (E,) of each key, numbered in the order of first appearance, and where each group first appears (G,).
-
-    A hash table with linear probing: three times as fast as sorting.
-    """
-    size = 1
-    while size < 2 * keys.size:
-        size *= 2
-    table = np.full(size, -1, np.int64)
-    group = np.empty(keys.size, np.int64)
-    first = np.empty(keys.size, np.int64)
-    known = 0
-    for e in range(keys.size):
-        # Multiplication by the golden ratio spreads neighbouring keys; the high bits are the well mixed ones.
-        slot = np.int64((np.uint64(keys[e]) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) & (size - 1)
-        while table[slot] >= 0 and keys[first[table[slot]]] != keys[e]:
-            slot = (slot + 1) & (size - 1)
-        if table[slot] < 0:
-            table[slot] = known
-            first[known] = e
-            known += 1
-        group[e] = table[slot]
-    return group, first[:known].copy()
-
-
-@driver()
-def _lower(least, group, residual, start, stop):  # type: ignore[no-untyped-def]
-    """Lower the least residual of each group by the draws start … stop − 1."""
-    for e in range(start, stop):
-        least[group[e]] = min(least[group[e]], residual[e])
-
-
 def nested_tensors(
     stream: Stream,
     indices: NDArray[np.int32],
@@ -170,7 +142,7 @@ def nested_tensors(
     least = np.full(len(indices), np.inf)
     start = 0
     for size in sorted(sizes):
-        _lower(least, stream.group, residual, start, size)
+        lower(least, stream.group, residual, start, size)
         start = size
         known = least[: stream.seen[size - 1]]
         keep = np.flatnonzero(known <= weigh.gate)
@@ -220,6 +192,13 @@ def _in_one_order(
     return residual
 
 
+def _kind_and_problem(residual: str, problem: Problem) -> tuple[str, Problem]:
+    """The kind of a method's residual, and the problem with the unknown that the method has."""
+    if residual.endswith("-cos") and isinstance(problem, ThreePlusOne):
+        return residual.removesuffix("-cos"), replace(problem, unknown="cos")
+    return residual, problem
+
+
 def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int, int]) -> Iterator[Row]:
     """Rows of one task: each kind of residual is evaluated once, and each tensor is made once, for all its solvers.
 
@@ -227,13 +206,14 @@ def _rows(seed: int, task: Task, scene: Scene, stream: Stream, shape: tuple[int,
     from those far apart on for residuals in units of the noise; so a row of the paper's method is what
     `match(..., preset="paper", samples=s, rho=rho, solver=solver, seed=seed)` finds.
     """
-    kinds = list(dict.fromkeys(method.residual for method, _ in task.methods))
-    for kind in kinds:
+    names = list(dict.fromkeys(method.residual for method, _ in task.methods))
+    for name in names:
+        kind, problem = _kind_and_problem(name, scene.problem)
         order = wide_first(scene.source) if kind in NOISE_KINDS else np.arange(shape[0])
-        tables = scene.problem.prepare(scene.source[order], scene.target, max(scene.noise, NOISE_FLOOR))
+        tables = problem.prepare(scene.source[order], scene.target, max(scene.noise, NOISE_FLOOR))
         own = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)[order].ravel()
         indices = own[stream.indices]
-        methods = [(method, sizes) for method, sizes in task.methods if method.residual == kind]
+        methods = [(method, sizes) for method, sizes in task.methods if method.residual == name]
         chosen = Residual(kind)
         kernel = chosen.kernel_kind(scene.problem.pair_count)
         draws = max(max(sizes) for _, sizes in methods)

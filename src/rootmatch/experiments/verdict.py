@@ -7,7 +7,8 @@ from dataclasses import dataclass
 FULL = 0.99
 """Mean accuracy that counts as "100 %": at most ten of the thousand points of a hundred instances are wrong."""
 GOOD = 0.80
-"""Mean accuracy that counts as "good", "robust" or "handled": four points of five, enough for any robust estimate."""
+"""Mean accuracy that counts as "good", "robust" or "handled": four points of five, enough for any robust estimate. A
+threshold of ours, like the next two: the paper has plots, which we could not see, and no numbers."""
 RAPID = 0.30
 """Fall of the mean accuracy that counts as "rapid" between the noise-free case and the noise named in the rule."""
 EQUAL = 0.05
@@ -15,8 +16,8 @@ EQUAL = 0.05
 FEW = 100_000
 """Samples that count as "few": a tenth of the largest sample."""
 LOST = 0.10
-"""Mean accuracy up to which a method is lost: what guessing gives with ten image points. Two lost methods cannot be
-compared."""
+"""Mean accuracy up to which a method is at chance level: what guessing gives with ten image points. Two methods at
+chance level cannot be compared."""
 
 
 @dataclass(frozen=True)
