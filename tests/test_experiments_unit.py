@@ -1,6 +1,7 @@
 """A unit's rows are what the pipeline finds on the first draws of the stream, whatever else is in the unit."""
 
 import math
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -56,7 +57,7 @@ def test_tensors_of_growing_samples_against_a_dictionary(stream):
 
 
 @pytest.mark.parametrize("setting", SETTINGS, ids=str)
-@pytest.mark.parametrize("solver", ["power-l1", "power-l1-balanced", "power-dense"])
+@pytest.mark.parametrize("solver", ["power-l1", "power-l1-start", "power-l1-balanced", "power-dense"])
 def test_a_row_of_the_papers_method_is_what_match_finds(setting, solver):
     method = Method("qr", solver, RHO[setting.problem])
     rows = evaluate(Unit(5, (Task(setting, ((method, (2000, 20_000)),)),)))
@@ -75,6 +76,20 @@ def test_a_row_of_the_papers_method_is_what_match_finds(setting, solver):
         assert row.accuracy == scene.accuracy(match.assignment)
         assert row.hyperedges == match.tensor.size
         assert row.score == pytest.approx(match.score, rel=1e-9)
+
+
+def test_a_row_of_3p1_is_written_in_the_unknown_of_its_method():
+    setting, found = Setting("3p1", 0, 0.5, 1.0), {}
+    for residual, unknown in (("qr-cos", "cos"), ("qr", "tan")):
+        method = Method(residual, "power-l1", 1e-7)
+        (row,) = evaluate(Unit(5, (Task(setting, ((method, (20_000,)),)),)))
+        scene = setting.scene(5)
+        problem = replace(scene.problem, unknown=unknown)
+        match = rm.match(scene.source, scene.target, problem, preset="paper", samples=20_000, rho=1e-7, seed=5)
+        assert row.score == pytest.approx(match.score, rel=1e-9)
+        assert row.hyperedges == match.tensor.size
+        found[unknown] = row.hyperedges
+    assert found["cos"] != found["tan"]
 
 
 def test_a_hyperedge_drawn_again_in_another_order_has_the_least_of_its_residuals():

@@ -14,7 +14,7 @@ import numpy as np
 from rootmatch._version import __version__
 from rootmatch.benchmark.blind.methods import Answer, Method, methods
 from rootmatch.benchmark.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated
-from rootmatch.benchmark.real.leaderboard import append_row, read_rows
+from rootmatch.benchmark.real.leaderboard import Fields, append_row, read_rows
 from rootmatch.errors import InputError
 from rootmatch.io import written_whole
 
@@ -28,6 +28,12 @@ COLUMNS = (
     "longest seconds", "vouched for", "vouched for and wrong",
 )  # fmt: skip
 MOST_SECONDS = 1e6
+FIELDS: Fields = {
+    **dict.fromkeys(("scene", "row", "method"), str),
+    **dict.fromkeys(("right", "claimed"), bool),
+    **dict.fromkeys(("degrees", "seconds"), (int, float)),
+}
+"""What the table reads of a row."""
 
 
 def run_blind(
@@ -96,9 +102,9 @@ def run_blind(
     except OSError as error:
         raise InputError(f"output: {output} cannot be made ({error.strerror}); name another folder") from None
     path = output / "rows.jsonl"
-    there = {(row["scene"], row["method"]) for row in read_rows(path)}
+    there = {(row["scene"], row["method"]) for row in read_rows(path, FIELDS)}
     _measure(to_run, compared, path, there, seconds, progress)
-    rows = [row for row in read_rows(path) if row["method"] in compared]
+    rows = [row for row in read_rows(path, FIELDS) if row["method"] in compared]
     table = [COLUMNS, *_summary(rows)]
     with written_whole(output / "blind.csv") as temporary:
         text = io.StringIO()

@@ -127,11 +127,14 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
     Their true pose is that of the true pairs, by this library's pose fit.
     """
     from rootmatch.benchmark.real.methods import problem_of
-    from rootmatch.benchmark.real.scenes import all_scenes
+    from rootmatch.benchmark.real.scenes import all_scenes, protocols
     from rootmatch.problems.p3p import P3P
 
-    taken = dict.fromkeys(REAL, 0)
-    for scene in all_scenes(folder, list(REAL)):
+    there = [protocol.name for protocol in protocols() if (folder / f"{protocol.file}.npz").is_file()]
+    taken = {name: 0 for name in REAL if name in there}
+    if not taken:
+        raise InputError(f"data: {folder} holds no file of {', '.join(REAL)}; give the folder of the measured targets")
+    for scene in all_scenes(folder, list(taken)):
         if taken[scene.protocol] == count or scene.truth is None:
             continue
         taken[scene.protocol] += 1

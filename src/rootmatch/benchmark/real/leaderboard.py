@@ -16,7 +16,8 @@ from rootmatch.errors import InputError
 from rootmatch.io import read_bytes, written_whole
 
 ROWS, TABLE, PAGE = "rows", "leaderboard.json", "leaderboard.md"
-FIELDS: dict[str, type | tuple[type, ...]] = {
+Fields = dict[str, type | tuple[type, ...]]
+FIELDS: Fields = {
     **dict.fromkeys(("method", "scene", "protocol"), str),
     **dict.fromkeys(("right", "wrong", "visible"), int),
     **dict.fromkeys(("full", "claimed", "misled"), bool),
@@ -34,8 +35,8 @@ def rows_file(folder: Path, method: str) -> Path:
     return folder / ROWS / f"{name}.jsonl"
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    """Rows of a method; a last line that was cut off is left out.
+def read_rows(path: Path, fields: Fields = FIELDS) -> list[dict[str, Any]]:
+    """Rows of a file, each with these fields at least; a last line that was cut off is left out.
 
     Raises
     ------
@@ -48,11 +49,11 @@ def read_rows(path: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(read_bytes(path).split(b"\n")[:-1], start=1):
         try:
             row = json.loads(line)
-            whole = all(isinstance(row[name], kinds) for name, kinds in FIELDS.items())
+            whole = all(isinstance(row[name], kinds) for name, kinds in fields.items())
         except (ValueError, TypeError, LookupError, RecursionError):
             whole = False
         if not whole:
-            raise InputError(f"{path}, line {number}: damaged; remove the file to measure this method anew")
+            raise InputError(f"{path}, line {number}: damaged; remove the file to measure anew")
         rows.append(row)
     return rows
 
