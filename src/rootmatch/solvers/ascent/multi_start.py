@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.deadline import NEVER, Deadline, Pace, checkpoint
 from rootmatch.jit.threads import GROWTH, LONGEST, threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
 from rootmatch.solvers.ascent.local_search import climb, climb_from, scored_neighbours, state_of
@@ -18,6 +18,7 @@ from rootmatch.solvers.ascent.start_selection import covered, forced, next_start
 from rootmatch.solvers.ascent.stopping import patience, stands_out
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, ranked_hyperedges
 from rootmatch.solvers.base import Alternatives, Solution
+from rootmatch.solvers.rrwhm import ReweightedWalk
 
 LOOKUPS_PER_SUBSET = 4.0
 """An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
@@ -150,6 +151,8 @@ class MultiStart:
     def from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
         steps = self.options.walk
+        balancing = ReweightedWalk().balancing * SECONDS_PER_GAIN
+        checkpoint(2.0 * steps * balancing * self.index.n * self.index.n_target)
         start = random_walk_start(self.index, steps, self.options.walk_start) if steps else self.empty.image
         self.climb(self.empty, start[None])
 
