@@ -58,7 +58,7 @@ class Plan:
 
     @classmethod
     def tiny(cls) -> Plan:
-        """The smallest sizes that run: checks that everything works, not how fast."""
+        """The smallest sizes that run, to check that everything works."""
         return cls(
             kernels=(("p3p", 5, 1), ("up2p", 5, 1)), kinds=("joint",), batch=50, contraction=(2_000, 8),
             matches=(("up2p", 6, 2),), tracked=("p3p", 5, 3), scenes=1, memory=("p3p", 5, 3), rounds=10, samples=1,

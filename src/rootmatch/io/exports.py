@@ -62,7 +62,7 @@ def openxr_record(pose: Pose) -> dict[str, Any]:
 
 
 def write_trajectory(path: Path | str, times: Sequence[float], poses: Iterable[Pose | None]) -> None:
-    """Write TUM's trajectory: ``time tx ty tz qx qy qz qw`` of the camera in the frame of the points, a line a pose.
+    """Write TUM's trajectory: ``time tx ty tz qx qy qz qw`` of the camera in the frame of the points, one per line.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class Frame:
 
 
 def has_frames(path: Path) -> bool:
-    """Whether the header of a file names a column ``frame`` or ``time``; standard input is taken to."""
+    """Whether the header of a file names a column ``frame`` or ``time``; standard input is assumed to."""
     if path == STANDARD_INPUT:
         return True
     try:
@@ -182,7 +182,7 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
-    """The lines, none of them without end."""
+    """The lines, with a bound on their length."""
     while line := stream.readline(LONGEST_LINE):
         if len(line) == LONGEST_LINE:
             raise InputError(f"{path}: a line of more than {LONGEST_LINE:,} characters; give a CSV file")

@@ -1,4 +1,4 @@
-"""Content of files, pipes and devices, never more of it than is of use."""
+"""Content of files, pipes and devices, never more of it than is needed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from rootmatch.errors import InputError
 
 LARGEST = 100_000_000
-"""Bytes of a file beyond which it is no table of points: a million of them have less."""
+"""Maximum size of a table of points in bytes; a million points take less."""
 
 
 def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> bytes:

@@ -99,7 +99,7 @@ def same_file(one: Path, other: Path) -> bool:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary path; its content gets to ``path`` at the end, and nothing of it on any error."""
+    """Yield a temporary path; its content gets to ``path`` at the end, and nothing is left after an error."""
     temporary = None
     try:
         through = sent_through(path)

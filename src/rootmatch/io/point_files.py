@@ -46,12 +46,12 @@ class PointSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The ids, or zero-based row numbers where there are none."""
+        """The ids, or zero-based row numbers if there are none."""
         return self.ids if self.ids is not None else tuple(str(row) for row in range(len(self.points)))
 
 
 def point_dimension(path: Path) -> int:
-    """3 where the header of a file of points has a column ``z``, else 2.
+    """3 if the header of a file of points has a column ``z``, else 2.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
 
 
 def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
-    """What a column names each point, which is printed and drawn."""
+    """Names of the points from a column, as they are printed and drawn."""
     for row, cells in rows:
         if not cells[column]:
             raise InputError(f"{path}, row {row}: the {column} is empty; {verb} every point, or leave the column out")

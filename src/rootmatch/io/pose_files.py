@@ -104,7 +104,7 @@ def _read_pose(path: Path, record: Any) -> Pose:
 
 
 def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> None:
-    """Write the poses of the motions, one a row; motions without a pose are left out, in JSON null.
+    """Write the poses of the motions, one per row; motions without a pose are left out, in JSON null.
 
     CSV: ``motion``, the rotation as a unit quaternion ``qx,qy,qz,qw`` (in a plane an ``angle`` in radians),
     ``tx,ty,tz``, ``scale``, ``focal``, ``rms``, ``rms_sigma``, ``inliers``, ``points`` (how many), and the upper

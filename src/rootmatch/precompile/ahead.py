@@ -78,7 +78,7 @@ def warmup(
 
 
 def _of_scenes(problem: Problem, options: dict[str, Any]) -> Iterator[Step]:
-    """Matches of a problem that nothing is predicted for."""
+    """Matches of a problem without a prediction."""
     if problem.name not in PROBLEMS:
         raise InputError(f"warmup: no scenes of {problem.name} are known; match a few of its images instead")
     scene = sample(problem.name)
@@ -183,7 +183,7 @@ class _View:
         self.R, self.t = np.eye(3), np.zeros(3)
 
     def frame(self, number: int, shown: int, clutter: int) -> Any:
-        """Detections of a frame: so many of the points, in each camera, and so much clutter."""
+        """Detections of a frame: a number of points in each camera, and clutter."""
         rng = np.random.default_rng(number)
         self.R = self.upright @ one_rotation_matrix(self.axis * 0.02 * number)
         _, rotation, translation = self.cameras[0]

@@ -22,7 +22,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
-"""Angular noise beyond which nothing is measured; pixels were probably meant. A round value."""
+"""Largest plausible angular noise; beyond it, pixels were probably meant. A round value."""
 
 
 class Problem(ABC):
@@ -45,22 +45,22 @@ class Problem(ABC):
     pair_count: ClassVar[int]
     """Pairs of minimal sets of one hyper-edge that can be compared."""
     source_dimension: ClassVar[int]
-    """3 where the source is points in space, 2 where it is an image."""
+    """3 if the source is points in space, 2 if it is an image."""
     target_dimension: ClassVar[int] = 2
     source_is_image: ClassVar[bool] = False
     """Whether the source is a first image rather than points in space."""
     takes_normals: ClassVar[bool] = False
-    """Whether source points are points in space seen by a camera, which normals tell the visible side of."""
+    """Whether source points are points in space seen by a camera, whose visible side normals can state."""
     takes_prior: ClassVar[bool] = False
     """Whether a pose of its camera can be predicted: source points in space, and ``camera``."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
     fits_groups: ClassVar[bool] = False
-    """Whether `group_chi2`, `group_grown` and `group_extended` are there."""
+    """Whether `group_chi2`, `group_grown` and `group_extended` are implemented."""
     fits_answers: ClassVar[bool] = False
-    """Whether `fitted` is there."""
+    """Whether `fitted` is implemented."""
     least_for_pose: ClassVar[int] = 0
-    """Matches that `poses` needs; 0 where there is none."""
+    """Minimum number of matches for `poses`; 0 if the problem fits none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
     """What to check if no assignment can be trusted, as the advice of the status says it."""
     to_tell: ClassVar[str] = "restrict the possible pairs by `candidates`"

@@ -1,1 +1,1 @@
-"""Cameras from the files of calibration tools, one format a module."""
+"""Cameras from the files of calibration tools, one module per format."""

@@ -26,7 +26,7 @@ COUNTS = {
 """Parameters of the models that need no pycolmap."""
 LINE = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
 MOST = 1_000_000
-"""Cameras of a file beyond which it is none of COLMAP's."""
+"""Maximum number of cameras in a file of COLMAP."""
 
 
 def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:

@@ -99,7 +99,7 @@ def _rig(path: Path, views: Any) -> Rig:
 
 
 def _square(path: Path, value: Any) -> list[list[float]]:
-    """A matrix (3, 3) of nested lists."""
+    """A matrix (3, 3) from nested lists."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError, RecursionError):

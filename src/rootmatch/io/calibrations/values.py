@@ -11,13 +11,13 @@ from rootmatch.errors import InputError, printable, quoted
 LONGEST = 64
 """Maximum number of values in one entry: a camera's matrices and coefficients are shorter."""
 LARGEST = 10_000_000
-"""Bytes of a file beyond which it is no calibration."""
+"""Maximum size of a calibration file in bytes."""
 
 T = TypeVar("T")
 
 
 def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:
-    """What a parser makes of a file; nesting and numbers beyond its bounds become the one error of a bad file.
+    """The result of a parser on a file; nesting and numbers beyond its bounds become the one error of a bad file.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def load_yaml(path: Path, text: str) -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """PyYAML's safe loader, and OpenCV's tag."""
+        """PyYAML's safe loader with OpenCV's tag."""
 
     def mapping(loader: Any, node: Any) -> Any:
         return loader.construct_mapping(node, deep=True)

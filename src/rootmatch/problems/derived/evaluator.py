@@ -14,7 +14,7 @@ from rootmatch.problems.derived.measurements import Measurement
 
 Floats = NDArray[np.float64]
 ROWS = 64
-"""Rows of a table of pairs that are worked out together."""
+"""Rows of a table of pairs that are computed together."""
 
 
 @dataclass(frozen=True)

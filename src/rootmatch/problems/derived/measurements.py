@@ -27,7 +27,7 @@ class Measurement(ABC):
     letters: ClassVar[tuple[str, ...]]
     """Names of the coordinates."""
     noise_dimensions: ClassVar[int]
-    """Independent directions in which noise moves them; 0 where they are exact."""
+    """Independent directions in which noise moves them; 0 if they are exact."""
     common: ClassVar[int] = 0
     """How many of the coordinates, the last ones, are exact and the same for all points."""
 

@@ -110,7 +110,7 @@ class DerivedProblem(Problem):
 
     @property
     def surplus_constraints(self) -> int | None:
-        """Constraints of a minimal set beyond those that determine its unknowns: over-determined where not 0.
+        """Constraints of a minimal set beyond those that determine its unknowns: over-determined if not 0.
 
         The polynomial holds none of them. None as for `stated_constraints`.
         """
@@ -153,7 +153,7 @@ class DerivedProblem(Problem):
         return result
 
     def __reduce__(self) -> Any:
-        """Pickled as text, which is vetted again where it is read."""
+        """Pickled as text, which is vetted again when it is read."""
         return _rebuilt, (self.title, self.generated.text, self.source, self.target)
 
 

@@ -59,7 +59,7 @@ class Generated:
 
 
 def vetted(text: str, where: str = "generated") -> Generated:
-    """Compile a generated module after its syntax tree has been held against what may occur.
+    """Compile a generated module after its syntax tree has been checked against what is allowed.
 
     Raises
     ------

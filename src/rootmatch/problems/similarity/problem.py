@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.similarity.tables import SimilarityTables
 
 ENTRIES = 1_000_000
-"""Distances that are worked out between two looks at a deadline: a few milliseconds."""
+"""Distances computed between two checks of the deadline: a few milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class Rigid(Similarity):
 
 
 def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, n) distances of points (n, k); rows at a time, between which a deadline is looked at."""
+    """(n, n) distances of points (n, k); in blocks of rows, between which the deadline is checked."""
     lengths = np.zeros((len(points), len(points)))
     step = max(ENTRIES // max(len(points), 1), 1)
     for first in range(0, len(points), step):

@@ -49,7 +49,7 @@ class VisibleSearch(Search):
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
 
     def run(self) -> None:
-        """Wave after wave until one hypothesis is beyond chance and has no rivals, or none can have been missed."""
+        """Run wave after wave until one hypothesis is beyond chance and has no rivals, or none can have been missed."""
         images = np.arange(self.n_target)
         batch, pace = self.options.batches.first, Pace(self.deadline)
         for number in range(len(self.views.edges)):
@@ -101,7 +101,7 @@ class VisibleSearch(Search):
         return self.missed <= self.options.visibility.missed
 
     def _visible_test(self) -> SequentialTest:
-        """The sequential test: of the points that face the camera as many are detected as the options say."""
+        """The sequential test, with the detection rate of the options for points that face the camera."""
         options = self.options.test
         clutter = float(self.density.mean()) * math.pi * self.grid.gate2
         return sequential_test(

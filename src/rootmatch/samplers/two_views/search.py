@@ -89,7 +89,7 @@ class PoseSearch:
         """Whether the deadline came in the middle of a wave."""
 
     def run(self) -> None:
-        """Wave after wave until enough of them agree, all were tried, or the budget is spent."""
+        """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
         options = self.options
         waves = MinimalSetOptions(first_wave=options.first_wave, largest_wave=options.wave)
         positions = np.ascontiguousarray(self.views.source.T)
