@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from rootmatch.jit.cache import SUFFIX
+from rootmatch.jit.cache import SUFFIX, interrupts_kept
 
 MODULE = """
 from rootmatch.jit.decorators import driver
@@ -123,6 +124,29 @@ def test_what_other_sources_have_left_is_removed(tmp_path: Path) -> None:
     path.rename(path.with_name(f"{stem}.{'0' * 16}.{key}{SUFFIX}"))
     assert run(tmp_path) == ["3.0 0"]
     assert kept(tmp_path) == [path]
+
+
+@pytest.mark.parametrize("then", [None, RuntimeError("no compiled object yet")])
+def test_an_interrupt_while_c_calls_python_is_not_lost(then: Exception | None) -> None:
+    """As where LLVM hands over what it has compiled: Ctrl-C there left an error of Numba and a traceback."""
+
+    @ctypes.CFUNCTYPE(None)
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    hook = sys.unraisablehook
+
+    def compiling() -> None:
+        with interrupts_kept():
+            interrupted()
+            if then is not None:
+                raise then
+
+    with pytest.raises(KeyboardInterrupt):
+        compiling()
+    assert sys.unraisablehook is hook
+    with pytest.raises(ValueError, match="another"), interrupts_kept():
+        raise ValueError("another")
 
 
 def test_two_processes_compile_once(tmp_path: Path) -> None:

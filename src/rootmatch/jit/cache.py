@@ -14,8 +14,8 @@ import logging
 import pickle
 import sys
 import uuid
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,36 @@ from rootmatch.jit.locks import FileLock
 from rootmatch.jit.options import FOR_PYTHON_ALONE
 
 LOG = logging.getLogger("rootmatch")
+
+
+@contextmanager
+def interrupts_kept() -> Iterator[None]:
+    """Raise at the end, or in the place of an error, the interrupt that came while C called Python, and was lost there.
+
+    LLVM hands what it has compiled to a function of Numba. An exception in that is printed and forgotten, and what
+    misses the code ends with an error of its own.
+    """
+    lost: list[BaseException] = []
+    before = sys.unraisablehook
+
+    def noted(unraisable: Any) -> None:
+        if isinstance(unraisable.exc_value, Exception):
+            before(unraisable)
+        else:
+            lost.append(unraisable.exc_value)
+
+    sys.unraisablehook = noted
+    try:
+        yield
+    except Exception:
+        if lost:
+            raise lost[0] from None
+        raise
+    finally:
+        sys.unraisablehook = before
+    if lost:
+        raise lost[0]
+
 
 HASH_SECRET = b"_numba_hashsecret"
 """In code that hashes, which needs what Numba sets up for compiling."""
@@ -222,7 +252,7 @@ try:
 
             Without garbage collection: a compiler makes millions of objects and few cycles, a tenth of its time.
             """
-            with global_compiler_lock:
+            with global_compiler_lock, interrupts_kept():
                 held, collecting = len(self._cache.locks), gc.isenabled()
                 gc.disable()
                 try:
