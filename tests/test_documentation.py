@@ -11,6 +11,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from PIL import Image
 
 from rootmatch import P3P, UP2P, ThreePlusOne
 
@@ -73,6 +74,15 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert made or place.is_relative_to(ROOT / "docs"), f"{link} of {name_of(page)} leads out of the site"
         if anchor and place.suffix == ".md":
             assert anchor in anchors(place), f"{link} of {name_of(page)}"
+
+
+def test_the_flight_moves_and_is_small() -> None:
+    """docs/flight.gif, of docs/make_flight.py, is a picture that a page can load at once."""
+    file = ROOT / "docs" / "flight.gif"
+    assert file.stat().st_size < 1_000_000
+    with Image.open(file) as flight:
+        assert flight.n_frames > 50
+        assert flight.info["loop"] == 0
 
 
 def documented() -> dict[str, set[str]]:
