@@ -189,10 +189,10 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
         now[0] += 0.001 * (end - begin)
 
     with Deadline(1.0, clock=lambda: now[0]).enforced(), pytest.raises(OutOfTime):
-        _in_pieces(work, iter([(3, 30), (40, 100_000)]))
+        _in_pieces(work, iter([(3, 30), (40, 100_000)]), 40)
     assert pieces[0] == (3, 4)
     assert all(after[0] in (before[1], 40) for before, after in itertools.pairwise(pieces))
-    assert max(end - begin for begin, end in pieces) <= 50
+    assert max(end - begin for begin, end in pieces) == 40
     assert now[0] < 1.002
 
 

@@ -29,6 +29,8 @@ BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise. Not tuned."""
 SOLVED = 0.6
 """Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
+SECONDS_PER_POSE = 3e-8
+"""To judge the poses of one image of a minimal set by a few points, for each detection."""
 SECONDS_PER_RATIO = 2e-7
 """Time to compute one likelihood ratio in a step of a refinement."""
 REFINED = 4_000_000
@@ -138,7 +140,7 @@ class PoseSearch:
 
         try:
             with self.deadline.part(SOLVED).enforced():
-                _in_pieces(piece, self._images(sets))
+                _in_pieces(piece, self._images(sets), max(int(LONGEST / (SECONDS_PER_POSE * self.n_target)), 1))
         except OutOfTime:
             self.cut = True
         self.solved += int(counts[:, 0].sum())
@@ -273,8 +275,10 @@ def _runs(mask: NDArray[np.bool_]) -> Integers:
     return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
 
 
-def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int]]) -> None:
+def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int]], largest: int) -> None:
     """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
+
+    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
 
     Raises
     ------
@@ -289,7 +293,7 @@ def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int
             work(begin, stop)
             each = max((deadline.clock() - started) / (stop - begin), 1e-9)
             longest = min(LONGEST, 0.5 * deadline.left())
-            size = max(1, min(int(longest / each), GROWTH * (stop - begin)))
+            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
             begin = stop
 
 
