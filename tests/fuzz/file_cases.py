@@ -82,6 +82,7 @@ POSE = b"""{"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [0.0, 0.1, 2.0], "covar
  [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0],
   [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1e-4]]}
 """
+TIMES = b"frame,time,x,y,sigma\n3,.25,1,2,.5\n3,.25,4,5,1\n\n4,.3,,,\n9,1e1,5,6,2\n\n"
 PAIRS = b"source,target,weight\nled 0,3,1\nled 1,2,0.5\nled 5,6,1e3\n"
 
 Reader = Callable[[Path], Any]
@@ -100,6 +101,7 @@ KINDS: dict[str, tuple[str, bytes, Reader]] = {
     "colmap": ("cameras.txt", COLMAP, rm.read_cameras),
     "bodies": ("bodies.csv", MARKED, lambda path: read_points(path, 3, 4)),
     "frames": ("frames.csv", FRAMES, lambda path: list(read_frames(path))),
+    "times": ("times.csv", TIMES, lambda path: list(read_frames(path))),
     "prior": ("prior.json", POSE, lambda path: read_prior(path, False)),
     "priors": ("priors.json", b'{"left": ' + POSE + b', "right": ' + POSE + b"}", lambda path: read_prior(path, True)),
     "colmap binary": ("cameras.bin", COLMAP_BINARY, rm.read_cameras),
