@@ -220,6 +220,9 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two() -> None:
     (image,), (same,), (made,) = search.ascent_in_steps(nothing, 0.0, exchanges=False)
     np.testing.assert_array_equal(image, whole)
     assert (same, made) == (value, moves)
+    search = MultiStart(MultiStartAscent(), index, Deadline(1e-9, clock=Clock(1.0)))
+    search.polish()  # of nothing, as no ascent was made
+    assert search.solution().assignment.tolist() == nothing.tolist()
     short = MultiStart(MultiStartAscent(), index, Deadline(6.0, clock=Clock(1.0)))
     assert short.shortest_ascent < 0.25  # this one would be made whole
     (image,), (less,), (made,) = short.ascent_in_steps(nothing, 0.0, exchanges=False)

@@ -233,6 +233,8 @@ class MultiStart:
             least = self.options.polished_score * self.value
             near = [image for image, value in _ranked(self.found) if value >= least]
             waiting = [image for image in near if image.tobytes() not in self.polished][: self.options.polished]
+            if not waiting:  # a deadline came before any ascent
+                return
             self.polished.update(image.tobytes() for image in waiting)
             self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
 
