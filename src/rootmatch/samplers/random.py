@@ -20,6 +20,9 @@ from rootmatch.problems import residual_kinds
 BLOCK, SMALL_BLOCK = 65_536, 8_192
 """Hyper-edges drawn at once, and where there is a deadline: a few milliseconds. The stream does not depend on it."""
 
+SECONDS_TO_MERGE = 3e-7
+"""That a hyper-edge which was kept takes at the end, to be sorted among the others."""
+
 
 def random_tensor(
     tables: Any,
@@ -54,14 +57,16 @@ def random_tensor(
             yield source, target
 
     parts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []
-    done = 0
+    done = kept = 0
     for (source, target), residuals in backend.evaluated(tables, kind, blocks()):
         keep = residuals <= affinity.gate
         parts.append(((source[keep] * n_target + target[keep]).astype(np.int32), residuals[keep]))
         done += len(source)
+        kept += len(parts[-1][1])
         if progress is not None:
             progress(done, samples)
-        if done < samples and deadline.passed():
+        if done < samples and deadline.left() <= SECONDS_TO_MERGE * kept:
+            deadline.cuts(left_out=True)
             break
     indices = np.ascontiguousarray(np.concatenate([part[0] for part in parts]))
     weights = affinity.weights(np.concatenate([part[1] for part in parts]))
