@@ -2,7 +2,7 @@
 
     python benchmarks/evidence.py --seeds 60 --first-seed 1000
 
-What is believed is what `rootmatch.explain.modelled.believed` says with ``--min-probability``. "Right": no match wrong
+What is believed is what `rootmatch.explain.image_decision.believed` says with ``--min-probability``. "Right": no match wrong
 and nine tenths of the visible points matched. "Wrong": any match wrong, of a body in view or of one that is not. The
 model is given the assignment and the alternatives of the match of each body among all detections.
 
@@ -28,7 +28,7 @@ from constellations import arguments, judge, load_scenes
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.modelled import MIN_PROBABILITY, believed, posteriors_of
+from rootmatch.explain.image_decision import MIN_PROBABILITY, believed, posteriors_of
 from rootmatch.model.posterior import Posterior
 from rootmatch.result import Match
 

@@ -132,6 +132,8 @@ class Facts:
     """Posterior probability of the assignment, given that one of those considered is right."""
     present: float | None = None
     """Posterior probability that there is anything to be found, if a model of all that was observed tells it."""
+    min_probability: float = TRUST.probability
+    """Least probability of what is believed."""
     missed: float = 0.0
     """Probability that a pose which explains as much was never met."""
     confirmed: bool = True
@@ -148,7 +150,7 @@ class Facts:
 
 def decide(facts: Facts) -> Status:
     """The status of an assignment: could it be a false alarm, and is it the only good one."""
-    if facts.present is not None and facts.present < TRUST.probability:
+    if facts.present is not None and facts.present < facts.min_probability:
         return Status.UNTRUSTED
     if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > facts.tolerated_false_alarms:
         return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
@@ -158,7 +160,7 @@ def decide(facts: Facts) -> Status:
         return Status.MATCHED
     likely = facts.lead is None or facts.lead >= TRUST.margin
     if facts.probability is not None:
-        likely = facts.probability >= TRUST.probability
+        likely = facts.probability >= facts.min_probability
     return Status.MATCHED if likely and facts.missed <= TRUST.missed else Status.AMBIGUOUS
 
 

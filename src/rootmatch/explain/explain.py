@@ -14,6 +14,8 @@ from rootmatch.errors import InputError
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_decision import assessed as judged_by_image
+from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
@@ -72,18 +74,25 @@ def _several_motions(task: MatchingTask) -> Finding:
 
 
 def _one_motion(task: MatchingTask) -> Finding:
-    """Sampled hyper-edges, solved and assessed; all of them where a quick search leaves no match to trust."""
+    """Sampled hyper-edges, solved and judged; all of them where a quick search leaves no match to trust."""
     sampled = sample(task)
-    if (decided := decided_by_pose(task, sampled)) is not None:
+    by_image = is_modelled(task)
+    if not by_image and (decided := decided_by_pose(task, sampled)) is not None:
         return decided
-    solution = searched_solution(task, sampled)
-    if solution is None:
-        deadline = task.deadline.part(SOLVED)
-        tensor = affordable(sampled.tensor, deadline)
-        solver = task.options.solver_after(sampled.assignments is not None)
-        solution = solved(solver, tensor, task.options.seed, deadline)
-    assessed = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
-    if not assessed.status and (every := swept(task, sampled)) is not None:
-        found = _explained(every)
-        return replace(found, task=task, evaluated=found.evaluated + sampled.evaluated)
-    return assessed
+    if by_image and sampled.assignments is not None and len(sampled.assignments) and task.options.solver is None:
+        found = judged_by_image(task, sampled)
+    else:
+        solution = searched_solution(task, sampled)
+        if solution is None:
+            deadline = task.deadline.part(SOLVED)
+            tensor = affordable(sampled.tensor, deadline)
+            solver = task.options.solver_after(sampled.assignments is not None)
+            solution = solved(solver, tensor, task.options.seed, deadline)
+        if by_image:
+            found = judged_by_image(task, sampled, solution)
+        else:
+            found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
+    if not found.status and (every := swept(task, sampled)) is not None:
+        again = _explained(every)
+        return replace(again, task=task, evaluated=again.evaluated + sampled.evaluated)
+    return found

@@ -77,6 +77,7 @@ class MatchOptions:
     progress: Progress | None = None
     detection_rate: float | None = None
     max_seconds: float | None = None
+    min_probability: float = 0.95
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
@@ -89,6 +90,7 @@ class MatchOptions:
         check_positive("rho", self.rho)
         check_probability("detection_rate", self.detection_rate)
         check_positive("max_seconds", self.max_seconds)
+        check_probability("min_probability", self.min_probability)
         check_choice("backend", self.backend, selection.NAMES)
         check_callable("progress", self.progress, "a function of two numbers, done and total")
         if self.scheduler is not None and not isinstance(self.scheduler, str):

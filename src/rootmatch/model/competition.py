@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.modes import Modes
-from rootmatch.model.posterior import DEFAULT_POSTERIOR, LEAST, Posterior, PosteriorOptions, prior_odds
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR, LEAST, PosteriorOptions
+from rootmatch.model.modes import Modes, none_near
+from rootmatch.model.posterior import Posterior, prior_odds
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -106,6 +107,7 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
     found = evidence(models[k], assignments, at)
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
+    given = (assignments < 0) & (part_of.assignments >= 0)  # to another body
     lost = replace(
         part_of,
         assignments=assignments,
@@ -115,5 +117,8 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
         squared=found.squared,
         freedom=found.freedom,
         visible=found.visible,
+        local=np.where(given, 1.0, part_of.local),
+        unmatched=np.where(given, 1.0, part_of.unmatched),
+        near=none_near(*assignments.shape),
     )
     return modes.and_(lost.take(np.flatnonzero(usable)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,11 @@ class Modes:
     squared, freedom : (M,) float64
         Of the fit, see `Evidence`.
     visible : (M, n) float64
+    unmatched : (M, n) float64
+        Probability that a point has no detection, given the mode.
+    near : (M,) object
+        Changes of each assignment that were weighed, as a pair of (C, n) int64 and (C,) float64 arrays: the changed
+        assignments and their log-odds.
     """
 
     assignments: Integers
@@ -42,6 +48,8 @@ class Modes:
     squared: Floats
     freedom: Floats
     visible: Floats
+    unmatched: Floats
+    near: NDArray[np.object_]
 
     def take(self, which: Integers) -> Modes:
         """Some of them."""
@@ -66,4 +74,19 @@ def no_modes(n: int) -> Modes:
         squared=none,
         freedom=none,
         visible=np.empty((0, n)),
+        unmatched=np.empty((0, n)),
+        near=np.empty(0, object),
     )
+
+
+def none_near(count: int, n: int) -> NDArray[np.object_]:
+    """`Modes.near` of so many modes without weighed changes."""
+    return as_objects([(np.empty((0, n), np.int64), np.empty(0))] * count)
+
+
+def as_objects(some: list[Any]) -> NDArray[np.object_]:
+    """An array with one element for each, whatever they are."""
+    out = np.empty(len(some), object)
+    for k, one in enumerate(some):
+        out[k] = one
+    return out

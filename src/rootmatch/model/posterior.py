@@ -1,8 +1,5 @@
 """The posterior of one body: over the poses that were proposed, clutter alone, and what may have been missed.
 
-A mode is a pose with its best assignment and the changes of it that leave the pose as it is: a point left out, added,
-or moved to another detection, or two points with exchanged detections. Changes of different points are taken to be
-independent, so that a mode's mass is its evidence times a product, and what a point's match is worth is a share of it.
 The probability of an assignment is never above that of its pose, nor above the confidence in any of its matches.
 """
 
@@ -14,51 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
-from rootmatch.model.detection_model import DetectionModel, Linearised
-from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, settled
-from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions, modes_of
+from rootmatch.model.modes import Modes
 from rootmatch.model.proposals import Proposals
-from rootmatch.options import Options, option
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-LEAST = 3
-"""Matches of a mode: with fewer a pose is not determined, and a body that shows no more is not told from clutter."""
-IMPOSSIBLE = -1e9
-"""Log-odds in the place of −∞, so that differences stay numbers."""
-
-
-@dataclass(frozen=True)
-class PosteriorOptions(Options):
-    """Priors over the hypotheses as wholes, and how far their neighbourhoods are searched."""
-
-    present: float = option(0.8, above=0.0, most=1.0)
-    """Probability, before the image is seen, that it shows the body: that of one which somebody asks for."""
-    wrong_model: float = option(1e-3, least=0.0, most=1.0)
-    """Probability that nothing of the model holds (another body, a wrong calibration): no result is surer. A stated
-    floor, not measured."""
-    grown: int = option(6, least=0)
-    """Modes that grow by their best changes and whose changes are summed. A round value."""
-    rounds: int = option(6, least=0)
-    """Changes by which a mode grows, at most. A round value."""
-    weighed: int = option(32, least=1)
-    """Changes of a mode that are weighed with the pose that they lead to; the others count to first order. A round
-    value."""
-    independent: int = option(9, least=1)
-    """Matches from which changes of different points hardly move the pose, so that they are independent; with fewer,
-    only single changes are summed. Two minimal sets beyond one: a round value."""
-    negligible: float = option(9.0, above=0.0)
-    """Log-odds against a change, or a mode, at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
-    hopeless: float = option(30.0, above=0.0)
-    """Log-odds against a proposal, to first order about a pose that need not be fitted, at which it is not fitted. A
-    round value."""
-    same_pose: float = option(5.0, above=0.0)
-    """Standard deviations of the difference up to which two poses are one. A round value."""
-
-
-DEFAULT_POSTERIOR = PosteriorOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +55,29 @@ class Posterior:
         first = modes.assignments[0]
         each = np.where(modes.assignments == first, modes.local, 0.0)
         return np.asarray(self.probabilities @ each + np.where(first < 0, self.clutter, 0.0))
+
+    @property
+    def unmatched(self) -> Floats:
+        """Probability (n,) that each point has no detection."""
+        return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter)
+
+    def ranked(self, most: int) -> list[Integers]:
+        """Different assignments, the most probable first: those of the modes, and changes of them that were weighed."""
+        modes = self.modes
+        rows, odds, mode = [modes.assignments], [modes.log_odds], [np.arange(len(modes.log_odds))]
+        for k, (changed, values) in enumerate(modes.near):
+            rows.append(changed)
+            odds.append(values)
+            mode.append(np.full(len(values), k))
+        every, of = np.concatenate(rows), np.concatenate(mode)
+        shares = self.probabilities[of] * np.exp(np.minimum(np.concatenate(odds) - modes.log_mass[of], 0.0))
+        total: dict[bytes, float] = {}
+        place: dict[bytes, int] = {}
+        for k in np.argsort(-shares, kind="stable")[: 4 * most].tolist():
+            key = every[k].tobytes()
+            total[key] = total.get(key, 0.0) + float(shares[k])
+            place.setdefault(key, k)
+        return [every[place[key]] for key in sorted(total, key=lambda key: -total[key])[:most]]
 
     def believed(self, min_probability: float, wrong: float = 0.01) -> Integers | None:
         """The first assignment without the matches that are not sure, or None.
@@ -150,193 +132,3 @@ def weighed(modes: Modes, odds: float, missed: float, options: PosteriorOptions)
     shares /= shares.sum()
     known = (1.0 - missed) * (1.0 - options.wrong_model)
     return Posterior(modes, known * shares[:-1], known * float(shares[-1]))
-
-
-def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOptions = DEFAULT_POSTERIOR) -> Modes:
-    """The different poses among some proposals, grown and with the sums of their changes."""
-    n = model.shape[0]
-    if not len(proposals.assignments):
-        return no_modes(n)
-    possible = _possible(model, proposals, options)
-    if not len(possible):
-        return no_modes(n)
-    proposals = proposals.take(possible)
-    found, at = settled(model, *proposals)
-    order = np.argsort(-found.log_odds, kind="stable")
-    order = order[np.isfinite(found.log_odds[order])]
-    kept: list[_Mode] = []
-    for k in order.tolist():
-        mode = _Mode.of(proposals.assignments[k], found, at, k)
-        if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
-            break
-        if any(_is_part(mode, other, options) for other in kept):
-            continue
-        if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
-            mode = _grown(model, mode, options)
-            if any(_is_part(mode, other, options) for other in kept):
-                continue
-            kept = [other for other in kept if not _is_part(other, mode, options)]
-        kept.append(mode)
-        kept.sort(key=lambda one: -one.log_mass)
-    return _as_arrays(kept, n)
-
-
-def _possible(model: DetectionModel, proposals: Proposals, options: PosteriorOptions) -> Integers:
-    """The proposals that may be worth a fit, by their evidence to first order about the poses as they are."""
-    (enough,) = np.nonzero((proposals.assignments >= 0).sum(axis=1) >= LEAST)
-    if not len(enough):
-        return enough
-    some = proposals.take(enough)
-    rough = evidence(model, some.assignments, model.linearised(some.rotation, some.position)).log_odds
-    return np.asarray(enough[rough > rough.max() - options.hopeless])
-
-
-@dataclass(eq=False)
-class _Mode:
-    assignment: Integers
-    rotation: Floats
-    position: Floats
-    covariance: Floats
-    log_odds: float
-    squared: float
-    freedom: float
-    visible: Floats
-    log_mass: float
-    local: Floats
-    changes: dict[bytes, float]
-    """Log-odds of the changed assignments that were weighed."""
-
-    @classmethod
-    def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
-        """One of some weighed proposals."""
-        return cls(
-            assignment=assignment,
-            rotation=at.rotation[k],
-            position=at.position[k],
-            covariance=found.covariance[k],
-            log_odds=float(found.log_odds[k]),
-            squared=float(found.squared[k]),
-            freedom=float(found.freedom[k]),
-            visible=found.visible[k],
-            log_mass=float(found.log_odds[k]),
-            local=np.ones(len(assignment)),
-            changes={},
-        )
-
-
-def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
-    """Whether a mode is the pose of another one, or a change of its assignment that was weighed there."""
-    if mode is other:
-        return False
-    value = other.changes.get(mode.assignment.tobytes())
-    if value is not None and mode.log_odds < value + 1.0:
-        return True
-    turn = other.rotation @ mode.rotation.T
-    cosine = 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
-    if cosine < 0.5:
-        return False
-    vector = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    step = np.concatenate([vector, other.position - mode.position])
-    spread = mode.covariance + other.covariance
-    scale = np.sqrt(np.diag(spread))
-    unit = spread / np.outer(scale, scale) + 1e-12 * np.eye(6)
-    distance = float((step / scale) @ np.linalg.solve(unit, step / scale))
-    return distance < options.same_pose**2
-
-
-def _grown(model: DetectionModel, mode: _Mode, options: PosteriorOptions) -> _Mode:
-    """A mode after its best changes, with the sum of the others."""
-    for turn in range(options.rounds + 1):
-        at = model.linearised(mode.rotation[None], mode.position[None])
-        changes, gains = _first_order(model, mode, at, options)
-        strong = np.argsort(-gains, kind="stable")[: options.weighed]
-        if len(strong):
-            changed = changes.take(strong).applied_to(mode.assignment)
-            same = at.take(np.zeros(len(strong), np.int64))
-            values = np.maximum(evidence(model, changed, same).log_odds, IMPOSSIBLE)
-            gains[strong] = values - mode.log_odds
-            mode.changes = dict(zip([one.tobytes() for one in changed], values.tolist(), strict=True))
-            best = int(values.argmax())
-            if values[best] > mode.log_odds and turn < options.rounds:
-                found, settled_at = settled(model, changed[[best]], mode.rotation[None], mode.position[None])
-                better = _Mode.of(changed[best], found, settled_at, 0)
-                if better.log_odds > mode.log_odds:
-                    mode = better
-                    continue
-        break
-    weights = np.exp(np.minimum(gains, 0.0))
-    by_point = np.bincount(changes.source, weights, len(mode.assignment))
-    second = changes.other >= 0
-    total = by_point + np.bincount(changes.other[second], weights[second], len(mode.assignment))
-    if np.count_nonzero(mode.assignment >= 0) >= options.independent:
-        sums = float(np.log1p(by_point).sum())
-        mode.local = np.asarray(1.0 / (1.0 + total), np.float64)
-    else:
-        sums = math.log1p(float(by_point.sum()))
-        mode.local = np.asarray(1.0 - total / (1.0 + float(by_point.sum())), np.float64)
-    mode.log_mass = mode.log_odds + sums
-    return mode
-
-
-def _first_order(
-    model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions
-) -> tuple[Changes, Floats]:
-    """The changes of a mode that are not negligible, and their log-odds to first order in its pose."""
-    assignment, n = mode.assignment, model.shape[0]
-    matched, image = assignment >= 0, np.maximum(assignment, 0)
-    jacobian = at.jacobian[0]
-    spread = jacobian @ mode.covariance @ jacobian.swapaxes(1, 2)
-    of_point = np.zeros((n, 2, 2))
-    if model.source_covariance is not None:
-        by_point = at.by_position[0] @ at.rotation[0]
-        of_point = by_point @ model.source_covariance @ by_point.swapaxes(1, 2)
-    noise = of_point + (model.sigma[image] ** 2)[:, None, None] * np.eye(2)
-    # a point's own match does not predict itself: without it the prediction moves away and is less certain
-    hat = np.where(matched[:, None, None], spread @ np.linalg.inv(noise), 0.0)
-    away = np.linalg.inv((1.0 + 1e-9) * np.eye(2) - hat)
-    residual = model.target[image] - at.pixels[0]
-    pixels = np.where(matched[:, None], model.target[image] - (away @ residual[..., None])[..., 0], at.pixels[0])
-    spread = np.where(matched[:, None, None], away @ spread, spread) + of_point
-    x, y = (model.target[:, axis] - pixels[:, axis, None] for axis in (0, 1))
-    variance = model.sigma**2
-    a, b, d = spread[:, 0, 0, None] + variance, spread[:, 0, 1, None], spread[:, 1, 1, None] + variance
-    determinant = np.maximum(a * d - b * b, variance**2)  # it is, but for rounding
-    density = -0.5 * ((d * x * x - 2.0 * b * x * y + a * y * y) / determinant + np.log(determinant)) - LOG_2PI
-    count = int(matched.sum())
-    rate = model.rate
-    if rate is None:
-        rate = (count + 0.5) / (max(float(mode.visible.sum()), count) + 1.0)
-    chance = np.minimum(rate * mode.visible, 0.999)
-    with np.errstate(divide="ignore"):
-        shown = np.log(chance) - np.log1p(-chance)
-    gains = (
-        density + shown[:, None] - model.clutter.log_density + (model.log_counts[count] - model.log_counts[count - 1])
-    )
-    if model.log_weights is not None:
-        gains = gains + model.log_weights
-    possible = at.seen[0] if model.allowed is None else at.seen[0][:, None] & model.allowed
-    gains = np.where(possible if possible.ndim == 2 else possible[:, None], gains, -np.inf)
-    own = gains[np.flatnonzero(matched), assignment[matched]]
-    gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    changes, change = likely_changes(assignment, gains, -options.negligible)
-    if count > LEAST:
-        return changes, change
-    smaller = (changes.target < 0) & (changes.other < 0)
-    return changes.take(~smaller), change[~smaller]
-
-
-def _as_arrays(kept: list[_Mode], n: int) -> Modes:
-    if not kept:
-        return no_modes(n)
-    return Modes(
-        assignments=np.array([one.assignment for one in kept]),
-        rotation=np.array([one.rotation for one in kept]),
-        position=np.array([one.position for one in kept]),
-        covariance=np.array([one.covariance for one in kept]),
-        log_odds=np.array([one.log_odds for one in kept]),
-        log_mass=np.array([one.log_mass for one in kept]),
-        local=np.array([one.local for one in kept]),
-        squared=np.array([one.squared for one in kept]),
-        freedom=np.array([one.freedom for one in kept]),
-        visible=np.array([one.visible for one in kept]),
-    )

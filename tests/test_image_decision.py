@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.modelled import believed, is_modelled, model_of, posteriors_of
+from rootmatch.explain.image_decision import believed, is_modelled, model_of, posteriors_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 

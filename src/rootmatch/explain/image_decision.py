@@ -7,36 +7,39 @@ which pose it has; else nothing is trusted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.assessment import does_not_fit
+from rootmatch.explain.assignment_posterior import Misfit
 from rootmatch.explain.body_options import OPTIONS
-from rootmatch.explain.decide import Status
+from rootmatch.explain.decide import TRUST, Facts, Status, decide
 from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR, modes_of
 from rootmatch.model.pose_prior import PosePrior, Upright
-from rootmatch.model.posterior import Posterior, modes_of
+from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.up2p import UP2P
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
 
 TWINS = 4
 """First poses of a body whose near-symmetric ones, and look-alikes of another body, are proposed. A round value."""
-LEAST, KEPT = 4, 0.9
-"""Matches of a body that is believed: at least so many, and so large a part of its assignment. Round values."""
-
-MIN_PROBABILITY = 0.95
-"""Probability from which a pose is believed. On seeds from 1000 of benchmarks/evidence.py 0.9 believes 5 wrong ones
-of 480 controllers that are looked for with 4 and 5 LEDs, 0.95 none, and both more right ones than `match` does."""
 
 
 def is_modelled(task: MatchingTask) -> bool:
@@ -90,19 +93,83 @@ def posteriors_of(
     return joint_posterior(models, modes, missed)
 
 
-def believed(told: Posterior, min_probability: float = MIN_PROBABILITY) -> tuple[Status, Integers]:
-    """The status of a body by its posterior, and the assignment to report: without what is not sure, if it is believed.
+def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None) -> Finding:
+    """The finding of what a search named, or a solver: judged by the model of the image."""
+    named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
+    named += [] if sampled.assignments is None else list(sampled.assignments)
+    named += [] if sampled.consensus is None else [sampled.consensus]
+    try:
+        (told,) = posteriors_of([(task, named)])
+    except OutOfTime:
+        told = None
+    base = Finding(
+        task=task,
+        assignment=named[0] if named else np.full(task.shape[0], -1, np.int64),
+        others=named[1 : 1 + TRUST.alternatives],
+        facts=Facts(confirmed=False),
+        tensor=sampled.tensor,
+        soft=None if solution is None else solution.soft,
+        converged=solution is None or solution.converged,
+        evaluated=sampled.evaluated,
+    )
+    return base if told is None else told_by(base, told, sampled.missed)
 
-    An assignment without matches if nothing was proposed.
+
+def told_by(base: Finding, told: Posterior, missed: float = 0.0) -> Finding:
+    """A finding with the assignment, its facts and its confidence as a posterior tells them.
+
+    Parameters
+    ----------
+    base : Finding
+        Of the same task.
+    told : Posterior
+    missed : float
+        Probability that a pose which explains as much was never met.
     """
+    n, least = base.task.shape[0], base.task.options.min_probability
     if not len(told.probabilities):
-        return Status.UNTRUSTED, np.full(told.modes.assignments.shape[1], -1, np.int64)
-    first = told.modes.assignments[0]
-    sure = told.believed(min_probability)
-    if sure is not None and np.count_nonzero(sure >= 0) >= max(LEAST, KEPT * np.count_nonzero(first >= 0)):
-        return Status.MATCHED, sure
-    in_view = float(told.probabilities.sum()) >= min_probability
-    return (Status.AMBIGUOUS if in_view else Status.UNTRUSTED), first
+        none, floor = np.full(n, -1, np.int64), DEFAULT_POSTERIOR.wrong_model
+        facts = Facts(present=0.0, probability=1.0 - floor, lead=0.0, min_probability=least)
+        return replace(
+            base, assignment=none, others=[], scores=None, facts=facts, confidence=np.full(n, 1.0 - floor), log_odds=0.0
+        )
+    every, modes = told.ranked(1 + TRUST.alternatives), told.modes
+    first, probability, confidence = modes.assignments[0], told.probability, told.confidence
+    others = [one for one in every if ((one >= 0) & (one != first)).any()]
+    fault = Misfit.of(float(modes.squared[0]), round(float(modes.freedom[0])))
+    sure = told.believed(least)
+    matched = int(np.count_nonzero(first >= 0))
+    enough = max(base.task.problem.minimal + 1, TRUST.kept * matched)
+    kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
+    is_sure = kept >= enough and missed <= TRUST.missed
+    facts = Facts(
+        present=float(told.probabilities.sum()),
+        false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+        contested=not is_sure,
+        sure_of_the_rest=is_sure,
+        probability=probability,
+        min_probability=least,
+    )
+    if is_sure and sure is not None and decide(facts) is Status.MATCHED:
+        left_out = (sure < 0) & (first >= 0)
+        if left_out.any():
+            others = every
+            pose = float(told.probabilities[0])
+            each = confidence[sure >= 0]
+            facts = replace(facts, probability=min(pose * float(np.prod(each / each.max())), float(each.min())))
+            confidence = np.where(left_out, told.unmatched, confidence)
+            first = sure
+    return replace(
+        base,
+        assignment=first,
+        others=others[: TRUST.alternatives],
+        facts=facts,
+        scores=None,
+        labels=None,
+        confidence=confidence,
+        log_odds=float(modes.log_odds[0]),
+        noise_factor=fault.sigma,
+    )
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
