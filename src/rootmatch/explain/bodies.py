@@ -118,8 +118,7 @@ def match_bodies(task: MatchingTask, solve: Solve, options: BodyOptions = OPTION
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
     """Match each of the bodies."""
     free = np.ones(task.shape[1], np.bool_)
-    first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
-    budgets = [int(first * options.budget_growth**k) for k in range(options.rounds)]
+    budgets = budgets_of(task, options)
     for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
         for body in bodies:
             _predict(task, body, free, sure)
@@ -133,7 +132,7 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: 
                 continue
             searched = True
             before = body.match
-            body.match, body.cut = _searched(task, body, np.flatnonzero(free), budget, solve)
+            body.match, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
             body.evaluated += body.match.evaluated + _confirm(task, body, solve, options)
@@ -147,6 +146,12 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: 
         if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
             break
     _make_exclusive(task, bodies, free, solve, budgets[-1])
+
+
+def budgets_of(task: MatchingTask, options: BodyOptions) -> list[int]:
+    """Evaluations of the searches for a body, round after round."""
+    first = options.first_budget if task.points.normals is not None else options.first_budget_without_normals
+    return [int(first * options.budget_growth**k) for k in range(options.rounds)]
 
 
 def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: float) -> None:
@@ -168,19 +173,21 @@ def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: flo
         free[body.detections] = False
 
 
-def _searched(task: MatchingTask, body: _Body, columns: Integers, budget: int, solve: Solve) -> tuple[Finding, bool]:
+def searched_among(
+    task: MatchingTask, number: int, columns: Integers, budget: int, solve: Solve
+) -> tuple[Finding, bool]:
     """The match of one body among some detections, its indices those of all, and whether the budget ended the search.
 
     A sampler that the caller gave has a budget of its own, or none.
     """
-    part = task.body(body.number)
+    part = task.body(number)
     if task.deadline.passed():
         return nothing_found(part, LATE), False
     part = replace(part, deadline=task.deadline.part(BODY))
     if len(columns) < task.problem.order:
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False
-    sub = part.subset(np.arange(len(body.points)), columns)
+    sub = part.subset(np.arange(part.shape[0]), columns)
     try:
         of_rig = isinstance(sub.problem, RigCopies)
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
@@ -221,7 +228,7 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
     sure = found.status is Status.AMBIGUOUS and body.probability >= options.sure
     if not (sure and body.cut and len(body.detections) >= options.confirmed):
         return 0
-    again, _ = _searched(task, body, np.sort(body.detections), body.budget, solve)
+    again, _ = searched_among(task, body.number, np.sort(body.detections), body.budget, solve)
     if again.status is Status.MATCHED and np.array_equal(again.assignment, found.assignment):
         body.match = found.with_facts(sure_of_its_detections=True)
     return again.evaluated
@@ -278,7 +285,7 @@ def _make_exclusive(
         body = waiting.pop(0)
         if not free[body.detections].all():
             contested = doubtful[body.detections].any()
-            body.match, _ = _searched(task, body, np.flatnonzero(free), budget, solve)
+            body.match, _ = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
             if contested and body.match.status is Status.MATCHED:
                 body.match = _shared(body.match, 0.0)
         free[body.detections] = False

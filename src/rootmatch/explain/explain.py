@@ -14,6 +14,7 @@ from rootmatch.errors import InputError
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.multi_motion import pack_motions
@@ -57,7 +58,8 @@ def _explained(task: MatchingTask) -> Finding:
 def _found(task: MatchingTask) -> Finding:
     """What was found of a task whose noise is known, by what else is known of it."""
     if task.bodies is not None:
-        return match_bodies(task, _explained)
+        together = match_bodies_in_image if is_modelled(task.body(0)) else match_bodies
+        return together(task, _explained)
     if task.prior_pose is not None:
         return match_predicted(task, _explained)
     if isinstance(task.problem, RigCopies):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.mode_search import DEFAULT_POSTERIOR, modes_of
+from rootmatch.model.modes import Modes
 from rootmatch.model.pose_prior import PosePrior, Upright
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
@@ -64,33 +65,47 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def posteriors_of(
-    found: Sequence[tuple[MatchingTask, list[Integers]]], missed: Sequence[float] | None = None
-) -> list[Posterior]:
+def posteriors_of(found: Sequence[tuple[MatchingTask, list[Integers]]]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, or of one, by the assignments that were found of each.
 
     Parameters
     ----------
     found : sequence of (MatchingTask, list of (n,) arrays)
         The task of each body with all detections, and its assignments, the best one first.
-    missed : sequence of float, optional
-        Probability for each that its right pose is not among them.
     """
-    models = [model_of(task) for task, _ in found]
-    proposed = [proposals_of(task, model, some) for (task, some), model in zip(found, models, strict=True)]
-    modes = [modes_of(model, some) for model, some in zip(models, proposed, strict=True)]
-    for k, (task, _) in enumerate(found):
-        more = [proposed[k]]
-        for other, (theirs, _) in enumerate(found):
-            image = None if other == k else twin_of(theirs, task, OPTIONS.alike)
-            if image is not None and len(modes[other].log_odds):
-                best = modes[other].take(np.arange(min(TWINS, len(modes[other].log_odds))))
+    return competing([Candidate.of(task, assignments) for task, assignments in found])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A body that may be in an image, with the poses that were proposed for it by itself."""
+
+    task: MatchingTask
+    model: DetectionModel
+    proposals: Proposals
+    modes: Modes
+
+    @classmethod
+    def of(cls, task: MatchingTask, assignments: list[Integers]) -> Candidate:
+        """By the assignments that were found."""
+        model = model_of(task)
+        proposals = proposals_of(task, model, assignments)
+        return cls(task, model, proposals, modes_of(model, proposals))
+
+
+def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
+    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
+    every = []
+    for body in bodies:
+        more = [body.proposals]
+        for other in bodies:
+            image = None if other is body else twin_of(other.task, body.task, OPTIONS.alike)
+            if image is not None and len(other.modes.log_odds):
+                best = other.modes.take(np.arange(min(TWINS, len(other.modes.log_odds))))
                 seen = Proposals(best.assignments, best.rotation, best.position)
-                more.append(look_alikes(seen, models[other].points, models[k].points, image))
-        proposed[k] = joined(more)
-    if len(found) > 1:
-        modes = [modes_of(model, some) for model, some in zip(models, proposed, strict=True)]
-    return joint_posterior(models, modes, missed)
+                more.append(look_alikes(seen, other.model.points, body.model.points, image))
+        every.append(body.modes if len(more) == 1 else modes_of(body.model, joined(more)))
+    return joint_posterior([body.model for body in bodies], every)
 
 
 def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None) -> Finding:

@@ -155,3 +155,40 @@ class Gaussian(PosePrior):
             log_density = log_density + self.broad.of_position(position)[1]
         slope = step @ whole
         return Terms(precision, slope, (slope * step).sum(axis=1), log_density)
+
+
+@dataclass(frozen=True, eq=False)
+class Doubted(PosePrior):
+    """A prediction that may be wrong: a mixture with what is known without it.
+
+    About each pose it is the component that says more there; the other one adds nothing where one of them is large.
+
+    Parameters
+    ----------
+    prediction, without : PosePrior
+    doubt : float
+        Share of the latter.
+    """
+
+    prediction: Gaussian
+    without: PosePrior
+    doubt: float
+
+    def terms(self, rotation: Floats, position: Floats) -> Terms:
+        """See `PosePrior.terms`."""
+        predicted, broad = self.prediction.terms(rotation, position), self.without.terms(rotation, position)
+        predicted = predicted._replace(log_density=predicted.log_density + math.log1p(-self.doubt))
+        broad = broad._replace(log_density=broad.log_density + math.log(self.doubt))
+        holds = predicted.log_density - 0.5 * predicted.squared >= broad.log_density - 0.5 * broad.squared
+        return Terms(
+            *(
+                np.where(holds.reshape(-1, *[1] * (one.ndim - 1)), one, two)
+                for one, two in zip(predicted, broad, strict=True)
+            )
+        )
+
+    def holds(self, rotation: Floats, position: Floats) -> NDArray[np.bool_]:
+        """Whether the prediction says more about each of some poses than what is known without it."""
+        predicted, broad = self.prediction.terms(rotation, position), self.without.terms(rotation, position)
+        lead = predicted.log_density - broad.log_density - 0.5 * (predicted.squared - broad.squared)
+        return np.asarray(lead >= math.log(self.doubt) - math.log1p(-self.doubt))

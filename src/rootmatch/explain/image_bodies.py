@@ -1,0 +1,148 @@
+"""Several known rigid bodies in one image: each is searched for by itself, and all are weighed together.
+
+A body that the joint posterior is sure of takes its detections, so that those which show little are searched for among
+few: short searches for all come before longer ones for those that are left. What is told in the end is the posterior of
+everything that any of the searches proposed, look-alikes of other bodies among it.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.bodies import LATE, Solve, budgets_of, searched_among
+from rootmatch.explain.body_findings import joined
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.body_options import OPTIONS, BodyOptions
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_decision import Candidate, competing, told_by
+from rootmatch.explain.predicted_pose import direct_match
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.posterior import Posterior
+
+Integers = NDArray[np.int64]
+
+IN_VIEW, DOUBTED = 0.95, 0.9
+"""Probability that a body is in view, and of its pose, between which a longer search would say no more: it has poses
+that explain as much. Round values."""
+
+
+@dataclass(eq=False)
+class _Body:
+    """One body in the course of the search."""
+
+    number: int
+    task: MatchingTask
+    """Of its points and all detections."""
+    points: Integers
+    found: Finding
+    """Of its last search, or of its prediction."""
+    candidate: Candidate
+    told: Posterior
+    proposed: dict[bytes, Integers] = field(default_factory=dict)
+    """Assignments that searches found, by their bytes."""
+    settled: bool = False
+    budget: int = 0
+    """Of the last search for it."""
+    cut: bool = False
+    """Whether that ended by its budget."""
+    among: int = -1
+    """Free detections at that search; −1 before the first."""
+    evaluated: int = 0
+    """Evaluations of all its searches."""
+
+    @property
+    def pose(self) -> float:
+        """Probability of its best pose."""
+        return float(self.told.probabilities[0]) if len(self.told.probabilities) else 0.0
+
+    @property
+    def detections(self) -> Integers:
+        """Those that its best assignment uses."""
+        first = self.told.modes.assignments[0]
+        return np.asarray(first[first >= 0])
+
+    def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
+        """Whether a search among the free detections with such a budget may find what the last one did not."""
+        if self.settled:
+            return False
+        fewer = self.among < 0 or int(free.sum()) < self.among
+        torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
+        return fewer or (self.cut and budget > self.budget and not torn)
+
+    def propose(self, found: Finding) -> None:
+        """Add what a search found, or a prediction."""
+        self.found = found
+        new = {one.tobytes(): one for one in found.every if (one >= 0).sum() > self.task.problem.minimal}
+        if new.keys() - self.proposed.keys():
+            self.proposed |= new
+            self.candidate = Candidate.of(self.task, list(self.proposed.values()))
+
+
+def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
+    """The match of a task of one image whose source points are of several bodies.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        With labels, and of poses of its camera.
+    solve : callable
+        From the task of one body to its match.
+    options : BodyOptions
+    """
+    assert task.bodies is not None
+    bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+    with suppress(OutOfTime):
+        _match_each(task, bodies, solve, options)
+    found: list[tuple[Label, Integers, Finding]] = []
+    for label, body in zip(task.bodies.names, bodies, strict=True):
+        found.append((label, body.points, told_by(body.found, body.told)))
+    return joined(task, found, sum(body.evaluated for body in bodies))
+
+
+def _body(task: MatchingTask, number: int) -> _Body:
+    """A body of which nothing is known yet."""
+    assert task.bodies is not None
+    own = task.body(number)
+    candidate = Candidate.of(own, [])
+    (told,) = competing([candidate])
+    return _Body(number, own, task.bodies.points_of(number), nothing_found(own, LATE), candidate, told=told)
+
+
+def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
+    """Search for each of the bodies, until nothing more is to be expected."""
+    for body in bodies:
+        if body.task.prior_pose is not None and (predicted := direct_match(body.task)) is not None:
+            body.propose(predicted)
+    free = _weigh(bodies, options)
+    budgets = budgets_of(task, options)
+    for turn in count():
+        budget = budgets[min(turn, options.rounds - 1)]
+        searched = False
+        for body in bodies:
+            if not body.worth_a_search(free, budget):
+                continue
+            searched = True
+            body.budget, body.among = budget, int(free.sum())
+            found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+            body.evaluated += found.evaluated
+            body.propose(found)
+            free = _weigh(bodies, options)
+        if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
+            break
+
+
+def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
+    """Weigh all bodies together, settle those that are sure, and say which detections are left."""
+    free = np.ones(bodies[0].task.shape[1], np.bool_)
+    for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
+        body.told, body.settled = told, False
+        if len(told.probabilities) and told.probability >= options.sure:
+            body.settled = True
+            free[body.detections] = False
+    return free
