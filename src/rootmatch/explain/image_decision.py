@@ -199,10 +199,19 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     unit = float(np.sqrt(((model.points - model.centre) ** 2).mean()))  # of the fits
     whole = np.isfinite(fit.chi2) & np.isfinite(fit.translation).all(axis=1)
     parts = [Proposals(rows[whole], fit.rotation[whole], unit * fit.translation[whole])]
-    if not isinstance(task.problem, RigCopies):
+    if not isinstance(task.problem, RigCopies):  # a minimal set is of one camera
         parts.append(poses_of_few(model, rows))
-        if model.normals is not None:
-            first = parts[0].take(np.arange(min(TWINS, int(whole.sum()))))
-            for symmetry in symmetries_of(model.points, model.normals):
-                parts.append(look_alikes(first, model.points, model.points, symmetry.image))
+    first = parts[0].take(np.arange(min(TWINS, int(whole.sum()))))
+    for image in _symmetries(task):
+        parts.append(look_alikes(first, model.points, model.points, image))
     return joined(parts)
+
+
+def _symmetries(task: MatchingTask) -> list[Integers]:
+    """Point at the place of each, or sighting, after motions that leave a body nearly as it is."""
+    problem, normals = task.problem, task.points.normals
+    if not isinstance(problem, RigCopies):
+        return [found.image for found in symmetries_of(task.points.source, normals)]
+    n, blocks = problem.copies.count, np.arange(len(problem.copies.offsets))[:, None]
+    found = symmetries_of(problem.copies.points, None if normals is None else normals[:n])
+    return [np.where(one.image >= 0, blocks * n + one.image, -1).ravel() for one in found]

@@ -14,15 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.assessment import does_not_fit, point_by_point, sure_beyond_chance
-from rootmatch.explain.assignment_posterior import NO_POSE, Ranked, ranked
-from rootmatch.explain.decide import TRUST, Facts
+from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
-from rootmatch.hypergraph.assignment import margin, one_hot
-from rootmatch.hypergraph.support import scores_of
+from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.options import Options, option
 from rootmatch.problems.gate import GATE
@@ -73,8 +71,9 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     sampled, hypotheses, whole = _searched(task, problem, options)
     proposals = _verified(task, problem.copies, hypotheses, options)
-    found = ranked(task, proposals) if proposals else Ranked([], np.empty(0), math.nan, NO_POSE)
-    return _judged(task, sampled, found, whole)
+    named = np.array(proposals).reshape(len(proposals), task.shape[0])
+    found = assessed(task, sampled._replace(assignments=named))
+    return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
 def _searched(
@@ -177,33 +176,3 @@ def _gathered(
         found = i[kept], j[kept]
         gain -= float((0.5 * (chi2[found] + np.log(determinant[found])) + math.log(2.0 * math.pi * density)).sum())
     return out, gain
-
-
-def _judged(task: MatchingTask, sampled: SampledTensor, found: Ranked, whole: bool) -> Finding:
-    """The finding of the most probable assignment of copies, judged as that of one camera."""
-    every = found.assignments[: TRUST.alternatives + 1] or [np.full(task.shape[0], -1, np.int64)]
-    scores = scores_of(sampled.tensor, np.array(every)).tolist()
-    known = bool(found.assignments)
-    trusted = known and not does_not_fit(found.misfit) and sure_beyond_chance(task, found)
-    judged = Finding(
-        task=task,
-        assignment=every[0],
-        others=every[1:],
-        facts=Facts(
-            support=math.inf if trusted else -math.inf,
-            lead=margin(scores[0], list(zip(every[1:], scores[1:], strict=True)), every[0]),
-            probability=found.probability if known else None,
-            missed=sampled.missed,
-        ),
-        tensor=sampled.tensor,
-        scores=scores,
-        soft=one_hot(every[0], task.shape[1]),
-        converged=whole,
-        evaluated=sampled.evaluated,
-        confidence=np.full(len(every[0]), math.nan),
-        noise_factor=found.misfit.sigma if known else None,
-    )
-    if not known:
-        return judged
-    weighed = point_by_point(task, judged, found, sampled)
-    return replace(weighed, soft=one_hot(weighed.assignment, task.shape[1]))
