@@ -8,12 +8,26 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.image_decision import believed, is_modelled, model_of, posteriors_of
+from rootmatch.explain.finding import nothing_found
+from rootmatch.explain.image_decision import is_modelled, told_by
+from rootmatch.explain.image_hypotheses import Candidate, competing, model_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.posterior import Posterior
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
 Floats = NDArray[np.float64]
+
+
+def told_of(*found: tuple[MatchingTask, list[NDArray[np.int64]]]) -> list[Posterior]:
+    """The posterior of each of several bodies by the assignments that were found of it."""
+    return competing([Candidate.of(task, assignments) for task, assignments in found])
+
+
+def believed(task: MatchingTask, told: Posterior) -> tuple[rm.Status, NDArray[np.int64]]:
+    """Status and assignment that a posterior leads to."""
+    found = told_by(nothing_found(task, ""), told, Candidate.of(task, []))
+    return found.status, found.assignment
 
 
 def scene(seed: int, clutter: int = 6) -> tuple[Floats, Floats, NDArray[np.int64], Floats, Floats]:
@@ -46,8 +60,8 @@ def test_a_body_in_view_is_believed(kind: str) -> None:
     assert is_modelled(task)
     part = truth.copy()
     part[2] = -1
-    (told,) = posteriors_of([(task, [part])])
-    status, assignment = believed(told)
+    (told,) = told_of((task, [part]))
+    status, assignment = believed(task, told)
     assert status is rm.Status.MATCHED
     np.testing.assert_array_equal(assignment, truth)
     assert told.clutter < 1e-3
@@ -58,7 +72,7 @@ def test_the_pose_is_that_of_the_points_as_given() -> None:
     points = points + np.array([3.0, -1.0, 2.0])
     t = t - R @ (3.0, -1.0, 2.0)
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
-    (told,) = posteriors_of([(task, [truth])])
+    (told,) = told_of((task, [truth]))
     rotation, position = model_of(task).centred(R, t)
     off = np.concatenate(
         [Rotation.from_matrix(told.modes.rotation[0] @ rotation.T).as_rotvec(), told.modes.position[0] - position]
@@ -72,8 +86,8 @@ def test_unrelated_points_are_untrusted() -> None:
         target = np.random.default_rng(seed).uniform((0, 0), (1280, 960), (14, 2))
         task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
         some = np.where(truth < 4, truth, -1)
-        (told,) = posteriors_of([(task, [truth, some, np.roll(some, 2)])])
-        assert believed(told)[0] is rm.Status.UNTRUSTED
+        (told,) = told_of((task, [truth, some, np.roll(some, 2)]))
+        assert believed(task, told)[0] is rm.Status.UNTRUSTED
 
 
 def test_of_a_body_and_its_mirror_image_one_is_believed() -> None:
@@ -81,16 +95,16 @@ def test_of_a_body_and_its_mirror_image_one_is_believed() -> None:
     here = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
     there = MatchingTask.of(rm.P3P(CAMERA), points * (-1.0, 1.0, 1.0), target, noise=0.4)
     # the wrong one was found alone: the right one is proposed as its look-alike
-    told = posteriors_of([(here, []), (there, [truth])])
-    assert believed(told[0])[0] is rm.Status.MATCHED
-    assert believed(told[1])[0] is rm.Status.UNTRUSTED
+    told = told_of((here, []), (there, [truth]))
+    assert believed(here, told[0])[0] is rm.Status.MATCHED
+    assert believed(there, told[1])[0] is rm.Status.UNTRUSTED
 
 
 def test_nothing_proposed_is_nothing_believed() -> None:
     points, target, _, _, _ = scene(1000)
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4)
-    (told,) = posteriors_of([(task, [np.full(8, -1)])])
-    status, assignment = believed(told)
+    (told,) = told_of((task, [np.full(8, -1)]))
+    status, assignment = believed(task, told)
     assert status is rm.Status.UNTRUSTED
     assert (assignment == -1).all()
     assert told.probability == 0.0
@@ -102,6 +116,6 @@ def test_weights_of_candidates_count() -> None:
     weights = np.ones((8, len(target)))
     weights[3, 3] = 1e-3
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.4, candidates=weights)
-    (told,) = posteriors_of([(task, [truth])])
+    (told,) = told_of((task, [truth]))
     assert told.modes.assignments[0][3] == len(target) - 1
     assert told.confidence[3] > 0.9

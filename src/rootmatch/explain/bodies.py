@@ -28,7 +28,6 @@ from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
-from rootmatch.explain.predicted_pose import direct_match, judged_by_prediction
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
@@ -119,11 +118,6 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: 
     """Match each of the bodies."""
     free = np.ones(task.shape[1], np.bool_)
     budgets = budgets_of(task, options)
-    for sure in (options.sure, TRUST.probability):  # the surest first: what is left is clearer without their detections
-        for body in bodies:
-            _predict(task, body, free, sure)
-    for body in bodies:
-        body.among = int(free.sum())  # what was predicted with more of them is no worse for that
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]
         searched = False
@@ -154,25 +148,6 @@ def budgets_of(task: MatchingTask, options: BodyOptions) -> list[int]:
     return [int(first * options.budget_growth**k) for k in range(options.rounds)]
 
 
-def _predict(task: MatchingTask, body: _Body, free: NDArray[np.bool_], sure: float) -> None:
-    """Match a body by its predicted pose among the free detections, and settle it where that is sure enough.
-
-    What is believed but in doubt stays, as no search would know more.
-    """
-    part = task.body(body.number)
-    if body.settled or part.prior_pose is None or not free.any():
-        return
-    columns = np.flatnonzero(free)
-    sub = replace(part.subset(np.arange(len(part.points.source)), columns), prior_pose=part.prior_pose)
-    found = direct_match(sub)
-    if found is None:
-        return
-    body.match = among_all(found, part, columns)
-    if found.status is Status.MATCHED and (found.probability or 0.0) >= sure:
-        body.settled = True
-        free[body.detections] = False
-
-
 def searched_among(
     task: MatchingTask, number: int, columns: Integers, budget: int, solve: Solve
 ) -> tuple[Finding, bool]:
@@ -195,8 +170,6 @@ def searched_among(
         if bounded:
             sub = replace(sub, budget=budget)
         found = solve(sub)
-        if part.prior_pose is not None:
-            found = judged_by_prediction(replace(sub, prior_pose=part.prior_pose), found)
     except UnseenPixelError as error:
         if not task.prior_poses:
             raise

@@ -20,10 +20,11 @@ from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_decision import Candidate, competing, told_by
-from rootmatch.explain.predicted_pose import direct_match
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import Candidate, competing, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior
+from rootmatch.model.proposals import Proposals
 
 Integers = NDArray[np.int64]
 
@@ -46,6 +47,7 @@ class _Body:
     told: Posterior
     proposed: dict[bytes, Integers] = field(default_factory=dict)
     """Assignments that searches found, by their bytes."""
+    predicted: Proposals | None = None
     settled: bool = False
     budget: int = 0
     """Of the last search for it."""
@@ -75,13 +77,19 @@ class _Body:
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
         return fewer or (self.cut and budget > self.budget and not torn)
 
+    def predict(self) -> None:
+        """Add what is assigned about the predicted pose, if there is one."""
+        if self.task.prior_pose is not None:
+            self.predicted = proposals_by_prediction(self.task)
+            self.candidate = Candidate.of(self.task, [], self.predicted)
+
     def propose(self, found: Finding) -> None:
-        """Add what a search found, or a prediction."""
+        """Add what a search found."""
         self.found = found
         new = {one.tobytes(): one for one in found.every if (one >= 0).sum() > self.task.problem.minimal}
         if new.keys() - self.proposed.keys():
             self.proposed |= new
-            self.candidate = Candidate.of(self.task, list(self.proposed.values()))
+            self.candidate = Candidate.of(self.task, list(self.proposed.values()), self.predicted)
 
 
 def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
@@ -101,7 +109,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
         _match_each(task, bodies, solve, options)
     found: list[tuple[Label, Integers, Finding]] = []
     for label, body in zip(task.bodies.names, bodies, strict=True):
-        found.append((label, body.points, told_by(body.found, body.told)))
+        found.append((label, body.points, told_by(body.found, body.told, body.candidate)))
     return joined(task, found, sum(body.evaluated for body in bodies))
 
 
@@ -117,8 +125,7 @@ def _body(task: MatchingTask, number: int) -> _Body:
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
     """Search for each of the bodies, until nothing more is to be expected."""
     for body in bodies:
-        if body.task.prior_pose is not None and (predicted := direct_match(body.task)) is not None:
-            body.propose(predicted)
+        body.predict()
     free = _weigh(bodies, options)
     budgets = budgets_of(task, options)
     for turn in count():

@@ -9,7 +9,7 @@ minimal sets are solved and nothing is compiled: a frame takes about a milliseco
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,8 @@ class Found:
         Visible points.
     runner_up : PriorFit or None
         The next probable assignment, fitted, where the first is in doubt.
+    fits : list of PriorFit
+        Of the assignment and of the alternatives.
     """
 
     assignment: Integers
@@ -108,6 +110,7 @@ class Found:
     visibility: float
     expected: float
     runner_up: PriorFit | None = None
+    fits: list[PriorFit] = field(default_factory=list)
 
     @property
     def matched(self) -> int:
@@ -186,6 +189,7 @@ def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DE
         visibility=best.visibility,
         expected=best.expected,
         runner_up=runner_up,
+        fits=ranked,
     )
 
 

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
-from rootmatch.explain.predicted_assignment import DEFAULT_PRIOR, Found, match_with_prior, prior_of
-from rootmatch.explain.predicted_likelihood import PriorFit, PriorFrame, unbiased_frame
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import Candidate, competing, proposals_by_prediction
+from rootmatch.explain.predicted_assignment import Found, match_with_prior, prior_of
+from rootmatch.explain.predicted_likelihood import PriorFit, unbiased_frame
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -23,26 +26,37 @@ UNCONFIRMED = "the prior pose is not confirmed"
 def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The match of a task with a predicted pose.
 
-    Where the prediction and the detections do not agree on an assignment that is beyond chance, all is searched without
-    the prediction; `Match.prior_holds` says what came of it.
+    Where what is assigned about the prediction is not believed, all is searched without it; what is told is the
+    posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
     """
-    direct = direct_match(task)
-    if direct is not None:
-        return direct
-    without = replace(task, prior_pose=None)
+    predicted = proposals_by_prediction(task)
+    base = replace(nothing_found(task, UNCONFIRMED), tensor=empty_tensor(task))
+    if predicted is not None:
+        found = _told(task, base, [], predicted)
+        if found.prior_holds:
+            known = found.probability or 0.0
+            lead = max(1.0 - (1.0 - known) / max(known, 1e-300), 0.0)
+            return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every))
     if task.shape[1] < task.problem.order:
         return nothing_found(
-            without,
+            replace(task, prior_pose=None),
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
-    return judged_by_prediction(task, solve(without))
+    searched = solve(replace(task, prior_pose=None))
+    if searched.status is Status.UNTRUSTED and predicted is None:
+        return searched
+    return _told(task, searched, searched.every, predicted)
 
 
-def direct_match(task: MatchingTask) -> Finding | None:
-    """The match that a prediction decides; None where it does not."""
-    match, found = tried(task)
-    return match if found is not None and found.believed else None
+def _told(task: MatchingTask, base: Finding, named: list[NDArray[np.int64]], predicted: Proposals | None) -> Finding:
+    """What is told of assignments that a search found and of those about the prediction."""
+    body = Candidate.of(task, named, predicted)
+    (told,) = competing([body])
+    found = told_by(replace(base, task=task), told, body)
+    if found.status is Status.UNTRUSTED:
+        return replace(found, reason=UNCONFIRMED)
+    return replace(found, reason=None)
 
 
 def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
@@ -74,39 +88,6 @@ def match_of(task: MatchingTask, found: Found) -> Finding:
         log_odds=found.log_odds,
         prior_holds=True,
         fused_pose=found.pose,
-    )
-
-
-def judged_by_prediction(task: MatchingTask, found: Finding) -> Finding:
-    """What was found without the prediction, and whether that held; it decides between what else is equally good."""
-    if found.status is Status.UNTRUSTED:
-        return found
-    every = [one for one in found.every if (one >= 0).sum() > task.problem.minimal]
-    frame = PriorFrame(task, prior_of(task))
-    fits = [frame.fitted(one, R, t) for one, (R, t) in zip(every, _poses(task, every), strict=True)]
-    near = [fit for fit in fits if fit.chi2_prior < DEFAULT_PRIOR.contradicted]
-    if not near:
-        return replace(found, prior_holds=False)
-    if found.status is Status.MATCHED:
-        own = fits[0]
-        held = own in near
-        return replace(found, task=task, prior_holds=held, fused_pose=pose_of(own) if held else None)
-    near.sort(key=lambda fit: -fit.log_odds)
-    best, others = near[0], near[1:]
-    share = 1.0 / (1.0 + sum(math.exp(max(fit.log_odds - best.log_odds, -700.0)) for fit in others))
-    probability = share / (1.0 + frame.neighbours(best)[0])
-    chosen = [np.array_equal(one, best.assignment) for one in found.every]
-    left = [k for k, same in enumerate(chosen) if not same]
-    return replace(
-        found,
-        task=task,
-        assignment=best.assignment,
-        others=[found.every[k] for k in left],
-        facts=Facts(lead=found.facts.lead, probability=probability),
-        scores=[found.every_score[chosen.index(True)], *(found.every_score[k] for k in left)],
-        labels=None,
-        prior_holds=True,
-        fused_pose=pose_of(best),
     )
 
 

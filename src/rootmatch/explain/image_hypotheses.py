@@ -1,0 +1,145 @@
+"""A body that may be in an image: its model, and the poses that are proposed for it.
+
+Proposed are the fitted poses of assignments that a search found, what is assigned about a predicted pose, and what
+nothing in an image excludes: all poses of few matches, the same after near symmetries of the body, and look-alikes of
+other bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.explain.body_options import OPTIONS
+from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.near_symmetries import symmetries_of
+from rootmatch.explain.predicted_assignment import match_with_prior, prior_of
+from rootmatch.explain.rig_copies import RigCopies, twin_of
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.competition import joint_posterior
+from rootmatch.model.detection_model import ANY_POSE, DetectionModel
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_prior import Doubted, Gaussian, PosePrior, Upright
+from rootmatch.model.posterior import Posterior
+from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
+from rootmatch.problems.pose_fit.absolute import AbsoluteFit
+from rootmatch.problems.up2p import UP2P
+
+Integers = NDArray[np.int64]
+
+TWINS = 4
+"""First poses of a body whose near-symmetric ones, and look-alikes of another body, are proposed. A round value."""
+DOUBT = 0.01
+"""Probability that a predicted pose is wrong by more than its covariance says. A round value."""
+MOST_PREDICTED = 8
+"""Assignments about a predicted pose that are weighed. A round value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A body that may be in an image, with the poses that were proposed for it by itself."""
+
+    task: MatchingTask
+    model: DetectionModel
+    proposals: Proposals
+    modes: Modes
+
+    @classmethod
+    def of(cls, task: MatchingTask, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
+        """By the assignments that were found, and by what a prediction proposes."""
+        model = model_of(task)
+        proposals = proposals_of(task, model, assignments)
+        if predicted is not None:
+            proposals = joined([proposals, predicted])
+        return cls(task, model, proposals, modes_of(model, proposals))
+
+
+def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
+    """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
+    every = []
+    for body in bodies:
+        more = [body.proposals]
+        for other in bodies:
+            image = None if other is body else twin_of(other.task, body.task, OPTIONS.alike)
+            if image is not None and len(other.modes.log_odds):
+                best = other.modes.take(np.arange(min(TWINS, len(other.modes.log_odds))))
+                seen = Proposals(best.assignments, best.rotation, best.position)
+                more.append(look_alikes(seen, other.model.points, body.model.points, image))
+        every.append(body.modes if len(more) == 1 else modes_of(body.model, joined(more)))
+    return joint_posterior([body.model for body in bodies], every)
+
+
+def proposals_by_prediction(task: MatchingTask) -> Proposals | None:
+    """What is assigned about a predicted pose, with the poses that those assignments lead to; None without any."""
+    found = match_with_prior(task, prior_of(task))
+    if found is None:
+        return None
+    fits = [fit for fit in found.fits[:MOST_PREDICTED] if fit.matched]
+    centre = task.points.source.mean(axis=0)
+    return Proposals(
+        np.array([fit.assignment for fit in fits]).reshape(-1, task.shape[0]),
+        np.array([fit.R for fit in fits]).reshape(-1, 3, 3),
+        np.array([fit.t + fit.R @ centre for fit in fits]).reshape(-1, 3),
+    )
+
+
+def model_of(task: MatchingTask) -> DetectionModel:
+    """The model of a task of one body."""
+    points, problem = task.points, task.problem
+    camera, target, sigma = problem.camera.chart(points.target, points.target_noise)  # type: ignore[attr-defined]
+    prior: PosePrior = ANY_POSE
+    if isinstance(problem, UP2P):
+        world, vertical = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
+        prior = Upright(world, vertical, float(problem.vertical_noise))
+    if task.prior_pose is not None:
+        prior = Doubted(_prediction(task), prior, DOUBT)
+    log_weights = None if task.weights is None else candidate_log_odds(task)
+    return DetectionModel(
+        camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
+        rate=task.options.detection_rate, prior=prior, allowed=task.allowed, log_weights=log_weights,
+    )  # fmt: skip
+
+
+def _prediction(task: MatchingTask) -> Gaussian:
+    """A predicted pose as a prior of the body's centre."""
+    predicted = prior_of(task)
+    assert predicted.covariance is not None
+    arm = predicted.R @ task.points.source.mean(axis=0)
+    to_centre = np.eye(6)
+    to_centre[3:, :3] = -cross_matrix(arm)
+    return Gaussian(predicted.R, predicted.t + arm, to_centre @ predicted.covariance @ to_centre.T)
+
+
+def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
+    """Assignments with their fitted poses, all poses of those with few matches, and their near-symmetric ones."""
+    n = task.shape[0]
+    every = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
+    if not every:
+        return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
+    rows = np.array(every)
+    fit = task.problem.fitted(task.points, rows)
+    assert isinstance(fit, AbsoluteFit)
+    unit = float(np.sqrt(((model.points - model.centre) ** 2).mean()))  # of the fits
+    whole = np.isfinite(fit.chi2) & np.isfinite(fit.translation).all(axis=1)
+    parts = [Proposals(rows[whole], fit.rotation[whole], unit * fit.translation[whole])]
+    if not isinstance(task.problem, RigCopies):  # a minimal set is of one camera
+        parts.append(poses_of_few(model, rows))
+    first = parts[0].take(np.arange(min(TWINS, int(whole.sum()))))
+    for image in _symmetries(task):
+        parts.append(look_alikes(first, model.points, model.points, image))
+    return joined(parts)
+
+
+def _symmetries(task: MatchingTask) -> list[Integers]:
+    """Point at the place of each, or sighting, after motions that leave a body nearly as it is."""
+    problem, normals = task.problem, task.points.normals
+    if not isinstance(problem, RigCopies):
+        return [found.image for found in symmetries_of(task.points.source, normals)]
+    n, blocks = problem.copies.count, np.arange(len(problem.copies.offsets))[:, None]
+    found = symmetries_of(problem.copies.points, None if normals is None else normals[:n])
+    return [np.where(one.image >= 0, blocks * n + one.image, -1).ravel() for one in found]
