@@ -16,10 +16,10 @@ from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import UnseenPixelError
-from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.predicted_assignment import Found
 from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
 from rootmatch.explain.rig_copies import copies_task, is_rig
@@ -293,4 +293,4 @@ def _not_searched(task: MatchingTask) -> Finding:
 
 
 def _bodies_not_searched(task: MatchingTask) -> Finding:
-    return match_bodies(task, _not_searched)
+    return match_bodies_in_image(task, _not_searched)

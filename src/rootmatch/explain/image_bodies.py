@@ -21,7 +21,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import Candidate, competing, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals
@@ -149,7 +149,8 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     free = np.ones(bodies[0].task.shape[1], np.bool_)
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        if len(told.probabilities) and told.probability >= options.sure:
+        sure = len(told.probabilities) > 0 and told.probability >= options.sure
+        if sure and (body.among >= 0 or is_enough(body.candidate, told)):
             body.settled = True
             free[body.detections] = False
     return free

@@ -7,6 +7,7 @@ other bodies.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -63,15 +64,30 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     """The posterior of each of several bodies in one image, look-alikes of the others' poses among their own."""
     every = []
     for body in bodies:
-        more = [body.proposals]
+        more = []
         for other in bodies:
             image = None if other is body else twin_of(other.task, body.task, OPTIONS.alike)
             if image is not None and len(other.modes.log_odds):
                 best = other.modes.take(np.arange(min(TWINS, len(other.modes.log_odds))))
                 seen = Proposals(best.assignments, best.rotation, best.position)
                 more.append(look_alikes(seen, other.model.points, body.model.points, image))
-        every.append(body.modes if len(more) == 1 else modes_of(body.model, joined(more)))
+        every.append(modes_of(body.model, joined(more), body.modes) if more else body.modes)
     return joint_posterior([body.model for body in bodies], every)
+
+
+def is_enough(body: Candidate, told: Posterior) -> bool:
+    """Whether what a predicted pose explains is more than any pose elsewhere can, so that no search is needed.
+
+    At most, that has as many matches as there are unexplained detections, or visible points, without any error; three
+    of them fix it.
+    """
+    modes, model = told.modes, body.model
+    if not len(modes.log_mass):
+        return False
+    unexplained = model.shape[1] - int(np.count_nonzero(modes.assignments[0] >= 0))
+    most = max(min(unexplained, float(modes.visible[0].sum())) - body.task.problem.minimal, 0.0)
+    a_match = float(np.mean(-model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2)))
+    return float(modes.log_mass[0]) >= math.log(DOUBT) + most * max(a_match, 0.0)
 
 
 def proposals_by_prediction(task: MatchingTask) -> Proposals | None:

@@ -9,14 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import Candidate, competing, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.predicted_assignment import Found, match_with_prior, prior_of
 from rootmatch.explain.predicted_likelihood import PriorFit, unbiased_frame
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.proposals import Proposals
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -26,37 +25,30 @@ UNCONFIRMED = "the prior pose is not confirmed"
 def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The match of a task with a predicted pose.
 
-    Where what is assigned about the prediction is not believed, all is searched without it; what is told is the
+    Where what is assigned about the prediction leaves a doubt, all is searched without it; what is told is the
     posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
     """
     predicted = proposals_by_prediction(task)
-    base = replace(nothing_found(task, UNCONFIRMED), tensor=empty_tensor(task))
+    searchable = task.shape[1] >= task.problem.order
     if predicted is not None:
-        found = _told(task, base, [], predicted)
-        if found.prior_holds:
-            known = found.probability or 0.0
-            lead = max(1.0 - (1.0 - known) / max(known, 1e-300), 0.0)
-            return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every))
-    if task.shape[1] < task.problem.order:
+        body = Candidate.of(task, [], predicted)
+        (told,) = competing([body])
+        if not searchable or is_enough(body, told):
+            found = told_by(nothing_found(task, UNCONFIRMED), told, body)
+            if found.prior_holds:
+                known = found.probability or 0.0
+                lead = max(1.0 - (1.0 - known) / max(known, 1e-300), 0.0)
+                return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), reason=None)
+    if not searchable:
         return nothing_found(
             replace(task, prior_pose=None),
             f"{UNCONFIRMED}, and {task.shape[1]} detections are given where a search without it "
             f"needs {task.problem.order}",
         )
     searched = solve(replace(task, prior_pose=None))
-    if searched.status is Status.UNTRUSTED and predicted is None:
-        return searched
-    return _told(task, searched, searched.every, predicted)
-
-
-def _told(task: MatchingTask, base: Finding, named: list[NDArray[np.int64]], predicted: Proposals | None) -> Finding:
-    """What is told of assignments that a search found and of those about the prediction."""
-    body = Candidate.of(task, named, predicted)
+    body = Candidate.of(task, searched.every, predicted)
     (told,) = competing([body])
-    found = told_by(replace(base, task=task), told, body)
-    if found.status is Status.UNTRUSTED:
-        return replace(found, reason=UNCONFIRMED)
-    return replace(found, reason=None)
+    return told_by(replace(searched, task=task), told, body)
 
 
 def tried(task: MatchingTask) -> tuple[Finding, Found | None]:

@@ -14,7 +14,7 @@ integrated out. Poses need not be fitted: the least of Q is found to first order
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ Integers = NDArray[np.int64]
 LOG_2PI = math.log(2.0 * math.pi)
 STEEP = 0.5
 """Longest step, over the distance of the body and in radians, of a pose that is settled. A round value."""
+NO_CHANGE = 1e-4
+"""Decrease of Q from which a step is worth another evaluation: of it the evidence is known already, but for what is of
+second order. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,8 @@ class Evidence:
         Degrees of freedom of that: two for each match, less the parameters that the detections determine.
     visible : (K, n) float64
         How visible each point is.
+    decrement : (K,) float64
+        By how much the step makes Q less.
     """
 
     log_odds: Floats
@@ -56,6 +61,11 @@ class Evidence:
     squared: Floats
     freedom: Floats
     visible: Floats
+    decrement: Floats
+
+    def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
+        """That of some of the hypotheses."""
+        return Evidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
 def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Evidence:
@@ -70,7 +80,8 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
     slope = (residual.reshape(len(assignments), 1, -1) @ flat)[:, 0] + prior.slope
     covariance, log_precision = _inverse(measured + prior.precision)
     step = (covariance @ slope[..., None])[..., 0]
-    squared = (residual**2).sum(axis=(1, 2)) + prior.squared - (slope * step).sum(axis=1)
+    decrement = (slope * step).sum(axis=1)
+    squared = (residual**2).sum(axis=(1, 2)) + prior.squared - decrement
     squared = np.maximum(squared, 0.0)
     matches = used.sum(axis=1)
     freedom = np.maximum(2.0 * matches - (covariance * measured).sum(axis=(1, 2)), 0.0)
@@ -89,24 +100,40 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
     )
     possible = (at.seen | ~used).all(axis=1) & np.isfinite(log_odds)
     log_odds = np.where(possible, log_odds, -np.inf)
-    return Evidence(log_odds, step, covariance, squared=squared, freedom=freedom, visible=visible)
+    return Evidence(log_odds, step, covariance, squared=squared, freedom=freedom, visible=visible, decrement=decrement)
+
+
+def about(
+    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats
+) -> tuple[Evidence, Linearised]:
+    """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
+    at = model.linearised(rotation, position)
+    return evidence(model, assignments, at), at
 
 
 def settled(
-    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, steps: int = 2
+    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, steps: int = 2
 ) -> tuple[Evidence, Linearised]:
-    """Evidence after a few steps of Gauss and Newton to the best poses; a step that makes it less is not taken."""
-    at = model.linearised(rotation, position)
-    found = evidence(model, assignments, at)
+    """Evidence after a few steps of Gauss and Newton to the best poses, from that about the poses as they are.
+
+    There are no more steps once none of them changes a fit.
+    """
     for _ in range(steps):
-        length = np.maximum(
-            np.linalg.norm(found.step[:, :3], axis=1),
-            np.linalg.norm(found.step[:, 3:], axis=1) / np.maximum(np.linalg.norm(at.position, axis=1), 1e-300),
-        )
-        step = found.step * np.minimum(1.0, STEEP / np.maximum(length, 1e-300))[:, None]
-        at = model.linearised(rotation_from_vector(step[:, :3]) @ at.rotation, at.position + step[:, 3:])
+        if float(found.decrement.max(initial=0.0)) < NO_CHANGE:
+            break
+        at = model.linearised(*stepped(found, at))
         found = evidence(model, assignments, at)
     return found, at
+
+
+def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
+    """Rotations (K, 3, 3) and positions (K, 3) after each step, or as much of it as first order may be good for."""
+    length = np.maximum(
+        np.linalg.norm(found.step[:, :3], axis=1),
+        np.linalg.norm(found.step[:, 3:], axis=1) / np.maximum(np.linalg.norm(at.position, axis=1), 1e-300),
+    )
+    step = found.step * np.minimum(1.0, STEEP / np.maximum(length, 1e-300))[:, None]
+    return rotation_from_vector(step[:, :3]) @ at.rotation, at.position + step[:, 3:]
 
 
 def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats) -> Floats:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.detection_model import DetectionModel, Linearised
-from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, settled
+from rootmatch.model.evidence import LOG_2PI, Evidence, about, evidence, settled, stepped
 from rootmatch.model.modes import Modes, as_objects, no_modes
 from rootmatch.model.proposals import Proposals
 from rootmatch.options import Options, option
@@ -62,43 +62,58 @@ class PosteriorOptions(Options):
 DEFAULT_POSTERIOR = PosteriorOptions()
 
 
-def modes_of(model: DetectionModel, proposals: Proposals, options: PosteriorOptions = DEFAULT_POSTERIOR) -> Modes:
-    """The different poses among some proposals, grown and with the sums of their changes."""
-    n = model.shape[0]
-    if not len(proposals.assignments):
-        return no_modes(n)
-    possible = _possible(model, proposals, options)
-    if not len(possible):
-        return no_modes(n)
-    proposals = proposals.take(possible)
-    found, at = settled(model, *proposals)
-    order = np.argsort(-found.log_odds, kind="stable")
-    order = order[np.isfinite(found.log_odds[order])]
-    kept: list[_Mode] = []
-    for k in order.tolist():
-        mode = _Mode.of(proposals.assignments[k], found, at, k)
-        if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
-            break
+def modes_of(
+    model: DetectionModel,
+    proposals: Proposals,
+    known: Modes | None = None,
+    options: PosteriorOptions = DEFAULT_POSTERIOR,
+) -> Modes:
+    """The different poses among some proposals, grown and with the sums of their changes.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    proposals : Proposals
+    known : Modes, optional
+        Modes found before, which are among the result.
+    options : PosteriorOptions
+    """
+    kept = [] if known is None else _Mode.every(known)
+    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= LEAST)
+    floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
+    if len(proposals.assignments):
+        checkpoint()
+        assignments, found, at = _possible(model, proposals, floor, options)
+        found, at = settled(model, assignments, found, at)
+        order = np.argsort(-found.log_odds, kind="stable")
+        for k in order[np.isfinite(found.log_odds[order])].tolist():
+            mode = _Mode.of(assignments[k], found, at, k)
+            if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
+                break
+            kept = _with(kept, mode, model, options)
+    return _as_arrays(kept, model.shape[0])
+
+
+def _with(kept: list[_Mode], mode: _Mode, model: DetectionModel, options: PosteriorOptions) -> list[_Mode]:
+    """Modes with another one, if it is none of them, grown if it may count."""
+    if any(_is_part(mode, other, options) for other in kept):
+        return kept
+    if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
+        mode = _grown(model, mode, options)
         if any(_is_part(mode, other, options) for other in kept):
-            continue
-        if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
-            mode = _grown(model, mode, options)
-            if any(_is_part(mode, other, options) for other in kept):
-                continue
-            kept = [other for other in kept if not _is_part(other, mode, options)]
-        kept.append(mode)
-        kept.sort(key=lambda one: -one.log_mass)
-    return _as_arrays(kept, n)
+            return kept
+        kept = [other for other in kept if not _is_part(other, mode, options)]
+    return sorted([*kept, mode], key=lambda one: -one.log_mass)
 
 
-def _possible(model: DetectionModel, proposals: Proposals, options: PosteriorOptions) -> Integers:
-    """The proposals that may be worth a fit, by their evidence to first order about the poses as they are."""
-    (enough,) = np.nonzero((proposals.assignments >= 0).sum(axis=1) >= LEAST)
-    if not len(enough):
-        return enough
-    some = proposals.take(enough)
-    rough = evidence(model, some.assignments, model.linearised(some.rotation, some.position)).log_odds
-    return np.asarray(enough[rough > rough.max() - options.hopeless])
+def _possible(
+    model: DetectionModel, proposals: Proposals, floor: float, options: PosteriorOptions
+) -> tuple[Integers, Evidence, Linearised]:
+    """The proposals that may be worth a fit, with their evidence to first order about the poses as they are."""
+    rough, at = about(model, *proposals)
+    best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
+    (worth,) = np.nonzero(rough.log_odds > best - options.hopeless)
+    return proposals.assignments[worth], rough.take(worth), at.take(worth)
 
 
 @dataclass(eq=False)
@@ -117,6 +132,27 @@ class _Mode:
     near: tuple[Integers, Floats]
     """Changed assignments that were weighed, with their log-odds."""
 
+    @classmethod
+    def every(cls, modes: Modes) -> list[_Mode]:
+        """Those of arrays."""
+        return [
+            cls(
+                assignment=modes.assignments[k],
+                rotation=modes.rotation[k],
+                position=modes.position[k],
+                covariance=modes.covariance[k],
+                log_odds=float(modes.log_odds[k]),
+                squared=float(modes.squared[k]),
+                freedom=float(modes.freedom[k]),
+                visible=modes.visible[k],
+                log_mass=float(modes.log_mass[k]),
+                local=modes.local[k],
+                unmatched=modes.unmatched[k],
+                near=modes.near[k],
+            )
+            for k in range(len(modes.log_odds))
+        ]
+
     @cached_property
     def changes(self) -> dict[bytes, float]:
         """Log-odds of the changed assignments that were weighed."""
@@ -124,11 +160,13 @@ class _Mode:
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
-        """One of some weighed proposals."""
+        """One of some weighed proposals, its pose after the step that is left."""
+        place = np.array([k])
+        (rotation,), (position,) = stepped(found.take(place), at.take(place))
         return cls(
             assignment=assignment,
-            rotation=at.rotation[k],
-            position=at.position[k],
+            rotation=rotation,
+            position=position,
             covariance=found.covariance[k],
             log_odds=float(found.log_odds[k]),
             squared=float(found.squared[k]),
@@ -177,7 +215,8 @@ def _grown(model: DetectionModel, mode: _Mode, options: PosteriorOptions) -> _Mo
             vars(mode).pop("changes", None)
             best = int(values.argmax())
             if values[best] > mode.log_odds and turn < options.rounds:
-                found, settled_at = settled(model, changed[[best]], mode.rotation[None], mode.position[None])
+                here = about(model, changed[[best]], mode.rotation[None], mode.position[None])
+                found, settled_at = settled(model, changed[[best]], *here)
                 better = _Mode.of(changed[best], found, settled_at, 0)
                 if better.log_odds > mode.log_odds:
                     mode = better

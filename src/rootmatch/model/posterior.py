@@ -116,7 +116,7 @@ def posterior(
         Probability that the right pose is not among them.
     options : PosteriorOptions
     """
-    modes = modes_of(model, proposals, options)
+    modes = modes_of(model, proposals, options=options)
     return weighed(modes, prior_odds(options), missed, options)
 
 
