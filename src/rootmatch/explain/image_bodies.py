@@ -23,7 +23,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
 
 Integers = NDArray[np.int64]
@@ -117,9 +117,8 @@ def _body(task: MatchingTask, number: int) -> _Body:
     """A body of which nothing is known yet."""
     assert task.bodies is not None
     own = task.body(number)
-    candidate = Candidate.of(own, [])
-    (told,) = competing([candidate])
-    return _Body(number, own, task.bodies.points_of(number), nothing_found(own, LATE), candidate, told=told)
+    nothing = nothing_found(own, LATE)
+    return _Body(number, own, task.bodies.points_of(number), nothing, Candidate.of(own, []), told=unknown(own.shape[0]))
 
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:

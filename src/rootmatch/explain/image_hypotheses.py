@@ -76,18 +76,18 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
 
 
 def is_enough(body: Candidate, told: Posterior) -> bool:
-    """Whether what a predicted pose explains is more than any pose elsewhere can, so that no search is needed.
+    """Whether what a predicted pose explains is more than any pose elsewhere may, so that no search is needed.
 
-    At most, that has as many matches as there are unexplained detections, or visible points, without any error; three
-    of them fix it.
+    That has at most as many matches as there are unexplained detections, or visible points, each worth as much as
+    those found; three of them fix it.
     """
-    modes, model = told.modes, body.model
+    modes = told.modes
     if not len(modes.log_mass):
         return False
-    unexplained = model.shape[1] - int(np.count_nonzero(modes.assignments[0] >= 0))
-    most = max(min(unexplained, float(modes.visible[0].sum())) - body.task.problem.minimal, 0.0)
-    a_match = float(np.mean(-model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2)))
-    return float(modes.log_mass[0]) >= math.log(DOUBT) + most * max(a_match, 0.0)
+    matched = int(np.count_nonzero(modes.assignments[0] >= 0))
+    most = min(body.model.shape[1] - matched, float(modes.visible[0].sum())) - body.task.problem.minimal
+    mass = float(modes.log_mass[0])
+    return mass >= math.log(DOUBT) + max(most, 0.0) * max(mass, 0.0) / matched
 
 
 def proposals_by_prediction(task: MatchingTask) -> Proposals | None:

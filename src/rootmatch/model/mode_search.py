@@ -90,16 +90,18 @@ def modes_of(
             mode = _Mode.of(assignments[k], found, at, k)
             if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
                 break
-            kept = _with(kept, mode, model, options)
+            kept = _with(kept, mode, model, at.take(np.array([k])), options=options)
     return _as_arrays(kept, model.shape[0])
 
 
-def _with(kept: list[_Mode], mode: _Mode, model: DetectionModel, options: PosteriorOptions) -> list[_Mode]:
-    """Modes with another one, if it is none of them, grown if it may count."""
+def _with(
+    kept: list[_Mode], mode: _Mode, model: DetectionModel, at: Linearised, *, options: PosteriorOptions
+) -> list[_Mode]:
+    """Modes with another one, about whose pose ``at`` is, if it is none of them; grown if it may count."""
     if any(_is_part(mode, other, options) for other in kept):
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
-        mode = _grown(model, mode, options)
+        mode = _grown(model, mode, at, options)
         if any(_is_part(mode, other, options) for other in kept):
             return kept
         kept = [other for other in kept if not _is_part(other, mode, options)]
@@ -199,11 +201,10 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
     return distance < options.same_pose**2
 
 
-def _grown(model: DetectionModel, mode: _Mode, options: PosteriorOptions) -> _Mode:
+def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions) -> _Mode:
     """A mode after its best changes, with the sum of the others."""
     for turn in range(options.rounds + 1):
         checkpoint()
-        at = model.linearised(mode.rotation[None], mode.position[None])
         changes, gains = _first_order(model, mode, at, options)
         strong = np.argsort(-gains, kind="stable")[: options.weighed]
         if len(strong):
@@ -219,7 +220,7 @@ def _grown(model: DetectionModel, mode: _Mode, options: PosteriorOptions) -> _Mo
                 found, settled_at = settled(model, changed[[best]], *here)
                 better = _Mode.of(changed[best], found, settled_at, 0)
                 if better.log_odds > mode.log_odds:
-                    mode = better
+                    mode, at = better, settled_at
                     continue
         break
     weights = np.exp(np.minimum(gains, 0.0))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions, modes_of
-from rootmatch.model.modes import Modes
+from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.proposals import Proposals
 
 Floats = NDArray[np.float64]
@@ -132,3 +132,8 @@ def weighed(modes: Modes, odds: float, missed: float, options: PosteriorOptions)
     shares /= shares.sum()
     known = (1.0 - missed) * (1.0 - options.wrong_model)
     return Posterior(modes, known * shares[:-1], known * float(shares[-1]))
+
+
+def unknown(n: int) -> Posterior:
+    """Of a body of so many points before anything is proposed."""
+    return Posterior(no_modes(n), np.empty(0), 1.0 - DEFAULT_POSTERIOR.wrong_model)
