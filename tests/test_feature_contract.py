@@ -413,13 +413,9 @@ PATHS: dict[str, tuple[str, ...]] = {
     "Matcher": ("rig", "Matcher"),
     "Tracker": ("rig", "Tracker"),
 }
-SIZES_IGNORED = dict.fromkeys(("search", "bodies", "Matcher"), "sizes count only if a pose is predicted")
 
 
-@pytest.mark.parametrize(
-    "path",
-    [known(name, SIZES_IGNORED) for name in PATHS],
-)
+@pytest.mark.parametrize("path", PATHS)
 def test_the_sizes_of_a_rigs_images_count(path: str) -> None:
     odds = []
     for sized in (False, True):
@@ -440,13 +436,7 @@ def test_the_sizes_of_a_rigs_images_count(path: str) -> None:
     assert odds[1] > odds[0] + 1.0
 
 
-CROWDS = dict.fromkeys(("search", "prior", "bodies"), "clutter is counted over the images of all cameras together")
-
-
-@pytest.mark.parametrize(
-    "path",
-    [known(name, CROWDS) for name in ("search", "prior", "bodies")],
-)
+@pytest.mark.parametrize("path", ["search", "prior", "bodies"])
 def test_clutter_of_one_image_is_no_clutter_of_another(path: str) -> None:
     odds = []
     for count in (0, 80):
@@ -477,13 +467,7 @@ def test_the_score_is_that_of_hyperedges_or_none(context: str) -> None:
     assert searched.score > 0.0
 
 
-ODDS_APART = dict.fromkeys(
-    ("alone", "bodies", "rig"),
-    "a predicted pose and a search have likelihoods of their own: other clutter, other rates",
-)
-
-
-@pytest.mark.parametrize("context", [known(name, ODDS_APART) for name in ("alone", "bodies", "rig")])
+@pytest.mark.parametrize("context", ["alone", "bodies", "rig"])
 def test_the_odds_against_clutter_have_one_unit(context: str) -> None:
     """A vague prior says little of the pose, so that the odds are nearly those of the same points without it.
 
@@ -532,13 +516,7 @@ def test_a_match_of_no_detections_is_refused_once(context: str) -> None:
         rm.match(world.source, np.empty((0, 3 if world.is_rig else 2)), world.problem, **world.options(0))
 
 
-LATE: dict[str, str] = {}
-
-
-@pytest.mark.parametrize(
-    "context",
-    [known(name, LATE) for name in CONTEXTS],
-)
+@pytest.mark.parametrize("context", CONTEXTS)
 def test_a_deadline_that_is_over_ends_every_search(context: str) -> None:
     """It is told, unless a prediction decided before anything was searched."""
     world = World(frozenset(CONTEXTS[context]))

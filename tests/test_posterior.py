@@ -114,11 +114,11 @@ def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch
     """What is not looked at any closer would have come to the same."""
     clear = []
     for seed in range(20):
-        scene = up2p_scene(10, 5, 1.0, seed, hidden=1)
-        given = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
+        scene = three_plus_one_scene(8, 4, 0.3, seed, baseline=1.0)
+        given = rm.match(scene.source, scene.target, scene.problem, noise=0.3, sampler="exhaustive")
         with monkeypatch.context() as patch:
             patch.setattr(assessment, "clear", lambda *_: clear.append(False))
-            closer = rm.match(scene.source, scene.target, scene.problem, noise=1.0, sampler="exhaustive")
+            closer = rm.match(scene.source, scene.target, scene.problem, noise=0.3, sampler="exhaustive")
         np.testing.assert_array_equal(given.assignment, closer.assignment)
         assert given.status is closer.status
     assert len(clear) == 20

@@ -96,6 +96,10 @@ class CameraModel(ABC):
         """How far the images (…, n, 2) of n points are expected in the image, from 0 to 1: unknown, so 1."""
         return np.ones(pixels.shape[:-1])
 
+    def image_areas(self, target: Floats) -> Floats | None:
+        """Area (C,) in px² of the image, or of each of several, in which detections (n', 2) lie, if it is known."""
+        return None
+
     def images(self) -> list[NDArray[np.int64]]:
         """Which detections lie in which of several images that share a plane; none where there is but one image."""
         return []

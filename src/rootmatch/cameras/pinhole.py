@@ -189,6 +189,11 @@ class Camera(CameraModel):
         angle: Floats = np.asarray(sigma, dtype=float) * np.sqrt(cosine**3 / (self.fx * self.fy))
         return angle
 
+    def image_areas(self, target: Floats) -> Floats | None:
+        """See `CameraModel.image_areas`: of one about the principal point, unless a detection lies outside of it."""
+        size = np.array([2.0 * self.cx, 2.0 * self.cy])
+        return size.prod(keepdims=True) if ((target >= 0.0) & (target <= size)).all() else None
+
     def project(self, points: ArrayLike) -> Floats:
         """Pixels (…, 2) of points (…, 3) in the camera frame; does not check that the camera `sees` them."""
         xyz = np.asarray(points, dtype=float)

@@ -90,7 +90,8 @@ def candidate_log_odds(task: MatchingTask) -> NDArray[np.float64]:
     if task.weights is None:
         return np.zeros(task.shape)
     with np.errstate(divide="ignore"):
-        return np.asarray(np.log(task.weights / max(float(task.weights.max(initial=0.0)), 1e-300)))
+        logarithms = np.log(task.weights)
+        return np.asarray(logarithms - logarithms.max(initial=-math.inf))
 
 
 def visibility(task: MatchingTask, fit: Fit, k: int, options: PosteriorOptions) -> NDArray[np.float64]:

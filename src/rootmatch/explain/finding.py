@@ -39,6 +39,8 @@ class Finding:
         Index into the target points; −1 where unmatched.
     others : sequence of (n,) int64
         The best different assignments, the most probable first where probabilities are known.
+    other_probabilities : sequence of float, optional
+        Of the others, where the model of the image tells them.
     facts : Facts
         From which `status` follows.
     tensor : AffinityTensor
@@ -68,6 +70,7 @@ class Finding:
     others: Sequence[Integers]
     facts: Facts
     tensor: AffinityTensor
+    other_probabilities: Sequence[float] | None = None
     scores: Sequence[float] | None = None
     soft: Floats | None = None
     labels: Integers | None = None

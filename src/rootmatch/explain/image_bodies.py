@@ -8,13 +8,13 @@ everything that any of the searches proposed, look-alikes of other bodies among 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import OutOfTime
+from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.bodies import LATE, Solve, budgets_of, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label
@@ -49,6 +49,8 @@ class _Body:
     """Assignments that searches found, by their bytes."""
     predicted: Proposals | None = None
     settled: bool = False
+    enough: bool = False
+    """Whether what its prediction explains leaves nothing to search for."""
     budget: int = 0
     """Of the last search for it."""
     cut: bool = False
@@ -71,7 +73,7 @@ class _Body:
 
     def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
         """Whether a search among the free detections with such a budget may find what the last one did not."""
-        if self.settled:
+        if self.settled or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(free.sum()) < self.among
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
@@ -107,10 +109,15 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve, options)
-    found: list[tuple[Label, Integers, Finding]] = []
-    for label, body in zip(task.bodies.names, bodies, strict=True):
-        found.append((label, body.points, told_by(body.found, body.told, body.candidate)))
-    return joined(task, found, sum(body.evaluated for body in bodies))
+    taken = np.zeros(task.shape[1], np.bool_)
+    found: dict[int, Finding] = {}
+    for body in sorted(bodies, key=lambda one: -one.pose):
+        one = told_by(body.found, body.told, body.candidate, taken=taken)
+        taken[one.assignment[one.assignment >= 0]] = True
+        found[body.number] = replace(one, reason=None) if len(body.told.probabilities) else one
+    names = task.bodies.names
+    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.points, found[k]) for k, body in enumerate(bodies)]
+    return joined(task, every, sum(body.evaluated for body in bodies))
 
 
 def _body(task: MatchingTask, number: int) -> _Body:
@@ -123,9 +130,10 @@ def _body(task: MatchingTask, number: int) -> _Body:
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
     """Search for each of the bodies, until nothing more is to be expected."""
-    for body in bodies:
-        body.predict()
-    free = _weigh(bodies, options)
+    with NEVER.enforced():  # it takes milliseconds, and is better than nothing
+        for body in bodies:
+            body.predict()
+        free = _weigh(bodies, options)
     budgets = budgets_of(task, options)
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]
@@ -148,8 +156,8 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     free = np.ones(bodies[0].task.shape[1], np.bool_)
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        sure = len(told.probabilities) > 0 and told.probability >= options.sure
-        if sure and (body.among >= 0 or is_enough(body.candidate, told)):
+        body.enough = body.task.prior_pose is not None and is_enough(body.candidate, told)
+        if body.pose >= options.sure and (body.among >= 0 or body.enough):
             body.settled = True
             free[body.detections] = False
     return free

@@ -17,7 +17,7 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.assessment import does_not_fit
 from rootmatch.explain.assignment_posterior import Misfit
-from rootmatch.explain.decide import TRUST, Facts, Status, decide
+from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import Candidate, competing
 from rootmatch.explain.task import MatchingTask
@@ -59,10 +59,12 @@ def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
         (told,) = competing([body])
     except OutOfTime:
         return base
-    return told_by(base, told, body, sampled.missed)
+    return told_by(base, told, body, missed=sampled.missed)
 
 
-def told_by(base: Finding, told: Posterior, body: Candidate, missed: float = 0.0) -> Finding:
+def told_by(
+    base: Finding, told: Posterior, body: Candidate, *, missed: float = 0.0, taken: NDArray[np.bool_] | None = None
+) -> Finding:
     """A finding with the assignment, its facts and its confidence as a posterior tells them.
 
     Parameters
@@ -74,55 +76,76 @@ def told_by(base: Finding, told: Posterior, body: Candidate, missed: float = 0.0
         Of which it is one.
     missed : float
         Probability that a pose which explains as much was never met.
+    taken : (n',) bool array, optional
+        Detections that are another body's: a mode that has none of them is told, or nothing.
     """
-    n, least, prior = base.task.shape[0], base.task.options.min_probability, body.model.prior
-    if not len(told.probabilities):
-        return replace(
-            base,
-            assignment=np.full(n, -1, np.int64),
-            others=[],
-            scores=None,
-            facts=Facts(present=0.0, probability=0.0, lead=0.0, min_probability=least),
-            confidence=np.full(n, told.clutter),
-            log_odds=0.0,
-        )
-    every, modes = told.ranked(1 + TRUST.alternatives), told.modes
-    first, probability, confidence = modes.assignments[0], told.probability, told.confidence
-    others = [one for one in every if ((one >= 0) & (one != first)).any()]
-    fault = Misfit.of(float(modes.squared[0]), round(float(modes.freedom[0])))
-    predicted = isinstance(prior, Doubted)
-    holds = isinstance(prior, Doubted) and bool(prior.holds(modes.rotation[:1], modes.position[:1])[0])
-    sure = told.believed(least)
-    enough = max(LEAST if holds else base.task.problem.minimal + 1, TRUST.kept * int(np.count_nonzero(first >= 0)))
-    kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    is_sure = kept >= enough and missed <= TRUST.missed
+    n, modes, prior = base.task.shape[0], told.modes, body.model.prior
+    count = len(told.probabilities)
+    used = [one[one >= 0] for one in modes.assignments]
+    free = [k for k in range(count) if taken is None or not taken[used[k]].any()]
     facts = Facts(
-        present=float(told.probabilities.sum()),
-        false_alarms=math.inf if does_not_fit(fault) else -math.inf,
-        contested=not is_sure,
-        sure_of_the_rest=is_sure,
-        probability=probability,
-        min_probability=least,
+        present=float(told.probabilities.sum()), contested=True, min_probability=base.task.options.min_probability
     )
-    status = decide(facts)
-    if status is Status.MATCHED and sure is not None and kept < np.count_nonzero(first >= 0):
-        others, pose, each = every, float(told.probabilities[0]), confidence[sure >= 0]
-        facts = replace(facts, probability=min(pose * float(np.prod(each / each.max())), float(each.min())))
+    every = told.ranked(1 + TRUST.alternatives) if count else []
+    if not free:
+        nothing = np.full(n, -1, np.int64)
+        base = replace(
+            base,
+            assignment=nothing,
+            others=[one for one, _ in every],
+            other_probabilities=[chance for _, chance in every],
+            facts=replace(facts, probability=0.0, lead=0.0),
+            confidence=told.confidence_in(nothing) if count else np.full(n, told.clutter),
+            log_odds=0.0,
+            prior_holds=None,
+            fused_pose=None,
+        )
+        return replace(base, scores=[math.nan] * len(base.every) if base.evaluated == 0 else None)
+    k = free[0]
+    first, confidence = modes.assignments[k], told.confidence_in(modes.assignments[k])
+    probability = told.probability_of(first)
+    fault = Misfit.of(float(modes.squared[k]), round(float(modes.freedom[k])))
+    holds = isinstance(prior, Doubted) and bool(prior.holds(modes.rotation[[k]], modes.position[[k]])[0])
+    matched = len(used[k])
+    sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
+    kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
+    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, TRUST.kept * matched):
+        facts = replace(facts, contested=False, sure_of_the_rest=True)
+    facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf, probability=probability)
+    found = replace(base, facts=facts)
+    if found.status is Status.MATCHED and sure is not None and kept < matched:
+        pose, each = float(told.probabilities[0]), confidence[sure >= 0]
+        probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
         confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
         first = sure
-    return replace(
-        base,
+    # an assignment that merely leaves some of the points out is no other one
+    others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
+    believed = found.status is not Status.UNTRUSTED
+    found = replace(
+        found,
         assignment=first,
-        others=others[: TRUST.alternatives],
-        facts=facts,
+        others=[one for one, _ in others],
+        other_probabilities=[chance for _, chance in others],
+        facts=replace(facts, probability=probability),
         scores=None,
         labels=None,
         confidence=confidence,
-        log_odds=float(modes.log_odds[0]),
+        log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
-        prior_holds=holds if predicted and status is not Status.UNTRUSTED else None,
-        fused_pose=_pose(body, told) if holds and status is not Status.UNTRUSTED else None,
+        prior_holds=holds if believed and isinstance(prior, Doubted) else None,
+        fused_pose=_pose(body, told) if holds and believed else None,
     )
+    return found if found.evaluated else _without_hyperedges(found)
+
+
+def _without_hyperedges(found: Finding) -> Finding:
+    """A finding that no hyper-edge speaks for: it has no scores, and its lead is that of its odds."""
+    probability = found.probability or 0.0
+    lead = max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
+    matched, soft = np.flatnonzero(found.assignment >= 0), np.zeros(found.task.shape)
+    if found.confidence is not None:
+        soft[matched, found.assignment[matched]] = found.confidence[matched]
+    return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), soft=soft)
 
 
 def _pose(body: Candidate, told: Posterior) -> Pose:

@@ -16,7 +16,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
 from rootmatch.explain.image_density import crowded_density, squared_deviations
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.clutter import clutter_area
+from rootmatch.model.clutter import clutter_areas
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
 
@@ -131,7 +131,8 @@ class PriorFrame:
         self.given_detection = task.options.detection_rate
         n_target = len(self.target)
         self.images = self.camera.images()
-        self.area = clutter_area(self.target, sigma, self.images, self.camera.focal)
+        areas = clutter_areas(self.target, sigma, self.images, self.camera.focal)
+        self.area = float(areas[[len(own) > 0 for own in self.images]].sum() if self.images else areas[0])
         self.clutter = CROWDING * max(n_target, 1) / self.area
         self.allowed = np.ones((len(self.source), n_target), np.bool_) if task.allowed is None else task.allowed
         self.weight = candidate_log_odds(task)

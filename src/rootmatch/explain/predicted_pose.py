@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
 from rootmatch.explain.image_decision import told_by
@@ -28,17 +29,15 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     Where what is assigned about the prediction leaves a doubt, all is searched without it; what is told is the
     posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
     """
-    predicted = proposals_by_prediction(task)
     searchable = task.shape[1] >= task.problem.order
-    if predicted is not None:
+    with NEVER.enforced():  # it takes milliseconds, and is better than nothing
+        predicted = proposals_by_prediction(task)
         body = Candidate.of(task, [], predicted)
         (told,) = competing([body])
-        if not searchable or is_enough(body, told):
-            found = told_by(nothing_found(task, UNCONFIRMED), told, body)
-            if found.prior_holds:
-                known = found.probability or 0.0
-                lead = max(1.0 - (1.0 - known) / max(known, 1e-300), 0.0)
-                return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), reason=None)
+    if predicted is not None and (not searchable or is_enough(body, told)):
+        found = told_by(nothing_found(task, UNCONFIRMED), told, body)
+        if found.prior_holds:
+            return replace(found, reason=None)
     if not searchable:
         return nothing_found(
             replace(task, prior_pose=None),

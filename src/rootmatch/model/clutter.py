@@ -27,8 +27,10 @@ WHOLE = 3.0
 """σ of the detections within which an extent is no smaller than the noise makes it. A round value."""
 
 
-def clutter_area(target: Floats, sigma: Floats, images: Sequence[Integers] = (), focal: float = 1.0) -> float:
-    """Area that clutter fills, in px², as n' uniform points tell it: their bounding box, corrected for being too small.
+def clutter_areas(target: Floats, sigma: Floats, images: Sequence[Integers] = (), focal: float = 1.0) -> Floats:
+    """Area (C,) that clutter fills in each image, in px², as the detections tell it.
+
+    That of their bounding box, corrected for being too small if they are uniform.
 
     Parameters
     ----------
@@ -41,13 +43,13 @@ def clutter_area(target: Floats, sigma: Floats, images: Sequence[Integers] = (),
     """
     if not images:
         if len(target) == 0:
-            return focal**2
+            return np.array([focal**2])
         extent = np.maximum(np.ptp(target, axis=0), 2.0 * WHOLE * float(sigma.max()))
         count = len(target)
-        return float(np.prod(extent)) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2
-    known = [clutter_area(target[own], sigma[own]) for own in images if len(own) >= FEW]
-    other = float(np.mean(known)) if known else focal**2
-    return sum(known) + other * sum(0 < len(own) < FEW for own in images)
+        return np.array([float(np.prod(extent)) * ((count + 1.0) / max(count - 1.0, 0.5)) ** 2])
+    known = [float(clutter_areas(target[own], sigma[own])[0]) if len(own) >= FEW else math.nan for own in images]
+    other = float(np.nanmean(known)) if np.isfinite(known).any() else focal**2
+    return np.where(np.isfinite(known), known, other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +67,15 @@ class Clutter:
         itself.
     centres : (c,) int64
         Detections about which others may crowd: all, or `MOST` of them.
-    uniform : float
-        Density per px² of a point that is anywhere.
+    uniform : (n',) float64
+        Density per px² of a point that is anywhere in the image of each detection.
     alone : float
         Share of those.
     """
 
     about: Floats
     centres: Integers
-    uniform: float
+    uniform: Floats
     alone: float
 
     @cached_property
@@ -96,36 +98,37 @@ class Clutter:
         return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
 
 
-def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Integers] = ()) -> Clutter:
+def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[Integers] = ()) -> Clutter:
     """The clutter of an image.
 
     Parameters
     ----------
     target, sigma : (n', 2) and (n',) arrays
-    area : float
-        Of `clutter_area`.
+    areas : (C,) array
+        Of `clutter_areas`.
     images : sequence of int arrays
         As there: detections crowd within an image.
     """
     count = len(target)
-    if count < FEW:
-        return Clutter(np.zeros((count, count)), np.arange(count), 1.0 / area, 1.0)
-    centres = np.arange(count)
-    if count > MOST:
-        centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
     label = np.zeros(count, np.int64)
     for k, own in enumerate(images):
         label[own] = k
+    uniform = 1.0 / areas[label]
+    if count < FEW:
+        return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0)
+    centres = np.arange(count)
+    if count > MOST:
+        centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
     same = label[:, None] == label[centres]
     same[centres, np.arange(len(centres))] = False
     squared = ((target[:, None] - target[centres]) ** 2).sum(axis=2)
     noise = sigma[:, None] ** 2 + sigma[centres] ** 2
-    width = math.sqrt(area) / 4.0
+    width = math.sqrt(float(areas.mean())) / 4.0
     kernels = np.empty((SCALES, count, len(centres)))
     for k in range(SCALES):
         variance = (width * 0.5**k) ** 2 + noise
         kernels[k] = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
-    densities = np.concatenate([np.full((1, count), 1.0 / area), kernels.sum(axis=2) / (len(centres) - 1)])
+    densities = np.concatenate([uniform[None], kernels.sum(axis=2) / (len(centres) - 1)])
     prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO
     shares = prior / prior.sum()
@@ -134,4 +137,4 @@ def clutter_of(target: Floats, sigma: Floats, area: float, images: Sequence[Inte
         responsible /= responsible.sum(axis=0)
         shares = responsible.sum(axis=1) + prior
         shares /= shares.sum()
-    return Clutter(np.tensordot(shares[1:], kernels, 1), centres, 1.0 / area, float(shares[0]))
+    return Clutter(np.tensordot(shares[1:], kernels, 1), centres, uniform, float(shares[0]))

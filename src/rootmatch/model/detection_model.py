@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
-from rootmatch.cameras.pinhole import Camera
-from rootmatch.model.clutter import Clutter, clutter_area, clutter_of
+from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.pose_prior import Broad, PosePrior
 from rootmatch.model.visibility import facing, visible, within
 from rootmatch.options import Options, option
@@ -155,28 +154,50 @@ class DetectionModel:
         return self.camera.images()
 
     @cached_property
-    def area(self) -> float:
-        """Area in which clutter may lie, px²: that of the image, as its size or the camera's centre tells it."""
-        size = self.size
-        if size is None and isinstance(self.camera, Camera):
-            size = 2.0 * self.camera.cx, 2.0 * self.camera.cy
-            if not ((self.target >= 0.0) & (self.target <= size)).all():
-                size = None
-        if size is not None:
-            return float(np.prod(size))
-        return clutter_area(self.target, self.sigma, self.images, self.camera.focal)
+    def areas(self) -> Floats:
+        """Area (C,) of each image in which clutter may lie, px², as its size or the camera's centre tells it."""
+        if self.size is not None:
+            return np.array([np.prod(self.size)], float)
+        known = self.camera.image_areas(self.target)
+        return clutter_areas(self.target, self.sigma, self.images, self.camera.focal) if known is None else known
 
     @cached_property
     def clutter(self) -> Clutter:
         """How clutter lies in the image."""
-        return clutter_of(self.target, self.sigma, self.area, self.images)
+        return clutter_of(self.target, self.sigma, self.areas, self.images)
 
     @cached_property
-    def log_counts(self) -> Floats:
-        """Logarithm (n' + 1,) of the odds of 0, 1, 2 … clutter points fewer than detections, under Jeffreys' prior."""
-        count = self.shape[1]
-        left = np.array([math.lgamma(count - k + 0.5) for k in range(count + 1)])
-        return np.asarray(left - left[0])
+    def image_of(self) -> Integers:
+        """Which of several images each detection (n',) lies in; 0 for all of one."""
+        out = np.zeros(self.shape[1], np.int64)
+        for k, own in enumerate(self.images):
+            out[own] = k
+        return out
+
+    @cached_property
+    def _log_counts(self) -> Floats:
+        """Logarithm (C, n' + 1) of the odds of 0, 1, 2 … clutter points fewer than each image has detections.
+
+        By Jeffreys' prior of the rate in each.
+        """
+        counts = np.bincount(self.image_of, minlength=max(len(self.images), 1))
+        left = [[math.lgamma(max(count - k, 0) + 0.5) for k in range(self.shape[1] + 1)] for count in counts.tolist()]
+        every = np.array(left)
+        return np.asarray(every - every[:, :1])
+
+    def log_counts(self, assignments: Integers) -> Floats:
+        """Logarithm (K,) of the odds of as many clutter points as assignments (K, n) leave in the images."""
+        images = len(self._log_counts)
+        label = np.append(self.image_of, images)[assignments]  # −1 is the last place
+        matches = (label[:, :, None] == np.arange(images)).sum(axis=1)
+        return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
+
+    def log_count_of_one(self, assignment: Integers) -> Floats:
+        """By how much each detection (n',) changes that as the last of an assignment (n,)."""
+        used = assignment[assignment >= 0]
+        matches = np.maximum(np.bincount(self.image_of[used], minlength=len(self._log_counts)), 1)
+        image = np.arange(len(matches))
+        return np.asarray((self._log_counts[image, matches] - self._log_counts[image, matches - 1])[self.image_of])
 
     @cached_property
     def rates(self) -> tuple[Floats, Floats]:

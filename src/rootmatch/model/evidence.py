@@ -91,7 +91,7 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
     log_odds = (
         np.where(used, _log_weights(model, assignments) - log_clutter - LOG_2PI - log_spread, 0.0).sum(axis=1)
         + model.clutter.log_first(_taken(assignments, model.shape[1]))
-        + model.log_counts[matches]
+        + model.log_counts(assignments)
         + log_detected(model, used, visible)
         + log_scaled(squared, freedom, model.options.noise_freedom)
         + 3.0 * LOG_2PI

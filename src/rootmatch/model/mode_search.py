@@ -271,9 +271,7 @@ def _first_order(
     chance = np.minimum(rate * mode.visible, 0.999)
     with np.errstate(divide="ignore"):
         shown = np.log(chance) - np.log1p(-chance)
-    gains = (
-        density + shown[:, None] - model.clutter.log_density + (model.log_counts[count] - model.log_counts[count - 1])
-    )
+    gains = density + shown[:, None] - model.clutter.log_density + model.log_count_of_one(assignment)
     if model.log_weights is not None:
         gains = gains + model.log_weights
     possible = at.seen[0] if model.allowed is None else at.seen[0][:, None] & model.allowed

@@ -51,18 +51,23 @@ class Posterior:
     @property
     def confidence(self) -> Floats:
         """Probability (n,) that each point's match in the first mode, or its being unmatched, is right."""
-        modes = self.modes
-        first = modes.assignments[0]
-        each = np.where(modes.assignments == first, modes.local, 0.0)
-        return np.asarray(self.probabilities @ each + np.where(first < 0, self.clutter, 0.0))
+        return self.confidence_in(self.modes.assignments[0])
+
+    def confidence_in(self, assignment: Integers) -> Floats:
+        """The same of the assignment (n,) of any mode, or of none."""
+        each = np.where(self.modes.assignments == assignment, self.modes.local, 0.0)
+        free = np.where(self.modes.assignments == assignment, self.modes.local, self.modes.unmatched)
+        return np.asarray(
+            self.probabilities @ np.where(assignment < 0, free, each) + np.where(assignment < 0, self.clutter, 0.0)
+        )
 
     @property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no detection."""
         return np.asarray(self.probabilities @ self.modes.unmatched + self.clutter)
 
-    def ranked(self, most: int) -> list[Integers]:
-        """Different assignments, the most probable first: those of the modes, and changes of them that were weighed."""
+    def ranked(self, most: int) -> list[tuple[Integers, float]]:
+        """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""
         modes = self.modes
         rows, odds, mode = [modes.assignments], [modes.log_odds], [np.arange(len(modes.log_odds))]
         for k, (changed, values) in enumerate(modes.near):
@@ -77,7 +82,7 @@ class Posterior:
             key = every[k].tobytes()
             total[key] = total.get(key, 0.0) + float(shares[k])
             place.setdefault(key, k)
-        return [every[place[key]] for key in sorted(total, key=lambda key: -total[key])[:most]]
+        return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
     def believed(self, min_probability: float, wrong: float = 0.01) -> Integers | None:
         """The first assignment without the matches that are not sure, or None.

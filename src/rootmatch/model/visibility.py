@@ -11,7 +11,12 @@ FULLY = 0.5
 """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front, if no
 view angle is given; beyond, light falls with the cosine (Lambert). A round value."""
 BARELY = 0.02
-"""How visible a point is, over that, from the side or from behind: normals are not exact. A round value."""
+"""How visible a point is, over that, where it is just not to be seen: normals are not exact. A round value."""
+SLACK = 0.15
+"""Cosine beyond the view angle, or beyond a right angle, from which a point is not seen: five deviations of the
+edge, or 9° beyond the right angle. A round value."""
+UNSEEN = 1e-9
+"""How visible it is then: less than any detection is worth."""
 EDGE = 0.03
 """Standard deviation of the edge of a view angle, in cosines. A round value: 2° at 70°."""
 LOGISTIC = 1.702
@@ -32,7 +37,7 @@ def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Float
 
 
 def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
-    """How visible points are by their normals, from `BARELY` to 1; 1 if nothing is known.
+    """How visible points are by their normals, up to 1; 1 if nothing is known.
 
     Parameters
     ----------
@@ -45,13 +50,15 @@ def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> 
     """
     if cosine is None:
         return 1.0
+    limit = (0.0 if view_cosine is None else view_cosine) - SLACK
     if view_cosine is None:
         shown = np.clip(cosine / FULLY, 0.0, 1.0)
     else:
         blur = np.sqrt(EDGE**2 + (1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None] ** 2)
         with np.errstate(over="ignore"):
             shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / blur))
-    return np.asarray(np.where(np.isnan(cosine), 1.0, BARELY + (1.0 - BARELY) * shown))
+    shown = np.where(cosine < limit, UNSEEN, BARELY + (1.0 - BARELY) * shown)
+    return np.asarray(np.where(np.isnan(cosine), 1.0, shown))
 
 
 def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:

@@ -134,6 +134,17 @@ class Copies(CameraModel):
         parts = np.split(pixels, len(self.offsets), axis=-2)
         return np.concatenate([self.rig.expects(k, own - self.offsets[k]) for k, own in enumerate(parts)], axis=-1)
 
+    def image_areas(self, target: Floats) -> Floats | None:
+        """See `CameraModel.image_areas`: by the cameras' sizes where those are given."""
+        if self.rig.sizes is not None:
+            return np.asarray(np.prod(self.rig.sizes, axis=1), np.float64)
+        every = [
+            camera.image_areas(target[own] - offset)
+            for camera, own, offset in zip(self.rig.cameras, self.images(), self.offsets, strict=True)
+        ]
+        known = [one for one in every if one is not None]
+        return np.concatenate(known) if len(known) == len(every) else None
+
     def images(self) -> list[Integers]:
         """The detections of each camera."""
         return [np.flatnonzero(self.owner == k) for k in range(len(self.offsets))]

@@ -135,6 +135,10 @@ def _odds(match: Match) -> Callable[[Integers], float | None]:
     """The posterior probability of each alternative, None if the match has none."""
     if not match.alternatives or match.bodies or match.probability is None:
         return lambda other: None
+    known = match.finding.other_probabilities
+    if known is not None:
+        chances = {other.tobytes(): chance for (other, _), chance in zip(match.alternatives, known, strict=True)}
+        return lambda other: chances[other.tobytes()]
     return ranked(match.task, [match.assignment, *(other for other, _ in match.alternatives)]).probability_of_assignment
 
 
