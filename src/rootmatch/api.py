@@ -85,6 +85,7 @@ def match(
     normals: ArrayLike | None = None,
     view_angle: ArrayLike | None = None,
     detection_rate: float | None = None,
+    min_probability: float = 0.95,
     candidates: ArrayLike | None = None,
     bodies: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
@@ -129,6 +130,9 @@ def match(
     detection_rate : float, optional
         Probability that a visible point is detected: each one that a pose predicts and nothing shows counts against
         that pose. By default as the best assignment has it.
+    min_probability : float
+        Posterior probability from which a match is believed: its pose, and what is left of its matches without those
+        that are not sure.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional
@@ -206,6 +210,7 @@ def match(
         scheduler=scheduler,
         progress=progress,
         detection_rate=detection_rate,
+        min_probability=min_probability,
         max_seconds=max_seconds,
     )
     task = MatchingTask.of(

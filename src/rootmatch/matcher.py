@@ -52,7 +52,7 @@ class Matcher:
     problem : Problem
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
-    normals, view_angle, detection_rate, bodies, motions
+    normals, view_angle, detection_rate, min_probability, bodies, motions
         What is known of the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to a
         frame: give them to `match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, preset, backend, scheduler, \
@@ -74,6 +74,7 @@ max_hyperedges, max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
+        min_probability: float = 0.95,
         bodies: ArrayLike | None = None,
         motions: int | Literal["auto"] = 1,
         seed: int = 0,
@@ -118,6 +119,7 @@ max_hyperedges, max_evaluations
             scheduler=scheduler,
             progress=progress,
             detection_rate=detection_rate,
+            min_probability=min_probability,
             max_seconds=max_seconds,
         )
         self._sweep = SmallSweep()

@@ -36,6 +36,7 @@ def match(
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
+    min_probability: option.MinProbability = 0.95,
     prior: option.Prior = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",
@@ -125,6 +126,7 @@ def match(
     plain: dict[str, Any] = {
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
         "detection_rate": detection_rate,
+        "min_probability": min_probability,
         "sampler": sampler,
         "samples": samples,
         "residual": residual,

@@ -126,6 +126,14 @@ ViewAngle = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+MinProbability = Annotated[
+    float,
+    typer.Option(
+        metavar="P",
+        help="Posterior probability from which a match is believed.",
+        rich_help_panel=INPUT,
+    ),
+]
 DetectionRate = Annotated[
     float | None,
     typer.Option(

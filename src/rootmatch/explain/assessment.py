@@ -104,6 +104,7 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
             lead=lead,
             probability=probability,
             missed=sampled.missed,
+            min_probability=task.options.min_probability,
         ),
         tensor=sampled.tensor,
         scores=[score, *(value for _, value in alternatives)],

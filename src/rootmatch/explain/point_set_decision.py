@@ -126,13 +126,13 @@ def assessed(
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     found = posterior(model, proposals, mirrored)
-    n = len(model.clouds.source)
+    n, least = len(model.clouds.source), task.options.min_probability
     if not len(found.assignments):
         return Finding(
             task=task,
             assignment=np.full(n, -1, np.int64),
             others=[],
-            facts=Facts(present=found.present, probability=found.present, lead=0.0),
+            facts=Facts(present=found.present, probability=found.present, lead=0.0, min_probability=least),
             tensor=sampled.tensor,
             scores=[0.0],
             soft=np.zeros(task.shape),
@@ -141,8 +141,8 @@ def assessed(
         )
     assignment, probability = found.assignments[0], float(found.probabilities[0])
     confidence, unmatched = found.confidence()
-    others, sure = found.assignments[1:], found.sure(TRUST.probability, LEAST)
-    if found.present >= TRUST.probability and sure is not None:
+    others, sure = found.assignments[1:], found.sure(least, LEAST)
+    if found.present >= least and sure is not None:
         left_out = (sure[0] < 0) & (assignment >= 0)
         if left_out.any():
             others = found.assignments
@@ -156,6 +156,7 @@ def assessed(
             present=found.present,
             probability=min(probability, found.present),
             contested=sure is None,
+            min_probability=least,
             sure_of_the_rest=sure is not None,
         ),
         tensor=sampled.tensor,

@@ -57,7 +57,7 @@ class Tracker:
         Standard deviation of a pixel coordinate, in pixels, unless `update` is given another.
     tracking : TrackingOptions
         Frame rate, patience, and how fast bodies may move.
-    normals, view_angle, detection_rate, bodies
+    normals, view_angle, detection_rate, min_probability, bodies
         What is known of the scene in every frame, as for `rootmatch.match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
 max_evaluations
@@ -84,6 +84,7 @@ max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
+        min_probability: float = 0.95,
         bodies: ArrayLike | None = None,
         seed: int = 0,
         max_seconds: float | None = None,
@@ -107,6 +108,7 @@ max_evaluations
             normals=normals,
             view_angle=view_angle,
             detection_rate=detection_rate,
+            min_probability=min_probability,
             bodies=bodies,
             seed=seed,
             max_seconds=max_seconds,
