@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from posteriors import told
 from rootmatch.explain.assessment import confidence_against_chance
-from rootmatch.explain.assignment_posterior import Misfit, Ranked, ranked
+from rootmatch.explain.assignment_posterior import Misfit, Ranked
 from rootmatch.explain.confidence import Marginals, marginals
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.neighbourhood import one_change_neighbours
@@ -99,9 +100,9 @@ def test_confidences_are_calibrated_beside_hidden_points() -> None:
         rng = np.random.default_rng(seed)
         near = scene.target[rng.integers(0, len(scene.target), 4)] + rng.uniform(-8.0, 8.0, (4, 2))
         task = MatchingTask.of(scene.problem, scene.source, np.vstack([scene.target, near]), noise=1.0)
-        found = ranked(task, [scene.truth])
-        confidence.append(found.marginals.each)
-        right.append(found.assignments[0] == scene.truth)
+        found = told(task, [scene.truth])
+        confidence.append(found.confidence)
+        right.append(found.modes.assignments[0] == scene.truth)
     confidence, right = np.concatenate(confidence), np.concatenate(right)
     assert 0.8 < confidence.mean() < 0.999
     assert right.mean() == pytest.approx(confidence.mean(), abs=0.03)

@@ -8,20 +8,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from posteriors import told_of
 from rootmatch.explain.finding import nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
-from rootmatch.explain.image_hypotheses import Candidate, competing, model_of
+from rootmatch.explain.image_hypotheses import Candidate, model_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
 Floats = NDArray[np.float64]
-
-
-def told_of(*found: tuple[MatchingTask, list[NDArray[np.int64]]]) -> list[Posterior]:
-    """The posterior of each of several bodies by the assignments that were found of it."""
-    return competing([Candidate.of(task, assignments) for task, assignments in found])
 
 
 def believed(task: MatchingTask, told: Posterior) -> tuple[rm.Status, NDArray[np.int64]]:

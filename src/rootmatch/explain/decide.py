@@ -21,23 +21,14 @@ class TrustOptions:
         Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
     margin : float
         Least lead in score of a matched assignment where no probability is known.
-    false_alarms, false_alarms_of_part : float
-        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted, and of one that
-        leaves out points of an object and whose rivals no pose has weighed: one in a thousand, which is the goal for 8
-        to 20 unrelated points. With that for all, 18 instead of 6 of 100 right matches of six LEDs without clutter
-        would not be trusted (`benchmarks/constellations.py`, seeds below 250), and of the headset with a fifth of its
-        sensors undetected 22 instead of 11.
-    beyond_clutter, beyond_clutter_of_views : float
-        Logarithm of the odds against clutter alone from which an assignment is trusted whatever its score, for an
-        object in an image and for two views, …  For an object they are odds against clutter that crowds as the
-        detections do: on the development seeds of `benchmarks/constellations.py` they never exceeded −3 where nothing
-        was to be found (300 scenes of unrelated points, 40 of the headset against a stretched copy of itself).
-    beyond_clutter_of_rivals : float
-        … from which several poses of an object are called ambiguous rather than chance, where none of them is sure: of
-        the odds of all of them together. With `present` seven in eight are right by that.
+    false_alarms : float
+        Decimal logarithm of the expected number of false alarms up to which an assignment is trusted.
+    beyond_clutter : float
+        Logarithm of the odds against clutter alone from which an assignment of two views is trusted, whatever its
+        score.
     present : float
-        Log-odds, before anything is seen, that the object is in view, or that two views show the same: they enter the
-        confidence of what is not trusted, not the status. On development seeds (`benchmarks/constellations.py`,
+        Log-odds, before anything is seen, that two views show the same: they enter the confidence of what is not
+        trusted, not the status. On development seeds (`benchmarks/constellations.py`,
         `benchmarks/accuracy.py`) 9 of 10 matches of untrusted assignments were right whose odds against chance were
         even, and odds above −6 never came of unrelated points.
     listed, listed_probability : int, float
@@ -72,10 +63,7 @@ class TrustOptions:
     probability: float = 0.9
     margin: float = 0.2
     false_alarms: float = -2.0
-    false_alarms_of_part: float = -3.0
-    beyond_clutter: float = 1.0
-    beyond_clutter_of_views: float = math.log(100.0)
-    beyond_clutter_of_rivals: float = -1.0
+    beyond_clutter: float = math.log(100.0)
     present: float = 3.0
     listed: int = 5
     listed_probability: float = 0.95
@@ -124,8 +112,6 @@ class Facts:
     """Score of the hyper-edges that agree with it; infinite if its pose is beyond clutter by itself."""
     false_alarms: float = -math.inf
     """Decimal logarithm of the expected number of false alarms that are as good; infinite if no pose fits it."""
-    tolerated_false_alarms: float = TRUST.false_alarms
-    """The value of that up to which it is believed."""
     lead: float | None = None
     """Lead in score over the best different assignment, 0 to 1, where known; it decides if no probability is known."""
     probability: float | None = None
@@ -152,7 +138,7 @@ def decide(facts: Facts) -> Status:
     """The status of an assignment: could it be a false alarm, and is it the only good one."""
     if facts.present is not None and facts.present < facts.min_probability:
         return Status.UNTRUSTED
-    if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > facts.tolerated_false_alarms:
+    if not facts.confirmed or facts.support <= 0.0 or facts.false_alarms > TRUST.false_alarms:
         return Status.AMBIGUOUS if facts.was_ambiguous else Status.UNTRUSTED
     if facts.contested:
         return Status.AMBIGUOUS

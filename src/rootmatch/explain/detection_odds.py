@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.task import MatchingTask
 from rootmatch.options import Options, option
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.samplers.clutter import CROWDING
 
 Integers = NDArray[np.int64]
@@ -28,17 +27,6 @@ class PosteriorOptions(Options):
     most_inflation: float = option(4.0, least=1.0)
     """Largest factor on the given variances: where the best fit asks for more than twice the given σ, the assignment is
     not believed. A round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
-    fully_visible: float = option(0.5, above=0.0, most=1.0)
-    """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front;
-    beyond, light falls with the cosine (Lambert). A round value, not tuned."""
-    barely_visible: float = option(0.02, above=0.0, most=1.0)
-    """How visible a point is, over that, as seen from the side or from behind: normals are not exact. Not tuned."""
-    view_edge: float = option(0.1, above=0.0)
-    """Width of the edge of a given view angle, in cosines, over which a point fades: poses and normals are not exact.
-    Five degrees at 70°. A round value."""
-    detected: tuple[float, ...] = option((0.95, 0.6, 0.25, 0.1), above=0.0, most=1.0)
-    """Probabilities that a visible point is detected, over which the odds against clutter alone are averaged. Round
-    values, as in `VerificationOptions`."""
     noise_freedom: float = option(20.0, above=0.0)
     """Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value; its
     effect is measured in benchmarks/accuracy.py and benchmarks/reliability.py."""
@@ -92,39 +80,6 @@ def candidate_log_odds(task: MatchingTask) -> NDArray[np.float64]:
     with np.errstate(divide="ignore"):
         logarithms = np.log(task.weights)
         return np.asarray(logarithms - logarithms.max(initial=-math.inf))
-
-
-def visibility(task: MatchingTask, fit: Fit, k: int, options: PosteriorOptions) -> NDArray[np.float64]:
-    """How visible each source point (n,) is in the pose of assignment k, up to 1."""
-    if task.points.normals is None:
-        return np.ones(task.shape[0])
-    cosine = np.nan_to_num(fit.facing(k, task.points.normals), nan=0.0)
-    if task.points.view_cosine is not None:
-        within = (cosine - task.points.view_cosine) / options.view_edge + HALF
-        unknown = ~task.points.normals.any(axis=1)
-        return np.where(unknown, 1.0, np.clip(within, options.barely_visible, 1.0))
-    return np.clip(cosine / options.fully_visible, options.barely_visible, 1.0)
-
-
-def log_odds_against_clutter(
-    assignment: Integers,
-    visible: NDArray[np.float64],
-    density: NDArray[np.float64],
-    options: PosteriorOptions,
-    detection: float | None = None,
-) -> float:
-    """Log-odds of an assignment's matched and unmatched points against the hypothesis that all is clutter.
-
-    Clutter is as dense about each detection as detections are there (``density``, the matched ones among them): that
-    detections crowd is no evidence for a pose. How often a visible point is detected is averaged over, unless it is
-    given (``detection``).
-    """
-    matched = assignment >= 0
-    rates = options.detected if detection is None else (min(detection, MOST_DETECTED),)
-    chance = np.array(rates)[:, None] * visible
-    detected = np.where(matched, np.log(chance), np.log1p(-chance)).sum(axis=1)
-    clutter = float(np.log(CROWDING * density[assignment[matched]]).sum())
-    return float(np.logaddexp.reduce(detected)) - math.log(len(detected)) - clutter
 
 
 def log_odds_against_uniform(task: MatchingTask, assignment: Integers) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
-from rootmatch.explain.detection_odds import PosteriorOptions, visibility
+from rootmatch.explain.detection_odds import PosteriorOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.base import Fit
 
@@ -36,7 +36,6 @@ class FittedPool:
     _known: set[bytes] = field(default_factory=set)
     _batches: list[Fit] = field(default_factory=list)
     _images: Integers = field(default_factory=lambda: np.empty((0, 0), np.int64))
-    _visible: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     def add(self, assignment: Integers) -> None:
         """Add an assignment, unless it is there or too small."""
@@ -54,18 +53,9 @@ class FittedPool:
         while len(self.fits) < len(self.assignments) and (few := pace.block(len(self.assignments) - len(self.fits))):
             some = np.array(self.assignments[len(self.fits) : len(self.fits) + few])
             fit = self.task.problem.fitted(self.task.points, some)
-            if self.task.points.normals is None:
-                visible = np.ones(some.shape)
-            else:
-                visible = np.array([visibility(self.task, fit, k, self.options) for k in range(len(some))])
             self.fits += [(fit, k) for k in range(len(some))]
             self._batches.append(fit)
             self._images = np.concatenate([self._images, some]) if self._images.size else some
-            self._visible = np.concatenate([self._visible, visible]) if self._visible.size else visible
-
-    def visible(self, number: int) -> Floats:
-        """How visible each source point (n,) is in the pose of a fitted assignment."""
-        return np.asarray(self._visible[number])
 
     def values(self, odds: Floats, detected: float, inflation: float) -> Floats:
         """Log posterior (K,) of the fitted assignments up to a constant, −∞ where there is no pose.
@@ -75,7 +65,7 @@ class FittedPool:
         odds : (n, n') array
             Log prior odds of each correspondence.
         detected : float
-            Probability that a visible point is detected.
+            Probability that a point is detected.
         inflation : float
             Factor on all variances.
         """
@@ -84,6 +74,6 @@ class FittedPool:
         matched = self._images >= 0
         evidence = np.concatenate([fit.inflated(inflation) for fit in self._batches])
         of_pairs = np.where(matched, odds[np.arange(odds.shape[0]), np.maximum(self._images, 0)], 0.0).sum(axis=1)
-        chance = detected * self._visible
-        value = evidence + of_pairs + np.where(matched, np.log(chance), np.log1p(-chance)).sum(axis=1)
+        value = evidence + of_pairs + np.log1p(-detected) * matched.shape[1]
+        value = value + (np.log(detected) - np.log1p(-detected)) * np.count_nonzero(matched, axis=1)
         return np.where(np.isfinite(value), value, -np.inf)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix
-from rootmatch.deadline import OutOfTime
+from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.assessment import does_not_fit
 from rootmatch.explain.assignment_posterior import Misfit
 from rootmatch.explain.decide import TRUST, Facts, Status
@@ -155,3 +155,27 @@ def _pose(body: Candidate, told: Posterior) -> Pose:
     from_centre = np.eye(6)
     from_centre[3:, :3] = cross_matrix(arm)
     return Pose.unchecked(R, position - arm, from_centre @ covariance @ from_centre.T)
+
+
+def confidence_of_motions(
+    task: MatchingTask, assignment: NDArray[np.int64], motions: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
+
+    Being unmatched is right as often as for the least sure of the motions.
+    """
+    confidence = np.full(len(assignment), math.nan)
+    alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)
+    for label in range(int(motions.max(initial=-1)) + 1):
+        points = np.flatnonzero((motions == label) | (assignment < 0))
+        others = assignment[(motions != label) & (assignment >= 0)]
+        pixels = np.setdiff1d(np.arange(task.shape[1]), others)
+        place = np.searchsorted(pixels, np.maximum(assignment[points], 0))
+        own = np.where(assignment[points] >= 0, place, -1)
+        part = alone.subset(points, pixels)
+        each = np.full(len(own), math.nan)
+        if is_modelled(part):
+            (told,) = competing([Candidate.of(part, [own])])
+            each = told.confidence_in(own) if len(told.probabilities) else each
+        confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
+    return confidence

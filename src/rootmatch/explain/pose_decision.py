@@ -33,7 +33,7 @@ def decided_by_pose(task: MatchingTask, sampled: SampledTensor) -> Finding | Non
     if not fits(task, named[0]) or not of_one_pose(named[0], named).all():
         return None
     found = ranked(task, list(named), consensus=sampled.consensus)
-    if not found.assignments or does_not_fit(found.misfit) or not sure_beyond_chance(task, found):
+    if not found.assignments or does_not_fit(found.misfit) or not sure_beyond_chance(found):
         return None
     best, *others = found.assignments[: TRUST.alternatives + 1]
     if not hyperedges_agree(task, best):

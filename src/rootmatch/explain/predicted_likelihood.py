@@ -17,6 +17,7 @@ from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTE
 from rootmatch.explain.image_density import crowded_density, squared_deviations
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.clutter import clutter_areas
+from rootmatch.model.visibility import BARELY, FULLY
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
 
@@ -34,6 +35,9 @@ LEAST_DAMPING = 1e-3
 """Damping of the first step after one that went too far, relative to the normal matrix's diagonal."""
 ROWS = 256
 """Predictions that are compared with all detections together."""
+VIEW_EDGE = 0.1
+"""Width of the edge of a given view angle, in cosines, over which a point fades: poses and normals are not exact. Five
+degrees at 70°. A round value."""
 EDGE = 4.0
 """How much wider the edge of a view angle is, in standard deviations of the camera's direction: two on each side."""
 VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
@@ -167,12 +171,11 @@ class PriorFrame:
             return np.ones(len(positions))
         length = np.sqrt((self.normals**2).sum(axis=1) * (positions**2).sum(axis=1))
         cosine = -((self.normals @ R.T) * positions).sum(axis=1) / np.where(length > 0.0, length, 1.0)
-        options = DEFAULT_OPTIONS
         if self.view_cosine is None:
-            shown = cosine / options.fully_visible
+            shown = cosine / FULLY
         else:
-            shown = (cosine - self.view_cosine) / (options.view_edge + EDGE * self.tilt) + HALF
-        return np.where(length > 0.0, np.clip(shown, options.barely_visible, 1.0), 1.0)
+            shown = (cosine - self.view_cosine) / (VIEW_EDGE + EDGE * self.tilt) + HALF
+        return np.where(length > 0.0, np.clip(shown, BARELY, 1.0), 1.0)
 
     def squared(self, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
         """χ² (n, n') of each detection about each prediction, and the determinants of their covariance."""
