@@ -70,7 +70,7 @@ class Calibration:
                 yield f"| {k / bins:.1f} | {own.sum()} | {told[own].mean():.3f} | {share:.3f} ± {half:.3f} |"
 
 
-def few_leds(xr: ModuleType, family: str, seed: int, least: float) -> dict[Any, tuple[rm.Match, Integers]]:
+def few_leds(xr: ModuleType, family: str, seed: int, least: float | None) -> dict[Any, tuple[rm.Match, Integers]]:
     """The match of each controller that is looked for, and where its points are."""
     _, shown, clutter, given = family.split("-")
     frame = xr.few_leds(seed, int(shown), int(clutter))
@@ -121,7 +121,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=1000)
     parser.add_argument("--families", nargs="+", default=FAMILIES)
-    parser.add_argument("--min-probability", type=float, default=0.95)
+    parser.add_argument("--min-probability", type=float)
     parser.add_argument("--scenes", help="folder of the scenes")
     given = parser.parse_args()
     scenes = load_scenes(given.scenes)

@@ -85,7 +85,7 @@ def match(
     normals: ArrayLike | None = None,
     view_angle: ArrayLike | None = None,
     detection_rate: float | None = None,
-    min_probability: float = 0.95,
+    min_probability: float | None = None,
     candidates: ArrayLike | None = None,
     bodies: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
@@ -130,9 +130,9 @@ def match(
     detection_rate : float, optional
         Probability that a visible point is detected: each one that a pose predicts and nothing shows counts against
         that pose. By default as the best assignment has it.
-    min_probability : float
+    min_probability : float, optional
         Posterior probability from which a match is believed: its pose, and what is left of its matches without those
-        that are not sure.
+        that are not sure. By default 0.95, and 0.9 between two views.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional

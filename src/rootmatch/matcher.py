@@ -74,7 +74,7 @@ max_hyperedges, max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
-        min_probability: float = 0.95,
+        min_probability: float | None = None,
         bodies: ArrayLike | None = None,
         motions: int | Literal["auto"] = 1,
         seed: int = 0,

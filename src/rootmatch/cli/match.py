@@ -36,7 +36,7 @@ def match(
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
-    min_probability: option.MinProbability = 0.95,
+    min_probability: option.MinProbability = None,
     prior: option.Prior = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",

@@ -127,10 +127,11 @@ ViewAngle = Annotated[
     ),
 ]
 MinProbability = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="P",
         help="Posterior probability from which a match is believed.",
+        show_default="0.95, and 0.9 between two views",
         rich_help_panel=INPUT,
     ),
 ]

@@ -75,7 +75,7 @@ def track(
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
-    min_probability: option.MinProbability = 0.95,
+    min_probability: option.MinProbability = None,
     max_seconds: option.MaxSeconds = None,
     seed: option.Seed = 0,
     poses: Poses = None,

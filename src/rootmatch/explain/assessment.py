@@ -95,7 +95,7 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
             lead=lead,
             probability=probability,
             missed=sampled.missed,
-            min_probability=task.options.min_probability,
+            min_probability=task.options.least_probability(TRUST.probability),
         ),
         tensor=sampled.tensor,
         scores=[score, *(value for _, value in alternatives)],

@@ -17,7 +17,7 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.assessment import does_not_fit
 from rootmatch.explain.assignment_posterior import Misfit
-from rootmatch.explain.decide import TRUST, Facts, Status
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import Candidate, competing
 from rootmatch.explain.task import MatchingTask
@@ -84,7 +84,9 @@ def told_by(
     used = [one[one >= 0] for one in modes.assignments]
     free = [k for k in range(count) if taken is None or not taken[used[k]].any()]
     facts = Facts(
-        present=float(told.probabilities.sum()), contested=True, min_probability=base.task.options.min_probability
+        present=float(told.probabilities.sum()),
+        contested=True,
+        min_probability=base.task.options.least_probability(MIN_PROBABILITY),
     )
     every = told.ranked(1 + TRUST.alternatives) if count else []
     if not free:

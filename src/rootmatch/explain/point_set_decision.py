@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.decide import TRUST, Facts
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts
 from rootmatch.explain.detection_odds import MOST_DETECTED
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -126,7 +126,7 @@ def assessed(
 ) -> Finding:
     """The finding of proposed labellings; their scores are computed when they are asked for."""
     found = posterior(model, proposals, mirrored)
-    n, least = len(model.clouds.source), task.options.min_probability
+    n, least = len(model.clouds.source), task.options.least_probability(MIN_PROBABILITY)
     if not len(found.assignments):
         return Finding(
             task=task,

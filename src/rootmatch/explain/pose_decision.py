@@ -42,7 +42,7 @@ def decided_by_pose(task: MatchingTask, sampled: SampledTensor) -> Finding | Non
         task=task,
         assignment=best,
         others=others,
-        facts=Facts(probability=found.probability, min_probability=options.min_probability),
+        facts=Facts(probability=found.probability, min_probability=options.least_probability(TRUST.probability)),
         tensor=tensor,
         evaluated=sampled.evaluated,
         noise_factor=found.misfit.sigma,

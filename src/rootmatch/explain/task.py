@@ -77,7 +77,7 @@ class MatchOptions:
     progress: Progress | None = None
     detection_rate: float | None = None
     max_seconds: float | None = None
-    min_probability: float = 0.95
+    min_probability: float | None = None
 
     def __post_init__(self) -> None:
         if self.preset not in (None, "paper"):
@@ -102,6 +102,10 @@ class MatchOptions:
         if self.residual is not None and not isinstance(self.residual, str | Residual):
             raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
         get_solver("ascent" if self.solver is None else self.solver)
+
+    def least_probability(self, default: float) -> float:
+        """Of what is believed."""
+        return default if self.min_probability is None else self.min_probability
 
     @property
     def is_paper(self) -> bool:

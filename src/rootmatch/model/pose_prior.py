@@ -28,6 +28,8 @@ ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 TURNS = 2.0 * math.pi
 """Length of all rotations about an axis."""
+EXACT = 1e-6
+"""Least standard deviation of a prediction: in radians, over the distance, and over what it is in other directions."""
 LEAST_TILT = 1e-4
 """Least standard deviation, in radians, of a vertical that is called exact."""
 
@@ -142,7 +144,7 @@ class Gaussian(PosePrior):
         known = np.isfinite(np.diag(self.covariance))
         step = np.concatenate([rotation_vector(self.rotation @ rotation.swapaxes(1, 2)), self.position - position], 1)
         step[:, ~known] = 0.0
-        own = self.covariance[np.ix_(known, known)]
+        own = self._invertible(known)
         whole = np.zeros((6, 6))
         whole[np.ix_(known, known)] = np.linalg.inv(own)
         terms = self.broad.terms(rotation, position)
@@ -155,6 +157,13 @@ class Gaussian(PosePrior):
             log_density = log_density + self.broad.of_position(position)[1]
         slope = step @ whole
         return Terms(precision, slope, (slope * step).sum(axis=1), log_density)
+
+    def _invertible(self, known: NDArray[np.bool_]) -> Floats:
+        """The covariance of what is known, no more certain than `EXACT` in any direction."""
+        least = EXACT * np.repeat([1.0, max(float(np.linalg.norm(self.position)), 1e-300)], 3)[known]
+        own = self.covariance[np.ix_(known, known)]
+        scale = np.sqrt(np.maximum(np.diag(own), least**2))
+        return np.asarray((own / np.outer(scale, scale) + EXACT * np.eye(len(scale))) * np.outer(scale, scale))
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ class Posterior:
             place.setdefault(key, k)
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
-    def believed(self, min_probability: float, wrong: float = 0.01) -> Integers | None:
+    def believed(self, min_probability: float, wrong: float = 0.001) -> Integers | None:
         """The first assignment without the matches that are not sure, or None.
 
         With its pose as probable as P, so many of its matches are kept, the surest first, that the expected number of

@@ -84,7 +84,7 @@ max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
-        min_probability: float = 0.95,
+        min_probability: float | None = None,
         bodies: ArrayLike | None = None,
         seed: int = 0,
         max_seconds: float | None = None,
