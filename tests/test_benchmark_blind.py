@@ -121,17 +121,19 @@ def test_icp_solves_a_scene_without_outliers() -> None:
     assert judged(scene, answer, 0.0)["right"]
 
 
-def test_all_methods_answer_in_a_tiny_run_that_resumes(tmp_path: Path) -> None:
+def test_all_methods_answer_in_a_tiny_run_that_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, few in (("STARTS", 3), ("OPENCV_ITERATIONS", 100), ("POSELIB_ITERATIONS", 1000)):
+        monkeypatch.setattr(blind_methods, name, few)
     peer = tmp_path / "peer.py"
     peer.write_text("def ransac_match(points, pixels, K, tolerance, max_seconds, seed):\n    return [], None, 0\n")
-    first = run_blind(tmp_path / "out", tiny=True, first_seed=1, seconds=0.2, peer=peer)
+    first = run_blind(tmp_path / "out", tiny=True, first_seed=1, seconds=60.0, peer=peer)
     assert first[0] == COLUMNS
     assert {line[1] for line in first[1:]} == set(methods(peer))
     by_name = {line[1]: dict(zip(COLUMNS, line, strict=True)) for line in first[1:]}
     assert by_name["rootmatch"]["right"] == "1"
     assert by_name["brute force"]["right"] == by_name["brute force"]["vouched for"] == "0"
     rows = (tmp_path / "out" / "rows.jsonl").read_text()
-    assert run_blind(tmp_path / "out", tiny=True, first_seed=1, seconds=0.2, peer=peer) == first
+    assert run_blind(tmp_path / "out", tiny=True, first_seed=1, seconds=60.0, peer=peer) == first
     assert (tmp_path / "out" / "rows.jsonl").read_text() == rows
     with (tmp_path / "out" / "blind.csv").open(encoding="utf-8") as file:
         assert [tuple(line) for line in csv.reader(file)] == first

@@ -124,13 +124,13 @@ def _measure(
     """Run what is missing and append its rows."""
     done, total = 0, len(to_run) * len(compared)
     for name, method in compared.items():
-        warm = False
+        warm: set[str] = set()
         for scene in to_run:
             label = f"{scene.name}/{scene.seed}"
             if (label, name) not in there:
-                if not warm:
-                    method(outlier_scene(0.0, 0.0, 0), seconds)  # what is compiled or loaded once is not timed
-                    warm = True
+                if scene.name not in warm:
+                    method(scene, seconds)  # what is compiled or loaded once is not timed
+                    warm.add(scene.name)
                 started = time.process_time()
                 answer = method(scene, seconds)
                 took = time.process_time() - started
