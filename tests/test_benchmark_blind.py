@@ -90,7 +90,9 @@ def test_softposit_finds_the_pose_from_a_near_start() -> None:
     for seed in range(5):
         scene = outlier_scene(0.0, 0.25, seed)
         R = Rotation.from_rotvec([0.15, -0.1, 0.1]).as_matrix() @ scene.R
-        found = softposit(scene.source, scene.target - scene.K[:2, 2], scene.K[0, 0], scene.noise, R, 1.1 * scene.t)
+        found = softposit(
+            scene.source, scene.target - scene.K[:2, 2], scene.K[0, 0], scene.noise, start=(R, 1.1 * scene.t)
+        )
         np.testing.assert_allclose(found[0] @ found[0].T, np.eye(3), atol=1e-9)
         right += judged(scene, Answer(found, True), 0.0)["right"]
     assert right >= 4

@@ -69,7 +69,7 @@ def by_softposit(scene: BlindScene, seconds: float) -> Answer:
 
     def poses() -> Iterator[tuple[Floats, Floats]]:
         for R, t in _starts(scene):
-            R, t = softposit(scene.source, image, focal, scene.noise, R, t)
+            R, t = softposit(scene.source, image, focal, scene.noise, start=(R, t))
             if t[2] > 0.0 and np.isfinite(t).all():
                 yield _descended(scene, R, t, gate=10.0 * GATE * scene.noise)
 

@@ -103,7 +103,7 @@ def run_blind(
         raise InputError(f"output: {output} cannot be made ({error.strerror}); name another folder") from None
     path = output / "rows.jsonl"
     there = {(row["scene"], row["method"]) for row in read_rows(path, FIELDS)}
-    _measure(to_run, compared, path, there, seconds, progress)
+    _measure(to_run, compared, path, there=there, seconds=seconds, progress=progress)
     rows = [row for row in read_rows(path, FIELDS) if row["method"] in compared]
     table = [COLUMNS, *_summary(rows)]
     with written_whole(output / "blind.csv") as temporary:
@@ -117,6 +117,7 @@ def _measure(
     to_run: list[BlindScene],
     compared: dict[str, Method],
     path: Path,
+    *,
     there: set[tuple[Any, Any]],
     seconds: float,
     progress: Progress | None,

@@ -82,14 +82,14 @@ def _pose(points: Floats, K: Floats, rng: np.random.Generator) -> tuple[Floats, 
             return R, t
 
 
-def _scene(name: str, seed: int, points: Floats, seen: int, clutter: int, rng: np.random.Generator) -> BlindScene:
+def _scene(name: str, seed: int, points: Floats, *, seen: int, clutter: int, rng: np.random.Generator) -> BlindScene:
     """The first points are seen, with noise; all is shuffled."""
     K = intrinsics()
     R, t = _pose(points, K, rng)
     image = projected(K, R, t, points[:seen]) + NOISE * rng.standard_normal((seen, 2))
     target = np.concatenate([image, rng.uniform((0.0, 0.0), (WIDTH, HEIGHT), (clutter, 2))])
     source, target = rng.permutation(points), rng.permutation(target)
-    return BlindScene(name, seed, source, target, NOISE, K, R, t)
+    return BlindScene(name=name, seed=seed, source=source, target=target, noise=NOISE, K=K, R=R, t=t)
 
 
 def outlier_scene(unseen: float, clutter: float, seed: int) -> BlindScene:
@@ -98,7 +98,7 @@ def outlier_scene(unseen: float, clutter: float, seed: int) -> BlindScene:
     seen = round(POINTS * (1.0 - unseen))
     false = round(seen * clutter / (1.0 - clutter))
     points = rng.uniform(-1.0, 1.0, (POINTS, 3))
-    return _scene(f"outliers, 3D {unseen:g}, 2D {clutter:g}", seed, points, seen, false, rng)
+    return _scene(f"outliers, 3D {unseen:g}, 2D {clutter:g}", seed, points, seen=seen, clutter=false, rng=rng)
 
 
 def surface_scene(count: int, clutter: float, seed: int) -> BlindScene:
@@ -110,7 +110,7 @@ def surface_scene(count: int, clutter: float, seed: int) -> BlindScene:
     radius = 1.0 + 0.1 * np.sin(direction @ waves.T + phases).sum(axis=1)
     points = radius[:, None] * direction * rng.uniform(0.5, 1.0, 3)
     false = round(count * clutter / (1.0 - clutter))
-    return _scene(f"surface, {count} points, 2D {clutter:g}", seed, points, count, false, rng)
+    return _scene(f"surface, {count} points, 2D {clutter:g}", seed, points, seen=count, clutter=false, rng=rng)
 
 
 def simulated(seeds: range, protocols: tuple[str, ...] = ("outliers", "surface")) -> Iterator[BlindScene]:
@@ -129,6 +129,7 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
     from rootmatch.benchmark.real.methods import problem_of
     from rootmatch.benchmark.real.scenes import all_scenes, protocols
     from rootmatch.problems.p3p import P3P
+    from rootmatch.problems.points import PointSets
 
     there = [protocol.name for protocol in protocols() if (folder / f"{protocol.file}.npz").is_file()]
     taken = {name: 0 for name in REAL if name in there}
@@ -145,8 +146,11 @@ def real_scenes(folder: Path, count: int) -> Iterator[BlindScene]:
         rays = camera.bearings(target)
         straight = (rays[:, :2] / rays[:, 2:]) * (K[0, 0], K[1, 1]) + K[:2, 2]
         problem = P3P(type(camera)(K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-        points = problem.validated(source, straight, noise, None)
+        points = PointSets(source, straight, np.zeros(len(source)), np.full(len(straight), noise))
         (pose,) = problem.poses(points, scene.truth[None])
         if pose is None:
             raise InputError(f"{scene.name}: the true pairs have no pose; fetch the data again")
-        yield BlindScene(f"real, {scene.protocol}", scene.number, source, straight, noise, K, pose.R, pose.t)
+        name = f"real, {scene.protocol}"
+        yield BlindScene(
+            name=name, seed=scene.number, source=source, target=straight, noise=noise, K=K, R=pose.R, t=pose.t
+        )

@@ -20,7 +20,9 @@ SINKHORN = 30
 SETTLED = 1e-3
 
 
-def softposit(points: Floats, image: Floats, focal: float, noise: float, R: Floats, t: Floats) -> tuple[Floats, Floats]:
+def softposit(
+    points: Floats, image: Floats, focal: float, noise: float, *, start: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
     """The pose to which one start leads.
 
     Parameters
@@ -30,9 +32,10 @@ def softposit(points: Floats, image: Floats, focal: float, noise: float, R: Floa
         Pixels, less the principal point.
     focal, noise : float
         In pixels.
-    R, t : (3, 3), (3,) array
-        The start.
+    start : (3, 3), (3,) array
+        Rotation and translation.
     """
+    R, t = start
     homogeneous = np.column_stack([points, np.ones(len(points))])
     x = image / focal
     reach = 9.21 * noise**2 + 1.0  # squared distance at which a pair and no pair are equally good
