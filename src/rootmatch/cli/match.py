@@ -140,7 +140,9 @@ def match(
         "bodies": source.bodies,
     }
     plain = {name: value for name, value in plain.items() if value is not None}
-    given_noise = Noise(noise_option(noise), source.sigma, model, image, posed.noisy_source, posed.name)
+    given_noise = Noise(
+        noise_option(noise), source.sigma, model, image, noisy_source=posed.noisy_source, problem=posed.name
+    )
     if has_frames(image):
         settings = {
             "noise": given_noise.of(None),

@@ -140,7 +140,7 @@ def track(
     count: Counter[str] = Counter()
     times: list[float] = []
     timed = False
-    noises = Noise(given_noise, source.sigma, model, frames, posed.noisy_source, posed.name)
+    noises = Noise(given_noise, source.sigma, model, frames, noisy_source=posed.noisy_source, problem=posed.name)
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,
