@@ -22,6 +22,7 @@ from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
@@ -47,6 +48,8 @@ class _Body:
     told: Posterior
     proposed: dict[bytes, Integers] = field(default_factory=dict)
     """Assignments that searches found, by their bytes."""
+    alike: list[int] = field(default_factory=list)
+    """Numbers of the bodies of the same shape, and of its mirror image."""
     predicted: Proposals | None = None
     settled: bool = False
     enough: bool = False
@@ -70,6 +73,11 @@ class _Body:
         """Those that its best assignment uses."""
         first = self.told.modes.assignments[0]
         return np.asarray(first[first >= 0])
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it was searched for, or its prediction leaves nothing to search for."""
+        return self.among >= 0 or self.enough
 
     def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
         """Whether a search among the free detections with such a budget may find what the last one did not."""
@@ -107,6 +115,9 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
+    for body in bodies:
+        every = (other for other in bodies if other is not body)
+        body.alike = [other.number for other in every if twin_of(body.task, other.task, options.alike) is not None]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve, options)
     taken = np.zeros(task.shape[1], np.bool_)
@@ -157,7 +168,10 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
         body.enough = body.task.prior_pose is not None and is_enough(body.candidate, told)
-        if body.pose >= options.sure and (body.among >= 0 or body.enough):
+    for body in bodies:
+        # what a body of the same shape would make of these detections has to be known as well
+        known = all(bodies[k].is_known for k in (body.number, *body.alike))
+        if body.pose >= options.sure and known:
             body.settled = True
             free[body.detections] = False
     return free
