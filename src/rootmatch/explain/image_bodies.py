@@ -116,8 +116,8 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
-        every = (other for other in bodies if other is not body)
-        body.alike = [other.number for other in every if twin_of(body.task, other.task, options.alike) is not None]
+        others = (other for other in bodies if other is not body)
+        body.alike = [other.number for other in others if twin_of(body.task, other.task, options.alike) is not None]
     with suppress(OutOfTime):
         _match_each(task, bodies, solve, options)
     taken = np.zeros(task.shape[1], np.bool_)
