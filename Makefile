@@ -14,13 +14,14 @@ NUMERICS := $(BIN)/python -m pytest -n logical --maxprocesses 8 -m numerics \
   $(patsubst %,tests/test_%.py,prior tracker resultants polynomial tensor invariants assignment)
 SOURCES := $(shell find src -name '*.py')
 
-.PHONY: help demo test fuzz torture smoke-oldest smoke-processors lint format docs clean
+.PHONY: help demo test fuzz torture adversary smoke-oldest smoke-processors lint format docs clean
 
 help:
 	@echo "make demo    match the chessboard photograph of examples/board and draw the result"
 	@echo "make test    run the whole test suite (make test ARGS='-k board' runs a part)"
 	@echo "make fuzz    try ten thousand calls, twenty thousand command lines and a hundred thousand files; goes on where it stopped"
 	@echo "make torture kill sweeps and runs of frames a hundred times each, and whatever else takes long to break"
+	@echo "make adversary  a thousand random scenes, in search of one that is trusted and wrong"
 	@echo "make wheel   a wheel with compiled kernels for this Python, and the sdist it is built from, into dist; both checked"
 	@echo "make smoke-wheel  what the README shows, from that wheel in an environment of its own, compiling nothing"
 	@echo "make smoke-oldest  a small part of it with the oldest versions that pyproject.toml declares"
@@ -42,6 +43,9 @@ fuzz: $(VENV)/dev.stamp $(VENV)/kernels.stamp
 
 torture: $(VENV)/dev.stamp
 	ROOTMATCH_TORTURE=1 $(BIN)/python -m pytest -n logical --maxprocesses 8 tests/test_torture.py $(ARGS)
+
+adversary: $(VENV)/dev.stamp $(VENV)/kernels.stamp
+	NUMBA_CACHE_DIR=$(KERNELS) $(BIN)/python benchmarks/adversary.py --scenes 1000 --first-seed 3000000 $(ARGS)
 
 # The wheel is built from the sdist, so both are tried.
 wheel: $(VENV)/dev.stamp

@@ -18,9 +18,10 @@ from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import DetectionModel, ModelOptions
 from rootmatch.model.evidence import about, evidence, log_scaled, settled
+from rootmatch.model.mode_search import PosteriorOptions, modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_prior import Broad, Gaussian, PosePrior, Upright
-from rootmatch.model.posterior import PosteriorOptions, modes_of, posterior, weighed
+from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
@@ -58,6 +59,11 @@ def best(model: DetectionModel, R: Floats, position: Floats, assignment: NDArray
     """Evidence of one hypothesis at its best pose, with that pose."""
     found, at = settled(model, assignment[None], *about(model, assignment[None], R[None], position[None]), steps=5)
     return found, at.rotation[0], at.position[0]
+
+
+def posterior(model: DetectionModel, proposals: Proposals) -> Posterior:
+    """That of one body alone."""
+    return joint_posterior([model], [modes_of(model, proposals)])[0]
 
 
 Prior = Callable[[Floats, Floats], Floats]
@@ -335,14 +341,6 @@ def test_probability_is_no_larger_than_any_confidence() -> None:
         assert told.probabilities.sum() + told.clutter == pytest.approx(0.999)
 
 
-def test_what_was_missed_is_in_the_sum() -> None:
-    model, R, position, assignment = made(1000, 8, normals=False)
-    proposed = Proposals(assignment[None], R[None], position[None])
-    assert posterior(model, proposed, missed=0.3).probability == pytest.approx(
-        0.7 * posterior(model, proposed).probability
-    )
-
-
 def test_two_detections_for_one_point_are_a_toss_up() -> None:
     model, R, position, assignment = made(1000, 8, normals=False)
     twin = model.target[3] + (0.1, 0.0)
@@ -410,7 +408,7 @@ def test_bodies_share_no_detection_as_all_joint_hypotheses_say() -> None:
             exact = 0.999 * sum(w for pair, w in weights.items() if pair[k] == mode) / total
             (place,) = np.flatnonzero((told[k].modes.assignments == modes[k].assignments[mode]).all(axis=1))
             assert told[k].probabilities[place] == pytest.approx(exact)
-    alone = weighed(modes[1], 0.0, 0.0, options)
+    (alone,) = joint_posterior(models[1:], modes[1:], options)
     assert alone.probability > 0.9, "without the other body it is believed"
     assert told[1].probabilities[0] < 0.9
 

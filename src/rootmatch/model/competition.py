@@ -32,7 +32,6 @@ BEAM = 4096
 def joint_posterior(
     models: Sequence[DetectionModel],
     every: Sequence[Modes],
-    missed: Sequence[float] | None = None,
     options: PosteriorOptions = DEFAULT_POSTERIOR,
 ) -> list[Posterior]:
     """The posterior of each of several bodies in one image, weighed together.
@@ -43,8 +42,6 @@ def joint_posterior(
         Of the bodies, with the same detections.
     every : sequence of Modes
         Of each, proposed without regard to the others.
-    missed : sequence of float, optional
-        Probability for each that its right pose is not among them.
     options : PosteriorOptions
 
     Returns
@@ -71,8 +68,7 @@ def joint_posterior(
     shares /= shares.sum()
     found = []
     for k, modes in enumerate(parts):
-        known = (1.0 - (missed[k] if missed is not None else 0.0)) * (1.0 - options.wrong_model)
-        each = known * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
+        each = (1.0 - options.wrong_model) * np.bincount(chosen[:, k], shares, len(modes.log_mass) + 1)
         order = np.argsort(-each[:-1], kind="stable")
         found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found

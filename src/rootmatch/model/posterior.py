@@ -1,4 +1,4 @@
-"""The posterior of one body: over the poses that were proposed, clutter alone, and what may have been missed.
+"""The posterior of one body: over the poses that were proposed, and clutter alone.
 
 The probability of an assignment is never above that of its pose, nor above the confidence in any of its matches.
 """
@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions, modes_of
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.proposals import Proposals
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -107,36 +105,9 @@ class Posterior:
         return out
 
 
-def posterior(
-    model: DetectionModel, proposals: Proposals, missed: float = 0.0, options: PosteriorOptions = DEFAULT_POSTERIOR
-) -> Posterior:
-    """The posterior over some proposed poses, the image without the body, and what was not proposed.
-
-    Parameters
-    ----------
-    model : DetectionModel
-    proposals : Proposals
-        Assignments with poses near which each is to be fitted; of an assignment with several poses, one of each.
-    missed : float
-        Probability that the right pose is not among them.
-    options : PosteriorOptions
-    """
-    modes = modes_of(model, proposals, options=options)
-    return weighed(modes, prior_odds(options), missed, options)
-
-
 def prior_odds(options: PosteriorOptions = DEFAULT_POSTERIOR) -> float:
     """Logarithm of the odds that an image shows the body, before it is seen."""
     return math.log(options.present) - math.log1p(-min(options.present, 1.0 - 1e-15))
-
-
-def weighed(modes: Modes, odds: float, missed: float, options: PosteriorOptions) -> Posterior:
-    """The posterior of a body alone."""
-    logarithms = np.append(modes.log_mass + odds, 0.0)
-    shares = np.exp(logarithms - logarithms.max())
-    shares /= shares.sum()
-    known = (1.0 - missed) * (1.0 - options.wrong_model)
-    return Posterior(modes, known * shares[:-1], known * float(shares[-1]))
 
 
 def unknown(n: int) -> Posterior:
