@@ -87,6 +87,10 @@ class Deadline:
         if left_out:
             self._cuts.append(self.ends)
 
+    def at_least(self, seconds: float) -> Deadline:
+        """The same, or one that leaves so many seconds from now: for work that is better done than not."""
+        return self if self.left() >= seconds else Deadline(seconds, clock=self.clock)
+
     def with_grace(self) -> Deadline:
         """The same a little later: what hands on the results of a stage that ended in time has not to be cut off."""
         if not self.is_set:

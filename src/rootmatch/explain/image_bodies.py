@@ -14,14 +14,14 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, OutOfTime
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, Solve, budgets_of, searched_among
 from rootmatch.explain.body_findings import joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
@@ -141,7 +141,8 @@ def _body(task: MatchingTask, number: int) -> _Body:
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
     """Search for each of the bodies, until nothing more is to be expected."""
-    with NEVER.enforced():  # it takes milliseconds, and is better than nothing
+    free = np.ones(task.shape[1], np.bool_)
+    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         for body in bodies:
             body.predict()
         free = _weigh(bodies, options)

@@ -37,6 +37,9 @@ TWINS = 4
 """First poses of a body whose near-symmetric ones, and look-alikes of another body, are proposed. A round value."""
 DOUBT = 0.01
 """Probability that a predicted pose is wrong by more than its covariance says. A round value."""
+PREDICTION = 0.05
+"""Seconds that a prediction may take whatever the deadline: it is better than nothing. It takes milliseconds unless
+hundreds of detections are near it."""
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 

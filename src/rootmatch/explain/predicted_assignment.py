@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
+from rootmatch.deadline import checkpoint
 from rootmatch.explain.image_density import normal_density
 from rootmatch.explain.predicted_likelihood import Floats, Integers, PriorFit, PriorFrame, Projected
 from rootmatch.explain.rig_copies import RigCopies
@@ -239,6 +240,7 @@ def _narrowed(
     for _ in range(2):
         steps, covariances, scores = [], [], []
         for _, step, covariance in beams:
+            checkpoint()
             one = _updates(frame, first, step, covariance, candidates=candidates, options=options)
             if one is not None:
                 steps.append(one[0])

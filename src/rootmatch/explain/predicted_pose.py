@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER
+from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.predicted_assignment import Found, match_with_prior, prior_of
 from rootmatch.explain.predicted_likelihood import PriorFit, unbiased_frame
 from rootmatch.explain.task import MatchingTask
@@ -30,13 +31,13 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
     """
     searchable = task.shape[1] >= task.problem.order
-    with NEVER.enforced():  # it takes milliseconds, and is better than nothing
+    predicted = None
+    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         predicted = proposals_by_prediction(task)
         body = Candidate.of(task, [], predicted)
         (told,) = competing([body])
-    if predicted is not None and (not searchable or is_enough(body, told)):
         found = told_by(nothing_found(task, UNCONFIRMED), told, body)
-        if found.prior_holds:
+        if found.prior_holds and (not searchable or is_enough(body, told)):
             return replace(found, reason=None)
     if not searchable:
         return nothing_found(
@@ -45,9 +46,11 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
             f"needs {task.problem.order}",
         )
     searched = solve(replace(task, prior_pose=None))
-    body = Candidate.of(task, searched.every, predicted)
-    (told,) = competing([body])
-    return told_by(replace(searched, task=task), told, body)
+    with suppress(OutOfTime):
+        body = Candidate.of(task, searched.every, predicted)
+        (told,) = competing([body])
+        return told_by(replace(searched, task=task), told, body)
+    return searched
 
 
 def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
