@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ class Clutter:
 
 
 def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[Integers] = ()) -> Clutter:
-    """The clutter of an image.
+    """The clutter of an image; found once for all bodies and searches that look at it.
 
     Parameters
     ----------
@@ -109,10 +109,22 @@ def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[In
     images : sequence of int arrays
         As there: detections crowd within an image.
     """
-    count = len(target)
-    label = np.zeros(count, np.int64)
+    label = np.zeros(len(target), np.int64)
     for k, own in enumerate(images):
         label[own] = k
+    values = (np.ascontiguousarray(one, np.float64).tobytes() for one in (target, sigma, areas))
+    return _of_values(*values, label.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, label_bytes: bytes) -> Clutter:
+    """The clutter of an image by its values."""
+    target, sigma, areas = (
+        np.frombuffer(target_bytes).reshape(-1, 2),
+        np.frombuffer(sigma_bytes),
+        np.frombuffer(areas_bytes),
+    )
+    label, count = np.frombuffer(label_bytes, np.int64), len(target)
     uniform = 1.0 / areas[label]
     if count < FEW:
         return Clutter(np.zeros((count, count)), np.arange(count), uniform, 1.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -141,22 +142,32 @@ class Gaussian(PosePrior):
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PosePrior.terms`."""
         count = len(rotation)
-        known = np.isfinite(np.diag(self.covariance))
+        known, whole, log_peak = self._known
         step = np.concatenate([rotation_vector(self.rotation @ rotation.swapaxes(1, 2)), self.position - position], 1)
         step[:, ~known] = 0.0
-        own = self._invertible(known)
-        whole = np.zeros((6, 6))
-        whole[np.ix_(known, known)] = np.linalg.inv(own)
+        if known.all():
+            slope = step @ whole
+            same = np.broadcast_to(whole, (count, 6, 6))
+            return Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak))
         terms = self.broad.terms(rotation, position)
         precision = np.where(np.outer(known, known), whole, terms.precision)
         precision[:, ~np.equal.outer(known, known)] = 0.0
-        log_density = np.full(count, -0.5 * float(np.linalg.slogdet(2.0 * math.pi * own)[1]))
+        log_density = np.full(count, log_peak)
         if not known[:3].all():
             log_density = log_density - math.log(ROTATIONS)
         if not known[3:].all():
             log_density = log_density + self.broad.of_position(position)[1]
         slope = step @ whole
         return Terms(precision, slope, (slope * step).sum(axis=1), log_density)
+
+    @cached_property
+    def _known(self) -> tuple[NDArray[np.bool_], Floats, float]:
+        """Which parameters are known, the precision of those (6, 6), and the logarithm of the density at its peak."""
+        known = np.isfinite(np.diag(self.covariance))
+        own = self._invertible(known)
+        whole = np.zeros((6, 6))
+        whole[np.ix_(known, known)] = np.linalg.inv(own)
+        return known, whole, -0.5 * float(np.linalg.slogdet(2.0 * math.pi * own)[1])
 
     def _invertible(self, known: NDArray[np.bool_]) -> Floats:
         """The covariance of what is known, no more certain than `EXACT` in any direction."""
