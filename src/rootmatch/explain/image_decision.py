@@ -31,6 +31,10 @@ from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
 
+KEPT = 0.8
+"""Part of its matches that has to remain of a body that is believed: a pose that is sure with fewer is called
+ambiguous, as too much of what it shows is not known. A round value."""
+
 
 def is_modelled(task: MatchingTask) -> bool:
     """Whether a task has a pose of its camera, in units of the noise: P3P and UP2P, and rigs."""
@@ -111,7 +115,7 @@ def told_by(
     matched = len(used[k])
     sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, TRUST.kept * matched):
+    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched):
         facts = replace(facts, contested=False, sure_of_the_rest=True)
     facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf, probability=probability)
     found = replace(base, facts=facts)
