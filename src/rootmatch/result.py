@@ -107,8 +107,8 @@ class Match:
         """Lead in score over the best different assignment: 1 − second / best.
 
         It is 0 for a tie, or if another one scores more but is less probable, and 1 if no other scores. With several
-        motions it is the lead over the best packing without one of its groups; if a predicted pose decided, the lead in
-        the odds against clutter.
+        motions it is the lead over the best packing without one of its groups; if a predicted pose decided, 1 less the
+        odds against its assignment.
         """
         return self.finding.margin
 
@@ -165,10 +165,11 @@ class Match:
 
     @cached_property
     def probability(self) -> float | None:
-        """Posterior probability that the assignment is right, given that one of those considered is.
+        """Posterior probability that the assignment is right, every match of it.
 
-        Each is fitted by its best pose. None if the problem cannot fit poses, for the paper's residuals and with
-        several motions.
+        For a camera pose and for two point sets it is that of a model of all that was observed, in which the object may
+        not be there (docs/model.md); between two views that one of the assignments considered is right is given. None
+        if the problem fits no poses, for the paper's residuals and with several motions.
         """
         if self.finding.probability is not None:
             return self.finding.probability
@@ -184,10 +185,10 @@ class Match:
     def confidence(self) -> NDArray[np.float64]:
         """Posterior probability (n,) that each point's match, or its being unmatched, is right.
 
-        Summed over the assignments that were weighed and their local changes (a point left out, moved to another
-        detection or exchanged with another point). If the status is MATCHED the pose is sure, and matches that are not
-        are left out: at most a hundredth of those of a large assignment, or a tenth of one match, is expected to be
-        wrong. NaN if the problem fits no poses, and for the paper's residuals.
+        Summed over the poses that were weighed and their local changes (a point left out, moved to another detection or
+        exchanged with another point). If the status is MATCHED the pose is sure, and matches that are not are left out:
+        so many that what remains is right with ``min_probability``, but for a thousandth of the matches of a large
+        assignment. NaN if the problem fits no poses, and for the paper's residuals.
         """
         if self.sightings is not None:
             return self.sightings.confidence

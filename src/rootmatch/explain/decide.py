@@ -91,8 +91,9 @@ benchmarks/evidence.py 0.9 believed 5 wrong ones of 480 controllers with 4 and 5
 class Status(Enum):
     """Whether to believe a match; `rootmatch.Match.advice` says what to do about it in the words of its problem.
 
-    `decide` derives it. UNTRUSTED: a false alarm could be as good, or no pose fits the assignment. AMBIGUOUS: it is
-    not sure; its probability is below 0.9 or, if none is known, its margin below 0.2. MATCHED otherwise.
+    `decide` derives it. UNTRUSTED: what is looked for may not be there, or no pose fits the assignment. AMBIGUOUS: it
+    is there, but not sure; the probability of every pose is below `min_probability` or, if none is known, the margin is
+    below 0.2. MATCHED otherwise.
     """
 
     MATCHED = "matched"

@@ -139,7 +139,7 @@ def told_by(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        fused_pose=_pose(body, told) if holds and believed else None,
+        fused_pose=_pose(body, told, k) if holds and believed else None,
     )
     return found if found.evaluated else _without_hyperedges(found)
 
@@ -154,9 +154,9 @@ def _without_hyperedges(found: Finding) -> Finding:
     return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), soft=soft)
 
 
-def _pose(body: Candidate, told: Posterior) -> Pose:
-    """The pose of the first mode, of the points as they were given."""
-    R, position, covariance = told.modes.rotation[0], told.modes.position[0], told.modes.covariance[0]
+def _pose(body: Candidate, told: Posterior, k: int) -> Pose:
+    """The pose of one of the modes, of the points as they were given."""
+    R, position, covariance = told.modes.rotation[k], told.modes.position[k], told.modes.covariance[k]
     arm = R @ body.model.centre
     from_centre = np.eye(6)
     from_centre[3:, :3] = cross_matrix(arm)
