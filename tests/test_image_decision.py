@@ -14,6 +14,7 @@ from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate, model_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.pose_prior import Broad, Doubted, Gaussian
 from rootmatch.model.posterior import Posterior
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)
@@ -115,3 +116,43 @@ def test_weights_of_candidates_count() -> None:
     (told,) = told_of((task, [truth]))
     assert told.modes.assignments[0][3] == len(target) - 1
     assert told.confidence[3] > 0.9
+
+
+def test_min_probability_is_the_threshold() -> None:
+    """Of two detections of one point neither is sure: with a low threshold one of them is told, else none."""
+    points, target, truth, _, _ = scene(1004, clutter=0)
+    target = np.vstack([target, target[3] + (0.7, 0.0)])
+    told = [
+        rm.match(points, target, rm.P3P(CAMERA), noise=0.4, min_probability=least) for least in (0.3, None, 0.99999)
+    ]
+    assert [match.status is rm.Status.MATCHED for match in told] == [True, True, False]
+    assert [match.assignment[3] >= 0 for match in told[:2]] == [True, False]
+    np.testing.assert_array_equal(np.delete(told[1].assignment, 3), np.delete(truth, 3))
+
+
+def test_a_wrong_prediction_is_judged_by_what_is_known_without_it() -> None:
+    spread = np.diag([0.01] * 3 + [0.02] * 3) ** 2
+    prediction = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), spread)
+    mixture = Doubted(prediction, Broad(), 0.01)
+    rotation = Rotation.from_rotvec([[0.0, 0.0, 0.01], [0.0, 0.0, 1.0]]).as_matrix()
+    position = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    found, broad = mixture.terms(rotation, position), Broad().terms(rotation, position)
+    np.testing.assert_array_equal(mixture.holds(rotation, position), [True, False])
+    assert found.log_density[1] == pytest.approx(broad.log_density[1] + np.log(0.01))
+    assert found.log_density[0] == pytest.approx(prediction.terms(rotation, position).log_density[0] + np.log(0.99))
+    np.testing.assert_array_equal(found.precision[1], broad.precision[1])
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_mirror_image_takes_nothing_before_the_body_was_searched_for(order: tuple[int, int]) -> None:
+    """Whichever is searched for first, the one in view is found, and the other one has none of its detections."""
+    points, target, truth, _, _ = scene(1005, clutter=4)
+    both = [points, points * (-1.0, 1.0, 1.0)]
+    source = np.concatenate([both[k] for k in order])
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=0.4, bodies=np.repeat(order, 8))
+    assert match.bodies is not None
+    assert match.bodies[0].status is rm.Status.MATCHED
+    np.testing.assert_array_equal(match.bodies[0].assignment, truth)
+    assert match.bodies[1].status is rm.Status.UNTRUSTED
+    assert (match.bodies[1].assignment < 0).all()
+    assert match.bodies[1].probability < 0.05
