@@ -374,7 +374,7 @@ def of_two(features: tuple[str, ...], chosen: int) -> tuple[rm.Match, list[int]]
         world.frames[k] = Frame(np.vstack([frame.target, again]), frame.truth)
         first = [int(truth[0, 0]), len(frame.target)]
     weights = np.ones((len(world.source), len(world.frames[-1].target)))
-    weights[0, first] = [1.0, 0.01] if chosen == 0 else [0.01, 1.0]
+    weights[0, first] = [1.0, 1e-4] if chosen == 0 else [1e-4, 1.0]
     return world.answer(candidates=weights), first
 
 
