@@ -217,7 +217,7 @@ def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) ->
 
 
 def _of_motions(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """Of groups of one motion each, every one supported by itself; its score is the evidence of the packing."""
+    """The finding of groups of one motion each; its score is the evidence of the packing."""
     lead = solution.statistics.get("lead", 0.0)
     alarms = log10_false_alarms_of_groups(solution, task.shape)
     return Finding(

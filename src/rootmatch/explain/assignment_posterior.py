@@ -50,7 +50,7 @@ class Misfit(NamedTuple):
 
     @classmethod
     def of(cls, chi2: float, freedom: int, options: PosteriorOptions = DEFAULT_OPTIONS) -> Misfit:
-        """That of a fit with this χ²."""
+        """The misfit of a pose with this χ²."""
         given = options.noise_freedom
         sigma = math.sqrt(chi2 / freedom) if freedom else math.nan
         return cls((given + chi2) / (given + freedom), sigma, freedom)

@@ -72,7 +72,7 @@ class _Body:
 
     @property
     def probability(self) -> float:
-        """Of its assignment, as far as the status needed it; 1 where a clear one needed none."""
+        """Probability of its assignment; 1 for a clear one whose status needed none."""
         assert self.match is not None
         known = self.match.probability
         return 1.0 if known is None else known

@@ -92,12 +92,12 @@ class Finding:
         return decide(self.facts)
 
     def with_facts(self, **facts: Any) -> Self:
-        """The same with some facts changed, from which another status may follow."""
+        """A copy with some facts changed, from which another status may follow."""
         return replace(self, facts=replace(self.facts, **facts))
 
     @property
     def probability(self) -> float | None:
-        """Of the assignment, where the status needed it."""
+        """Probability of the assignment, if the status needed it."""
         return self.facts.probability
 
     @property
@@ -126,7 +126,7 @@ class Finding:
 
     @cached_property
     def soft_assignment(self) -> Floats:
-        """That of the solver or, if none ran, what supports each correspondence, each row over its sum; (n, n')."""
+        """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, each row over its sum."""
         if self.soft is not None:
             return self.soft
         gains = np.maximum(self.tensor.contract(one_hot(self.assignment, self.tensor.shape[1])), 0.0)

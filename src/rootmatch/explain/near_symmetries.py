@@ -98,7 +98,7 @@ def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry,
 
 @lru_cache(maxsize=64)
 def _known(source: bytes, normals: bytes) -> tuple[NearSymmetry, ...]:
-    """Those of points and normals by their values: every frame, search and body asks anew."""
+    """Near symmetries of points and normals by their values, found once: every frame and search asks again."""
     points = np.frombuffer(source).reshape(-1, 3)
     faces = np.frombuffer(normals).reshape(-1, 3) if normals else None
     found = _found(points, faces)

@@ -87,7 +87,7 @@ class RigCopies(Problem):
         raise InputError("rig: hyper-edges of several cameras are not evaluated; take one camera")
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
-        """As `tables`."""
+        """Refused: see `tables`."""
         raise InputError("rig: minimal sets of several cameras are not solved; take one camera")
 
 

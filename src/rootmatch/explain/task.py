@@ -104,7 +104,7 @@ class MatchOptions:
         get_solver("ascent" if self.solver is None else self.solver)
 
     def least_probability(self, default: float) -> float:
-        """Of what is believed."""
+        """Probability from which a match is believed: as given, or this default."""
         return default if self.min_probability is None else self.min_probability
 
     @property
@@ -318,7 +318,7 @@ class MatchingTask:
         )
 
     def with_noise(self, sigma: float) -> Self:
-        """The same task with another noise, the same for all points; nothing is estimated any more."""
+        """A copy of the task with one known noise for all points."""
         pixels = self.problem.noise_pixels(self.points.source, self.points.target)
         parsed = parse_noise(sigma, self.shape, self.problem.noisy_source, self.problem.name, pixels)
         points = self.points.with_noise(*parsed)

@@ -78,7 +78,7 @@ class Linearised:
     position: Floats
 
     def take(self, which: Integers) -> Linearised:
-        """Those of some of the poses."""
+        """Select some of the poses."""
         cosine = None if self.cosine is None else self.cosine[which]
         return Linearised(
             pixels=self.pixels[which],

@@ -64,7 +64,7 @@ class Evidence:
     decrement: Floats
 
     def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
-        """That of some of the hypotheses."""
+        """Select some of the hypotheses."""
         return Evidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 

@@ -136,7 +136,7 @@ class _Mode:
 
     @classmethod
     def every(cls, modes: Modes) -> list[_Mode]:
-        """Those of arrays."""
+        """The modes that arrays hold."""
         return [
             cls(
                 assignment=modes.assignments[k],
@@ -162,7 +162,7 @@ class _Mode:
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
-        """One of some weighed proposals, its pose after the step that is left."""
+        """A mode of one of some weighed proposals, after the step that its pose still lacks."""
         place = np.array([k])
         (rotation,), (position,) = stepped(found.take(place), at.take(place))
         return cls(

@@ -37,11 +37,11 @@ class Posterior:
 
     @property
     def probability(self) -> float:
-        """Of the first mode's assignment, every match of it, in whichever pose; 0 without a mode."""
+        """Probability of the first mode's assignment, summed over the poses that have it; 0 without a mode."""
         return self.probability_of(self.modes.assignments[0]) if len(self.probabilities) else 0.0
 
     def probability_of(self, assignment: Integers) -> float:
-        """Of an assignment (n,), every match of it, in whichever pose."""
+        """Probability of an assignment (n,), summed over the poses that have it."""
         same = (self.modes.assignments == assignment).all(axis=1)
         shares = np.exp(np.minimum(self.modes.log_odds - self.modes.log_mass, 0.0))
         return float(self.probabilities @ (same * shares))
@@ -52,7 +52,7 @@ class Posterior:
         return self.confidence_in(self.modes.assignments[0])
 
     def confidence_in(self, assignment: Integers) -> Floats:
-        """The same of the assignment (n,) of any mode, or of none."""
+        """`confidence` in any assignment (n,)."""
         each = np.where(self.modes.assignments == assignment, self.modes.local, 0.0)
         free = np.where(self.modes.assignments == assignment, self.modes.local, self.modes.unmatched)
         return np.asarray(
@@ -111,5 +111,5 @@ def prior_odds(options: PosteriorOptions = DEFAULT_POSTERIOR) -> float:
 
 
 def unknown(n: int) -> Posterior:
-    """Of a body of so many points before anything is proposed."""
+    """The posterior of a body of n points before anything is proposed."""
     return Posterior(no_modes(n), np.empty(0), 1.0 - DEFAULT_POSTERIOR.wrong_model)

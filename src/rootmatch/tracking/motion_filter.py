@@ -169,7 +169,7 @@ class MotionFilter:
         return pose.R, pose.t + turned, change @ pose.covariance @ change.T
 
     def _given(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
-        """The same as a pose of the body's own frame."""
+        """The pose of the body's own frame."""
         turned = R @ self.centre
         change = np.eye(6)
         change[3:, :3] = cross_matrix(turned)

@@ -46,7 +46,7 @@ TENTATIVE = 4
 
 @dataclass
 class RivalPose:
-    """One of them.
+    """One of the poses between which the frames so far do not decide.
 
     Attributes
     ----------
