@@ -126,7 +126,7 @@ class Finding:
 
     @cached_property
     def soft_assignment(self) -> Floats:
-        """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, each row over its sum."""
+        """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row."""
         if self.soft is not None:
             return self.soft
         gains = np.maximum(self.tensor.contract(one_hot(self.assignment, self.tensor.shape[1])), 0.0)
