@@ -110,7 +110,7 @@ def told_by(
     k = free[0]
     first, confidence = modes.assignments[k], told.confidence_in(modes.assignments[k])
     probability = told.probability_of(first)
-    fault = Misfit.of(float(modes.squared[k]), round(float(modes.freedom[k])))
+    fault = _misfit(body, told, k)
     holds = isinstance(prior, Doubted) and bool(prior.holds(modes.rotation[[k]], modes.position[[k]])[0])
     matched = len(used[k])
     sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
@@ -152,6 +152,16 @@ def _without_hyperedges(found: Finding) -> Finding:
     if found.confidence is not None:
         soft[matched, found.assignment[matched]] = found.confidence[matched]
     return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), soft=soft)
+
+
+def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
+    """How large the residuals of the detections are about one of the modes; a prediction may be off without any."""
+    modes, model = told.modes, body.model
+    own = np.flatnonzero(modes.assignments[k] >= 0)
+    image = modes.assignments[k][own]
+    at = model.linearised(modes.rotation[[k]], modes.position[[k]])
+    squared = ((model.target[image] - at.pixels[0, own]) ** 2).sum(axis=1) / model.sigma[image] ** 2
+    return Misfit.of(float(squared.sum()), round(float(modes.freedom[k])))
 
 
 def _pose(body: Candidate, told: Posterior, k: int) -> Pose:
