@@ -292,6 +292,19 @@ def test_uniform_clutter_is_uniform_and_a_crowd_is_denser() -> None:
     assert whole > half + 1.0, "a crowd that is taken whole owes its first member"
 
 
+def test_crowds_are_found_among_more_detections_than_are_looked_at() -> None:
+    rng = np.random.default_rng(1)
+    area = np.array([1280.0 * 960.0])
+    crowd = np.concatenate([rng.uniform((0, 0), (1280, 960), (600, 2)), rng.normal((300, 200), 4.0, (20, 2))])
+    found = clutter_of(crowd, np.full(len(crowd), 0.5), area)
+    assert found.about.shape == (620, len(found.centres))
+    assert len(found.centres) < 620
+    taken = np.zeros((2, 620), np.bool_)
+    taken[0, 600:] = taken[1, :20] = True
+    crowded, scattered = found.log_first(taken)
+    assert crowded > scattered + 1.0
+
+
 def test_unrelated_points_are_clutter() -> None:
     """The sum of B over all hypotheses has a mean of 1 under clutter alone; here over those of four of four points."""
     total = []

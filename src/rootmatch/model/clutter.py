@@ -93,7 +93,7 @@ class Clutter:
         rest = ~taken[:, self.centres]
         left = rest.sum(axis=1, keepdims=True)
         share = 1.0 - self.alone
-        density = self.alone * self.uniform + (rest @ self.about + share * self.uniform) / (left + 1.0)
+        density = self.alone * self.uniform + (rest @ self.about.T + share * self.uniform) / (left + 1.0)
         owed = np.where(taken, self.log_density - np.log(density), 0.0)
         return np.asarray(np.maximum(owed.sum(axis=1) / np.maximum(taken.sum(axis=1), 1), 0.0))
 
