@@ -398,7 +398,7 @@ def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
     value = np.array(log_odds)
     return Modes(
         np.array(assignments), np.repeat(np.eye(3)[None], count, 0), np.tile([0.0, 0.0, 1.0], (count, 1)),
-        np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count), np.zeros(count),
+        np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
         np.ones((count, n)), np.zeros((count, n)), none_near(count, n),
     )  # fmt: skip
 

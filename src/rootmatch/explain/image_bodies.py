@@ -91,7 +91,7 @@ class _Body:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
             self.predicted = proposals_by_prediction(self.task)
-            self.candidate = Candidate.of(self.task, [], self.predicted)
+            self.candidate = self.candidate.proposed([], self.predicted)
 
     def propose(self, found: Finding) -> None:
         """Add what a search found."""
@@ -99,7 +99,7 @@ class _Body:
         new = {one.tobytes(): one for one in found.every if (one >= 0).sum() > self.task.problem.minimal}
         if new.keys() - self.proposed.keys():
             self.proposed |= new
-            self.candidate = Candidate.of(self.task, list(self.proposed.values()), self.predicted)
+            self.candidate = self.candidate.proposed(list(self.proposed.values()), self.predicted)
 
 
 def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:

@@ -13,19 +13,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.assessment import does_not_fit
 from rootmatch.explain.assignment_posterior import Misfit
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_hypotheses import Candidate, competing
+from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.mode_search import LEAST
 from rootmatch.model.pose_prior import Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
@@ -60,7 +60,7 @@ def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
     )
     try:
         body = Candidate.of(task, named)
-        (told,) = competing([body])
+        told = body.alone()
     except OutOfTime:
         return base
     return told_by(base, told, body, missed=sampled.missed)
@@ -167,10 +167,7 @@ def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
 def _pose(body: Candidate, told: Posterior, k: int) -> Pose:
     """The pose of one of the modes, of the points as they were given."""
     R, position, covariance = told.modes.rotation[k], told.modes.position[k], told.modes.covariance[k]
-    arm = R @ body.model.centre
-    from_centre = np.eye(6)
-    from_centre[3:, :3] = cross_matrix(arm)
-    return Pose.unchecked(R, position - arm, from_centre @ covariance @ from_centre.T)
+    return Pose.unchecked(R, *about_point(R, position, covariance, -body.model.centre))
 
 
 def confidence_of_motions(
@@ -191,7 +188,7 @@ def confidence_of_motions(
         part = alone.subset(points, pixels)
         each = np.full(len(own), math.nan)
         if is_modelled(part):
-            (told,) = competing([Candidate.of(part, [own])])
+            told = Candidate.of(part, [own]).alone()
             each = told.confidence_in(own) if len(told.probabilities) else each
         confidence[points] = np.where(own >= 0, each, np.fmin(confidence[points], each))
     return confidence

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -24,11 +23,12 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.mode_search import modes_of
-from rootmatch.model.modes import Modes
+from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_prior import Doubted, Gaussian, PosePrior, Upright
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
+from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.up2p import UP2P
 
 Integers = NDArray[np.int64]
@@ -50,17 +50,24 @@ class Candidate:
 
     task: MatchingTask
     model: DetectionModel
-    proposals: Proposals
     modes: Modes
 
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
         """By the assignments that were found, and by what a prediction proposes."""
-        model = model_of(task)
-        proposals = proposals_of(task, model, assignments)
+        return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments, predicted)
+
+    def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
+        """The same body by other assignments, and by what a prediction proposes."""
+        proposals = proposals_of(self.task, self.model, assignments)
         if predicted is not None:
             proposals = joined([proposals, predicted])
-        return cls(task, model, proposals, modes_of(model, proposals))
+        return replace(self, modes=modes_of(self.model, proposals))
+
+    def alone(self) -> Posterior:
+        """Its posterior if the image shows no other known body."""
+        (told,) = competing([self])
+        return told
 
 
 def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
@@ -128,10 +135,8 @@ def _prediction(task: MatchingTask) -> Gaussian:
     """A predicted pose as a prior of the body's centre."""
     predicted = prior_of(task)
     assert predicted.covariance is not None
-    arm = predicted.R @ task.points.source.mean(axis=0)
-    to_centre = np.eye(6)
-    to_centre[3:, :3] = -cross_matrix(arm)
-    return Gaussian(predicted.R, predicted.t + arm, to_centre @ predicted.covariance @ to_centre.T)
+    centre = task.points.source.mean(axis=0)
+    return Gaussian(predicted.R, *about_point(predicted.R, predicted.t, predicted.covariance, centre))
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:

@@ -14,7 +14,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import TRUST, Facts
 from rootmatch.explain.finding import Finding, empty_tensor, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, is_enough, proposals_by_prediction
 from rootmatch.explain.predicted_assignment import Found, match_with_prior, prior_of
 from rootmatch.explain.predicted_likelihood import PriorFit, unbiased_frame
 from rootmatch.explain.task import MatchingTask
@@ -31,14 +31,15 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
     """
     searchable = task.shape[1] >= task.problem.order
-    predicted = None
+    predicted, body = None, Candidate.of(task, [])
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         predicted = proposals_by_prediction(task)
-        body = Candidate.of(task, [], predicted)
-        (told,) = competing([body])
-        found = told_by(nothing_found(task, UNCONFIRMED), told, body)
-        if found.prior_holds and (not searchable or is_enough(body, told)):
-            return replace(found, reason=None)
+        body = body.proposed([], predicted)
+        told = body.alone()
+        if not searchable or is_enough(body, told):
+            found = told_by(nothing_found(task, UNCONFIRMED), told, body)
+            if found.prior_holds:
+                return replace(found, reason=None)
     if not searchable:
         return nothing_found(
             replace(task, prior_pose=None),
@@ -47,9 +48,8 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
         )
     searched = solve(replace(task, prior_pose=None))
     with suppress(OutOfTime):
-        body = Candidate.of(task, searched.every, predicted)
-        (told,) = competing([body])
-        return told_by(replace(searched, task=task), told, body)
+        body = body.proposed(searched.every, predicted)
+        return told_by(replace(searched, task=task), body.alone(), body)
     return searched
 
 

@@ -110,7 +110,6 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
         covariance=found.covariance,
         log_odds=found.log_odds,
         log_mass=found.log_odds + part_of.log_mass - part_of.log_odds,
-        squared=found.squared,
         freedom=found.freedom,
         visible=found.visible,
         local=np.where(given, 1.0, part_of.local),

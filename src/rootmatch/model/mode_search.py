@@ -8,7 +8,7 @@ independent, so that a mode's mass is its evidence times a product, and what a p
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -120,16 +120,17 @@ def _possible(
 
 @dataclass(eq=False)
 class _Mode:
+    """One of `Modes`, its fields in their order."""
+
     assignment: Integers
     rotation: Floats
     position: Floats
     covariance: Floats
     log_odds: float
-    squared: float
-    freedom: float
-    visible: Floats
     log_mass: float
     local: Floats
+    freedom: float
+    visible: Floats
     unmatched: Floats
     near: tuple[Integers, Floats]
     """Changed assignments that were weighed, with their log-odds."""
@@ -137,23 +138,7 @@ class _Mode:
     @classmethod
     def every(cls, modes: Modes) -> list[_Mode]:
         """The modes that arrays hold."""
-        return [
-            cls(
-                assignment=modes.assignments[k],
-                rotation=modes.rotation[k],
-                position=modes.position[k],
-                covariance=modes.covariance[k],
-                log_odds=float(modes.log_odds[k]),
-                squared=float(modes.squared[k]),
-                freedom=float(modes.freedom[k]),
-                visible=modes.visible[k],
-                log_mass=float(modes.log_mass[k]),
-                local=modes.local[k],
-                unmatched=modes.unmatched[k],
-                near=modes.near[k],
-            )
-            for k in range(len(modes.log_odds))
-        ]
+        return [cls(*row) for row in zip(*(getattr(modes, one.name) for one in fields(modes)), strict=True)]
 
     @cached_property
     def changes(self) -> dict[bytes, float]:
@@ -171,7 +156,6 @@ class _Mode:
             position=position,
             covariance=found.covariance[k],
             log_odds=float(found.log_odds[k]),
-            squared=float(found.squared[k]),
             freedom=float(found.freedom[k]),
             visible=found.visible[k],
             log_mass=float(found.log_odds[k]),
@@ -288,17 +272,6 @@ def _first_order(
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:
     if not kept:
         return no_modes(n)
-    return Modes(
-        assignments=np.array([one.assignment for one in kept]),
-        rotation=np.array([one.rotation for one in kept]),
-        position=np.array([one.position for one in kept]),
-        covariance=np.array([one.covariance for one in kept]),
-        log_odds=np.array([one.log_odds for one in kept]),
-        log_mass=np.array([one.log_mass for one in kept]),
-        local=np.array([one.local for one in kept]),
-        squared=np.array([one.squared for one in kept]),
-        freedom=np.array([one.freedom for one in kept]),
-        visible=np.array([one.visible for one in kept]),
-        unmatched=np.array([one.unmatched for one in kept]),
-        near=as_objects([one.near for one in kept]),
-    )
+    *arrays, near = ([getattr(one, field.name) for one in kept] for field in fields(_Mode))
+    columns = dict(zip([field.name for field in fields(Modes)], map(np.array, arrays), strict=False))
+    return Modes(**columns, near=as_objects(near))

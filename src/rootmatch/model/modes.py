@@ -28,7 +28,7 @@ class Modes:
         The same with all changes that leave the pose as it is.
     local : (M, n) float64
         Probability that a point's match, or its being unmatched, is right, given the mode.
-    squared, freedom : (M,) float64
+    freedom : (M,) float64
         Of the fit, see `Evidence`.
     visible : (M, n) float64
     unmatched : (M, n) float64
@@ -45,7 +45,6 @@ class Modes:
     log_odds: Floats
     log_mass: Floats
     local: Floats
-    squared: Floats
     freedom: Floats
     visible: Floats
     unmatched: Floats
@@ -71,7 +70,6 @@ def no_modes(n: int) -> Modes:
         log_odds=none,
         log_mass=none,
         local=np.empty((0, n)),
-        squared=none,
         freedom=none,
         visible=np.empty((0, n)),
         unmatched=np.empty((0, n)),

@@ -196,19 +196,28 @@ class Doubted(PosePrior):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PosePrior.terms`."""
-        predicted, broad = self.prediction.terms(rotation, position), self.without.terms(rotation, position)
-        predicted = predicted._replace(log_density=predicted.log_density + math.log1p(-self.doubt))
-        broad = broad._replace(log_density=broad.log_density + math.log(self.doubt))
-        holds = predicted.log_density - 0.5 * predicted.squared >= broad.log_density - 0.5 * broad.squared
+        predicted, broad = self._components(rotation, position)
+        first = _at_pose(predicted) >= _at_pose(broad)
         return Terms(
             *(
-                np.where(holds.reshape(-1, *[1] * (one.ndim - 1)), one, two)
+                np.where(first.reshape(-1, *[1] * (one.ndim - 1)), one, two)
                 for one, two in zip(predicted, broad, strict=True)
             )
         )
 
     def holds(self, rotation: Floats, position: Floats) -> NDArray[np.bool_]:
         """Whether the prediction says more about each of some poses than what is known without it."""
+        predicted, broad = self._components(rotation, position)
+        return np.asarray(_at_pose(predicted) >= _at_pose(broad))
+
+    def _components(self, rotation: Floats, position: Floats) -> tuple[Terms, Terms]:
         predicted, broad = self.prediction.terms(rotation, position), self.without.terms(rotation, position)
-        lead = predicted.log_density - broad.log_density - 0.5 * (predicted.squared - broad.squared)
-        return np.asarray(lead >= math.log(self.doubt) - math.log1p(-self.doubt))
+        return (
+            predicted._replace(log_density=predicted.log_density + math.log1p(-self.doubt)),
+            broad._replace(log_density=broad.log_density + math.log(self.doubt)),
+        )
+
+
+def _at_pose(terms: Terms) -> Floats:
+    """Logarithm of a density at the poses that its terms are about."""
+    return terms.log_density - 0.5 * terms.squared

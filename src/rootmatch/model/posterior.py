@@ -86,7 +86,7 @@ class Posterior:
         """The first assignment without the matches that are not sure, or None.
 
         With its pose as probable as P, so many of its matches are kept, the surest first, that the expected number of
-        wrong ones is at most 1 − p / P for the least probability p, or a hundredth of the matches of a large one. None
+        wrong ones is at most 1 − p / P for the least probability p, or a thousandth of the matches of a large one. None
         if none can be kept.
         """
         if not len(self.probabilities):

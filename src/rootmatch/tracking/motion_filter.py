@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, one_rotation_matrix, one_rotation_vector
+from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
 
 Floats = NDArray[np.float64]
 
@@ -163,15 +164,9 @@ class MotionFilter:
     def _centred(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
         """Rotation, position of the centre, and their covariance."""
         assert pose.covariance is not None
-        turned = pose.R @ self.centre
-        change = np.eye(6)
-        change[3:, :3] = -cross_matrix(turned)
-        return pose.R, pose.t + turned, change @ pose.covariance @ change.T
+        return (pose.R, *about_point(pose.R, pose.t, pose.covariance, self.centre))
 
     def _given(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
         """The pose of the body's own frame."""
-        turned = R @ self.centre
-        change = np.eye(6)
-        change[3:, :3] = cross_matrix(turned)
-        covariance = change @ covariance @ change.T
-        return Pose.unchecked(R.copy(), t - turned, 0.5 * (covariance + covariance.T))
+        t, covariance = about_point(R, t, covariance, -self.centre)
+        return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T))
