@@ -59,8 +59,7 @@ def test_chi2_of_the_truth_follows_its_law(make) -> None:  # type: ignore[no-unt
 
 
 @pytest.mark.parametrize("make", [p3p_scene, up2p_scene])
-def test_a_point_adds_its_predictive_density_to_the_evidence(make) -> None:  # type: ignore[no-untyped-def]
-    """Two roads to one number: two fits, and one with its hat matrix."""
+def test_larger_variances_change_the_evidence_as_a_fit_with_them_does(make) -> None:  # type: ignore[no-untyped-def]
     for seed in range(5):
         scene = make(10, 4, 1.0, seed)
         without = scene.truth.copy()
@@ -68,9 +67,6 @@ def test_a_point_adds_its_predictive_density_to_the_evidence(make) -> None:  # t
         fit = scene.problem.fitted(
             scene.problem.validated(scene.source, scene.target, 1.0), np.array([scene.truth, without])
         )
-        gained = fit.evidence[0] - fit.evidence[1]
-        assert fit.densities(0)[4, scene.truth[4]] == pytest.approx(gained, abs=0.1)
-        assert fit.densities(1)[4, scene.truth[4]] == pytest.approx(gained, abs=0.1)
         wider = fit.inflated(2.0)
         scaled = scene.problem.fitted(
             scene.problem.validated(scene.source, scene.target, np.sqrt(2.0)), np.array([scene.truth, without])
@@ -90,13 +86,3 @@ def test_a_measured_vertical_is_a_prior() -> None:
     ]
     assert chi2[1] > 3.0 * chi2[0]
     assert chi2[2] < chi2[0] + 12.0
-
-
-def test_points_turned_away_are_told() -> None:
-    scene = p3p_scene(10, 0, 0.1, 1)
-    rotation, shift = scene.poses[0]
-    places = scene.source @ rotation.T + shift
-    facing = -places @ rotation  # towards the camera, in the frame of the points
-    facing[[2, 5]] *= -1.0
-    fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, 0.1), scene.truth[None])
-    np.testing.assert_array_equal(np.flatnonzero(fit.invisible(0, facing)), [2, 5])

@@ -44,12 +44,12 @@ class Deadline:
 
     @property
     def is_set(self) -> bool:
-        """Whether there is one at all."""
+        """Whether this deadline limits the time at all; `NEVER` does not."""
         return self.ends < math.inf
 
     @property
     def stopped_early(self) -> bool:
-        """Whether any work was left out because of it."""
+        """Whether any work was left out because of this deadline."""
         return bool(self._cuts)
 
     def left(self) -> float:
@@ -57,7 +57,7 @@ class Deadline:
         return max(self.ends - self.clock(), 0.0) if self.is_set else math.inf
 
     def passed(self) -> bool:
-        """Whether the time is up, asked by a stage that has more to do."""
+        """Whether the time is up. A stage with work left asks this, so a yes counts as work left out."""
         if self.left() > 0.0:
             return False
         self._cuts.append(self.ends)
@@ -72,27 +72,27 @@ class Deadline:
         return stage
 
     def affordable(self, most: int, seconds_each: float) -> int:
-        """How many of at most so many units of work, at so many seconds each, end in time; at least one."""
+        """How many of ``most`` units of work end in time, at ``seconds_each``; at least one."""
         return max(min(most, int(min(self.left() / seconds_each, most))), 1)
 
     def cut(self, wanted: int, seconds_each: float) -> int:
-        """The same for work that is all wanted: what is left out is known to be."""
+        """How many of the ``wanted`` units of work end in time, as `affordable`; fewer counts as work left out."""
         count = self.affordable(wanted, seconds_each)
         if count < wanted:
             self._cuts.append(self.ends)
         return min(count, wanted)
 
     def cuts(self, left_out: bool) -> None:
-        """Take down that work was left out because of the deadline, if it was."""
+        """Record whether work was left out because of the deadline."""
         if left_out:
             self._cuts.append(self.ends)
 
     def at_least(self, seconds: float) -> Deadline:
-        """The same, or one that leaves so many seconds from now: for work that is better done than not."""
+        """The deadline, or a later one if fewer than ``seconds`` are left: for work better done late than not."""
         return self if self.left() >= seconds else Deadline(seconds, clock=self.clock)
 
     def with_grace(self) -> Deadline:
-        """The same a little later: what hands on the results of a stage that ended in time has not to be cut off."""
+        """The deadline a little later, so that handing on the results of a stage that ended in time is not cut off."""
         if not self.is_set:
             return self
         late = Deadline(clock=self.clock)
@@ -101,13 +101,13 @@ class Deadline:
 
     @contextmanager
     def within(self) -> Iterator[None]:
-        """Do what is inside until the deadline, which ends it without an error wherever it looks at the time."""
+        """Run the block until the deadline; the first `checkpoint` after it ends the block without an error."""
         with self.enforced(), suppress(OutOfTime):
             yield
 
     @contextmanager
     def enforced(self) -> Iterator[None]:
-        """Put the deadline in force for what is called inside: `checkpoint` raises `OutOfTime` once it has passed."""
+        """Put the deadline in force for the block: a `checkpoint` inside it raises `OutOfTime` once it has passed."""
         token = _in_force.set(self)
         try:
             yield

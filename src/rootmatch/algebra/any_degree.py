@@ -8,7 +8,6 @@ do; the least singular value alone works on a small array.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from itertools import combinations
 from typing import Any
@@ -26,7 +25,6 @@ from rootmatch.algebra.polynomial import roots_quadratic, roots_quartic
 from rootmatch.algebra.sylvester import smallest_singular_value_quadratic, smallest_singular_value_quartic
 from rootmatch.jit.decorators import kernel, scalar
 
-Decorator = Callable[[Any], Any]
 ITERATIONS = 60
 """Bound on the steps towards all roots at once; ten are usual. Not tuned."""
 
@@ -152,7 +150,7 @@ def last_entry_of(degree: int) -> Any:
 
 @cache
 def lesser_last_entry_of(degree: int) -> Any:
-    """Kernel likewise: the lesser of it over x and 1/x."""
+    """Kernel ``(p_k, …, p_0, q_k, …, q_0) →`` the lesser |R_2k,2k| over the polynomials in x and in 1/x."""
     if degree == 2:
         return lesser_unit_last_entry_quadratic
     if degree == 4:

@@ -39,7 +39,7 @@ def rotation_from_vector(vectors: Floats) -> Floats:
 
 
 def rotation_vector(rotation: Floats) -> Floats:
-    """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); of a half-turn the zero vector."""
+    """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); the zero vector for a half-turn."""
     skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
     axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
     sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
@@ -79,7 +79,7 @@ def random_rotation(rng: np.random.Generator) -> Floats:
 
 
 def one_rotation_matrix(vector: Floats) -> Floats:
-    """`rotation_from_vector` of a single one, in a tenth of the time."""
+    """Rotation matrix (3, 3) of one rotation vector (3,), in a tenth of the time of `rotation_from_vector`."""
     x, y, z = vector.tolist()
     angle = math.sqrt(x * x + y * y + z * z)
     s, c = (math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)) if angle > 1e-6 else (1.0, 0.5)
@@ -93,7 +93,7 @@ def one_rotation_matrix(vector: Floats) -> Floats:
 
 
 def one_rotation_vector(R: Floats) -> Floats:
-    """`rotation_vector` of a single one, in less time; exact for angles below 180°."""
+    """Rotation vector (3,) of one rotation matrix (3, 3), in less time than `rotation_vector`; exact below 180°."""
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine = 0.5 * math.sqrt(float(axis @ axis))
     angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))

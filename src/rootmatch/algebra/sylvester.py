@@ -50,7 +50,7 @@ def mixed4(c, a, s, b):  # type: ignore[no-untyped-def]
 
 @scalar
 def rotation(aa, bb, ab, nothing):  # type: ignore[no-untyped-def]
-    """Cosine and sine that make two rows orthogonal, from their products; and whether they were not."""
+    """Cosine and sine of the rotation that makes two rows orthogonal, and whether they were not orthogonal before."""
     rotates = ab * ab > ORTHOGONAL * aa * bb + nothing
     tau = (bb - aa) / (2.0 * ab if rotates else 1.0)
     tangent = 1.0 / (abs(tau) + math.sqrt(1.0 + tau * tau))
@@ -62,7 +62,7 @@ def rotation(aa, bb, ab, nothing):  # type: ignore[no-untyped-def]
 
 @scalar
 def rotated4(a, b, nothing):  # type: ignore[no-untyped-def]
-    """Two rows of 4 made orthogonal by a Jacobi rotation, and whether they were not."""
+    """Two rows of 4 made orthogonal by a Jacobi rotation, and whether they were not orthogonal before."""
     c, s, rotates = rotation(dot4(a, a), dot4(b, b), dot4(a, b), nothing)
     return mixed4(c, a, -s, b), mixed4(s, a, c, b), rotates
 
@@ -75,7 +75,7 @@ def square8(a):  # type: ignore[no-untyped-def]
 
 @scalar
 def rotated8(a, b, nothing):  # type: ignore[no-untyped-def]
-    """Two rows of 8, each a pair of 4-tuples, made orthogonal by a Jacobi rotation, and whether they were not."""
+    """Two rows of 8 (pairs of 4-tuples) made orthogonal by a Jacobi rotation, and whether they were not before."""
     c, s, rotates = rotation(square8(a), square8(b), dot4(a[0], b[0]) + dot4(a[1], b[1]), nothing)
     return (
         (mixed4(c, a[0], -s, b[0]), mixed4(c, a[1], -s, b[1])),

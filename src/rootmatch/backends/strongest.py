@@ -73,17 +73,17 @@ class Enumeration:
 
     @property
     def order(self) -> int:
-        """Correspondences a hyper-edge, d."""
+        """Number of correspondences in a hyper-edge, d."""
         return int(self.bases.shape[1]) + 1
 
     @property
     def ranks(self) -> int:
-        """How many slabs there are."""
+        """Number of slabs."""
         return len(self.bases) * len(self.arrangements)
 
     @property
     def per_slab(self) -> int:
-        """Hyper-edges a slab, on average, at least 1."""
+        """Average number of hyper-edges in a slab, at least 1."""
         return max(1, enumeration.exhaustive_count(*self.shape, self.order) // max(self.ranks, 1))
 
 
@@ -106,7 +106,7 @@ class Strongest:
         self.held = 0
 
     def add(self, codes: NDArray[np.int64], residuals: NDArray[np.float64]) -> None:
-        """Take in a part of the stream."""
+        """Add hyper-edges, one part of the stream."""
         most = self.limit + max(self.limit // 8, 1)
         while len(codes):
             taken = min(len(codes), most - self.held)
@@ -127,7 +127,7 @@ class Strongest:
         self.residuals.resize(room, refcheck=False)
 
     def _choose(self) -> None:
-        """Drop all but the least."""
+        """Drop all hyper-edges but the ``limit`` of least residual."""
         if self.held <= self.limit:
             return
         residuals = self.residuals[: self.held]
@@ -145,7 +145,7 @@ class Strongest:
         self.gate = min(self.gate, float(worst))
 
     def settle(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """What is kept, by ascending number."""
+        """Return the hyper-edges that are kept, in ascending order of their numbers."""
         self._choose()
         self._resize(self.held)
         if np.any(self.codes[1:] < self.codes[:-1]):
@@ -155,7 +155,7 @@ class Strongest:
 
 
 class Backend(Protocol):
-    """What evaluates hyper-edges: the modules of this package, or several machines together."""
+    """An evaluator of hyper-edges: a module of this package, or several machines together."""
 
     def strongest(
         self,

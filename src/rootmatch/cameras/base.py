@@ -42,10 +42,10 @@ class CameraModel(ABC):
 
     @abstractmethod
     def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points (…, 3) of the camera frame are where the model holds: before the lens, within its field."""
+        """Whether the model holds at points (…, 3) of the camera frame: in front of the lens and within its field."""
 
     def shows(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Whether some direction projects to each of some detections (…, 2), so that `bearings` takes them."""
+        """Whether each of the detections (…, 2) is the image of some direction, so that `bearings` accepts it."""
         return np.ones(np.shape(pixels)[:-1], np.bool_)
 
     @abstractmethod
@@ -106,7 +106,7 @@ class CameraModel(ABC):
 
 
 def tangent_axes(rays: Floats, jacobian: Floats) -> Floats:
-    """How unit rays (…, 3) move with their pixels, (…, 3, 2), by the derivatives (…, 2, 3) of these by the rays."""
+    """Derivatives (…, 3, 2) of unit rays (…, 3) by their pixels, from the derivatives (…, 2, 3) of pixels by rays."""
     gram = jacobian @ jacobian.swapaxes(-1, -2)
     a, b, d = gram[..., 0, 0], gram[..., 0, 1], gram[..., 1, 1]
     adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)

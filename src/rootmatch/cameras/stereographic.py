@@ -36,12 +36,12 @@ class Stereographic(CameraModel):
 
     @property
     def dimension(self) -> int:
-        """Points of the plane."""
+        """Two: the coordinates of a point of the plane."""
         return 2
 
     @property
     def focal(self) -> float:
-        """Radians on the axis."""
+        """Units of the plane per radian, on the axis: 1."""
         return 1.0
 
     def bearings(self, pixels: ArrayLike) -> Floats:

@@ -14,7 +14,6 @@ from rootmatch.explain.confidence import Marginals, marginals, of_one_pose
 from rootmatch.explain.detection_odds import (
     DEFAULT_OPTIONS,
     HALF,
-    MOST_DETECTED,
     PosteriorOptions,
     log_odds,
     log_odds_against_uniform,
@@ -22,8 +21,10 @@ from rootmatch.explain.detection_odds import (
 from rootmatch.explain.fitted_pool import FittedPool
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.problems.noise import usual_noise
 from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.relative import RelativeFit
 from rootmatch.samplers.guided.detection_grid import local_density
 
 Integers = NDArray[np.int64]
@@ -236,11 +237,11 @@ def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
 def _detected(task: MatchingTask, assignment: Integers) -> float:
     """Probability that a point is detected: as given, or as an assignment has it."""
     if task.options.detection_rate is not None:
-        return min(task.options.detection_rate, MOST_DETECTED)
+        return min(task.options.detection_rate, HIGHEST_RATE)
     return (int(np.count_nonzero(assignment >= 0)) + HALF) / (len(assignment) + 1.0)
 
 
-def _inflation(fits: list[tuple[Fit, int]], options: PosteriorOptions) -> float:
+def _inflation(fits: list[tuple[RelativeFit, int]], options: PosteriorOptions) -> float:
     """Factor on the given variances that the best fitting assignment asks for; at least 1.
 
     Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so

@@ -85,7 +85,7 @@ def marginals(
     gains : (C,) array
         Log-odds of each change to first order.
     doubt : float
-        Factor by which those are too large; see `rootmatch.problems.pose_fit.base.Fit`.
+        Factor by which those are too large; see `rootmatch.problems.pose_fit.relative.RelativeFit`.
     """
     first = assignments[0]
     odds = gains / doubt

@@ -53,8 +53,6 @@ class PosteriorOptions(Options):
 DEFAULT_OPTIONS = PosteriorOptions()
 HALF = 0.5
 """A count is estimated as (k + ½) / (n + 1) (Krichevsky and Trofimov 1981), so that no probability is 0 or 1."""
-MOST_DETECTED = 0.999
-"""Of a detection rate: beyond, one hidden point would refute a pose."""
 
 
 def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:

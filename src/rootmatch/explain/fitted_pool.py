@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import Pace
 from rootmatch.explain.detection_odds import PosteriorOptions
 from rootmatch.explain.task import MatchingTask
-from rootmatch.problems.pose_fit.base import Fit
+from rootmatch.problems.pose_fit.relative import RelativeFit
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -24,7 +24,7 @@ class FittedPool:
     ----------
     assignments : list of (n,) int64 arrays
         In the order in which they came.
-    fits : list of (Fit, int)
+    fits : list of (RelativeFit, int)
         Of the first so many, and their rows.
     """
 
@@ -32,9 +32,9 @@ class FittedPool:
     least: int
     options: PosteriorOptions
     assignments: list[Integers] = field(default_factory=list)
-    fits: list[tuple[Fit, int]] = field(default_factory=list)
+    fits: list[tuple[RelativeFit, int]] = field(default_factory=list)
     _known: set[bytes] = field(default_factory=set)
-    _batches: list[Fit] = field(default_factory=list)
+    _batches: list[RelativeFit] = field(default_factory=list)
     _images: Integers = field(default_factory=lambda: np.empty((0, 0), np.int64))
 
     def add(self, assignment: Integers) -> None:
@@ -53,6 +53,7 @@ class FittedPool:
         while len(self.fits) < len(self.assignments) and (few := pace.block(len(self.assignments) - len(self.fits))):
             some = np.array(self.assignments[len(self.fits) : len(self.fits) + few])
             fit = self.task.problem.fitted(self.task.points, some)
+            assert isinstance(fit, RelativeFit)  # the model of an image judges poses of one camera
             self.fits += [(fit, k) for k in range(len(some))]
             self._batches.append(fit)
             self._images = np.concatenate([self._images, some]) if self._images.size else some

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts
-from rootmatch.explain.detection_odds import MOST_DETECTED
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
+from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.samplers.base import SampledTensor
@@ -43,7 +43,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         mirror=bool(getattr(task.problem, "mirror", False)),
         allowed=task.allowed,
         weights=task.weights,
-        detection_rate=None if rate is None else min(rate, MOST_DETECTED),
+        detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
     )
 
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import one_rotation_matrix, one_rotation_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, MOST_DETECTED, candidate_log_odds
+from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, candidate_log_odds
 from rootmatch.explain.image_density import crowded_density, squared_deviations
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.clutter import clutter_areas
+from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.visibility import BARELY, FULLY
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.clutter import CROWDING
@@ -195,7 +196,7 @@ class PriorFrame:
 
         squared, determinant = self.squared(at.pixels, at.spread(covariance))
         chance = self.detection * at.visible
-        odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / self.clutter)
+        odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, HIGHEST_RATE)) / self.clutter)
         gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(determinant)) - math.log(2.0 * math.pi)
         possible = (squared <= gate**2) & (at.visible > self.HIDDEN)[:, None] & self.allowed & (gains > 0.0)
         assignment = np.full(len(at.pixels), -1, np.int64)
@@ -281,9 +282,9 @@ class PriorFrame:
     def rate(self, assignment: Integers, at: Projected) -> float:
         """Probability that a visible point is detected: as given, or as an assignment has it."""
         if self.given_detection is not None:
-            return min(self.given_detection, MOST_DETECTED)
+            return min(self.given_detection, HIGHEST_RATE)
         matched = int((assignment >= 0).sum())
-        return min((matched + HALF) / (max(float(at.visible.sum()), matched) + 1.0), MOST_DETECTED)
+        return min((matched + HALF) / (max(float(at.visible.sum()), matched) + 1.0), HIGHEST_RATE)
 
     def neighbours(self, fit: PriorFit) -> tuple[float, Integers]:
         """Summed odds of all one-change neighbours of a fitted assignment against it, to first order; the best one."""
@@ -300,7 +301,7 @@ class PriorFrame:
         squared, determinant = self.squared(pixels, np.where(matched[:, None, None], away @ spread, spread))
         chance = self.rate(assignment, at) * at.visible
         clutter = CROWDING * (len(self.target) - fit.matched + HALF) / self.area
-        odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, MOST_DETECTED)) / clutter)
+        odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, HIGHEST_RATE)) / clutter)
         gains = self.weight + odds[:, None] - 0.5 * (squared + np.log(np.maximum(determinant, 1e-300)))
         gains -= math.log(2.0 * math.pi)
         own = np.where(matched, gains[np.arange(len(assignment)), image], 0.0)

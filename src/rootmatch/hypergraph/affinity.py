@@ -24,7 +24,7 @@ NOISE_KINDS = ("normalised", "joint")
 
 @dataclass(frozen=True)
 class Residual:
-    """How well the correspondences of a hyper-edge agree.
+    """A measure of how well the correspondences of a hyper-edge agree.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Residual:
             raise InputError(f"residual: pairs {self.pairs} given; give one or more of 0 to 5")
 
     def kernel_kind(self, pair_count: int, problem: str = "the problem") -> residual_kinds.Kind:
-        """The type that chooses the kernel."""
+        """The type by which Numba selects the residual's kernel."""
         if max(self.pairs) >= pair_count:
             raise InputError(
                 f"residual: {problem} has pairs 0 to {pair_count - 1} of minimal sets, pair {max(self.pairs)} given; "
@@ -58,7 +58,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Affinity:
-    """From residual r to weight.
+    """The map from the residual r of a hyper-edge to its weight.
 
     exp(−r / ρ) for the residuals of the paper (its equation 5), exp(−r² / 2ρ²) for those in units of the noise, where
     ρ = 1 is the likelihood of the residual.

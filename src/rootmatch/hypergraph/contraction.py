@@ -51,7 +51,7 @@ def chunks_of(hyperedges: int, correspondences: int) -> int:
 
 @driver(nogil=True, error_model="numpy")
 def _scatter(indices, weights, x, first, last, tables):  # type: ignore[no-untyped-def]
-    """`scatter` for Python."""
+    """Run `scatter` as a driver, which Python can call."""
     scatter(indices, weights, x, first, last, tables)
 
 

@@ -23,7 +23,7 @@ class Changes(NamedTuple):
     """(K,) the new target of the second point, −1 for none."""
 
     def take(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Changes:
-        """Some of the changes."""
+        """A subset of the changes."""
         return Changes(*(column[which] for column in self))
 
     def applied_to(self, assignment: Integers) -> Integers:

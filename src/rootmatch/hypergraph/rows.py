@@ -42,7 +42,7 @@ def unique_rows(rows: NDArray[Any], base: int) -> tuple[NDArray[np.intp], NDArra
 
 
 def first_rows(rows: NDArray[Any], base: int) -> NDArray[np.intp]:
-    """Row number of the first of each distinct row, as `unique_rows`, for those who need no groups."""
+    """Row number of the first of each distinct row, as `unique_rows` gives it, for callers that need no groups."""
     first: NDArray[np.intp] = np.unique(**_comparable(rows, base), return_index=True)[1]
     return first
 

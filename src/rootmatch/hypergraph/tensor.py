@@ -109,7 +109,7 @@ class AffinityTensor:
         shape: tuple[int, int],
         unary: NDArray[np.float64] | None = None,
     ) -> AffinityTensor:
-        """Tensor of arrays known to be good: contiguous, of these types, valid. For those who build millions."""
+        """Tensor from arrays known to be valid, contiguous and of these types; for callers that build millions."""
         tensor = object.__new__(cls)
         tensor._set(indices, weights, shape, unary)
         return tensor
@@ -121,7 +121,7 @@ class AffinityTensor:
 
     @property
     def order(self) -> int:
-        """Correspondences a hyper-edge, d."""
+        """Number of correspondences in a hyper-edge, d."""
         return int(self.indices.shape[1])
 
     @property

@@ -33,7 +33,7 @@ LOG = logging.getLogger("rootmatch")
 
 @contextmanager
 def interrupts_kept() -> Iterator[None]:
-    """Raise at the end, or in the place of an error, the interrupt that came while C called Python, and was lost there.
+    """Raise an interrupt that was lost while C called Python: at the end of the block, or in the place of its error.
 
     LLVM hands what it has compiled to a function of Numba. An exception in that is printed and forgotten, and what
     misses the code ends with an error of its own.
@@ -76,7 +76,7 @@ class Settings:
 
 
 def _described(kind: Any) -> str:
-    """A type of Numba in words that are the same in every process, and another's in none."""
+    """A description of a Numba type: the same in every process, and different for every type."""
     made_of = getattr(kind, "instance_class", None)
     if made_of is None:
         return str(kind)
@@ -85,7 +85,7 @@ def _described(kind: Any) -> str:
 
 
 def _outside(made_of: type) -> str:
-    """Of a class that is none of this package's, a digest of its file, whose kernels `sources` does not know."""
+    """Digest of the file of a class from outside this package, whose kernels `sources` does not know; else empty."""
     if made_of.__module__.partition(".")[0] == "rootmatch":
         return ""
     file = getattr(sys.modules.get(made_of.__module__), "__file__", None)
@@ -100,7 +100,7 @@ def _digest(text: str) -> str:
 
 
 def _announce(driver: str) -> None:
-    """Say once a process, and in a terminal, why a match takes longer than it will the next time."""
+    """Say once per process, in the log and in a terminal, why this match takes longer than the next one."""
     if Settings.into is not None or Settings.native or _announce_once:
         return
     _announce_once.append(driver)
@@ -134,7 +134,7 @@ try:
 
         @cached_property
         def _numba(self) -> Any:
-            """Numba's part, which knows where a function's compiled code may be kept; None where that is nowhere."""
+            """Numba's own cache, which knows the folder of compiled code; None if none can be written."""
             try:
                 made: Any = CompileResultCacheImpl(self.function)  # type: ignore[no-untyped-call]
             except RuntimeError:  # no folder can be written
@@ -143,26 +143,26 @@ try:
 
         @property
         def cache_path(self) -> str | None:
-            """The folder of what is compiled for this machine."""
+            """The folder of the code that is compiled for this machine."""
             if Settings.into is not None:
                 return str(Settings.into)
             return str(self._numba.locator.get_cache_path()) if self._numba is not None else None
 
         def flush(self) -> None:
-            """Forget what is on disk."""
+            """Delete the driver's files on disk."""
             if self.cache_path is not None:
                 for path in Path(self.cache_path).glob(f"{self._stem}.*{SUFFIX}"):
                     path.unlink(missing_ok=True)
 
         def enable(self) -> None:
-            """As Numba's caches; it always is."""
+            """Do nothing: this cache is always enabled. Part of the interface of Numba's caches."""
 
         def disable(self) -> None:
-            """As Numba's caches; it never is."""
+            """Do nothing: this cache is never disabled. Part of the interface of Numba's caches."""
 
         @cached_property
         def _stem(self) -> str:
-            """How the names of all files of the driver begin."""
+            """The common beginning of the names of the driver's files."""
             return f"{self.function.__module__}.{self.function.__qualname__}".replace("<locals>", "locals")
 
         @cached_property
@@ -176,7 +176,7 @@ try:
             return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
         def _name(self, sig: Any, processor: Any) -> str:
-            """The name of an overload's file: driver, sources, and all else."""
+            """The name of an overload's file: the driver, a digest of the sources, and a digest of all else."""
             arguments, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
             types = "; ".join(map(_described, arguments))
             key = _digest(f"{types}\n{processor}\n{prebuilt.interpreter()}\n{self._code}")
@@ -190,7 +190,7 @@ try:
             return Path(self.cache_path) / self._name(sig, processor)
 
         def load_overload(self, sig: Any, target_context: Any) -> Any:
-            """The compiled function; None where it has to be compiled, which no other process does then."""
+            """The compiled function; None if it has to be compiled, with a lock against other processes."""
             own = self._own(sig, target_context.codegen())
             found = self._read(own, target_context)
             if found is None and Settings.into is None and not Settings.native:
@@ -204,7 +204,7 @@ try:
             return found
 
         def _read(self, path: Path | None, target_context: Any) -> Any:
-            """The compiled function in a file, None where that cannot be read."""
+            """The compiled function in a file; None if the file cannot be read."""
             if path is None:
                 return None
             try:
@@ -220,7 +220,7 @@ try:
                 return None
 
         def save_overload(self, sig: Any, data: Any) -> None:
-            """Keep what has been compiled, and remove what is left of other sources."""
+            """Write compiled code to disk, and delete the driver's files that belong to other sources."""
             arguments, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
             passing = any(isinstance(kind, numba.types.Callable) for kind in arguments)  # which has no lasting name
             own = self._own(sig, data.codegen)
@@ -234,7 +234,7 @@ try:
                         other.unlink(missing_ok=True)
 
         def release(self, count: int) -> None:
-            """Give back locks taken beyond a number of them."""
+            """Release the newest locks until only ``count`` are held."""
             while len(self.locks) > count:
                 self.locks.pop().release()
 
@@ -263,7 +263,7 @@ try:
                         gc.enable()
 
     def _write(path: Path, data: bytes) -> None:
-        """Write a file whole or not at all."""
+        """Write a file atomically: completely or not at all."""
         draft = path.with_name(f".draft-{uuid.uuid4().hex}")
         try:
             draft.write_bytes(data)

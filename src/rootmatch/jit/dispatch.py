@@ -1,4 +1,4 @@
-"""Functions that are another in compiled code, by the types of their arguments; and what those types are.
+"""Functions that compiled code replaces by a kernel, selected by the types of their arguments.
 
 A driver calls such a function; while it is compiled a choice, given the types, says what it is. One driver thus serves
 every problem, and the on-disk cache of Numba finds it again: a driver that took the kernel as an argument, or closed

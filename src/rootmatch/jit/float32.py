@@ -34,7 +34,7 @@ _twins: dict[Any, Any] = {}
 
 
 def constant(value: Any) -> Any:
-    """A constant of a kernel as its twin has it; what is no float is the same."""
+    """The twin's version of a kernel's constant: floats are rounded, anything else is unchanged."""
     if isinstance(value, float):
         if np.isfinite(value) and value != 0.0:
             value = np.copysign(min(max(abs(value), LEAST), MOST), value)

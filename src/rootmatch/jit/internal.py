@@ -22,11 +22,11 @@ try:
 
         @property
         def codegen(self) -> Any:
-            """What Numba tells a function's environment to: this library, which knows whether it needs one."""
+            """The object that Numba hands a function's environment: this library, which knows whether it needs one."""
             return self
 
         def set_env(self, name: str, environment: Any) -> None:
-            """Make the code after all where it reads constants of Python's from its environment."""
+            """Generate machine code after all if the function reads Python constants from its environment."""
             if environment.consts:
                 super()._finalize_final_module()  # type: ignore[no-untyped-call]
                 emitting: Any = self._codegen
@@ -41,7 +41,7 @@ try:
         """A compiler whose functions are made for others to link."""
 
         def compile_extra(self, func: Any) -> Any:
-            """Compile a function of Python's."""
+            """Compile a Python function into a library for others to link."""
             codegen = self.state.targetctx.codegen()
             self.state.library = LinkedLibrary(codegen, func.__qualname__)  # type: ignore[no-untyped-call]
             self.state.library.enable_object_caching()
@@ -61,7 +61,7 @@ try:
             super().__init__(py_func, pipeline_class=LinkedCompiler, **options)
 
         def __call__(self, *arguments: Any) -> Any:
-            """As from jitted code."""
+            """Call the function from Python, with the result that jitted code gets."""
             if self.outer is None:
                 self.outer = njit(**self.asked)(self.py_func)
             return self.outer(*arguments)

@@ -20,7 +20,7 @@ class FileLock:
 
     @classmethod
     def taken(cls, file: Path) -> FileLock | None:
-        """The lock for a file to be written, once no other process has it; None where there are no locks."""
+        """The lock for a file to be written, once no other process holds it; None if the system has no locks."""
         if fcntl is None:
             return None
         path = file.with_suffix(".lock")
@@ -40,7 +40,7 @@ class FileLock:
         return cls(path, handle)
 
     def release(self) -> None:
-        """Give it back, and remove its file: who waits for it looks again whether there is anything to do."""
+        """Release the lock and delete its file; a waiting process then checks again whether anything is left to do."""
         with suppress(OSError):
             self.path.unlink(missing_ok=True)
         os.close(self.handle)

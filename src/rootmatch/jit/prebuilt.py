@@ -42,7 +42,7 @@ def interpreter() -> str:
 
 
 def write_manifest(folder: Path) -> None:
-    """Say beside the kernels of a folder what they are for."""
+    """Write the manifest of a folder: what its kernels were compiled for."""
     files = sources.compiled_sources()
     manifest = {
         "interpreter": interpreter(),
@@ -54,7 +54,7 @@ def write_manifest(folder: Path) -> None:
 
 
 def misfit(folder: Path = FOLDER) -> str | None:
-    """Why the kernels of a folder cannot be used here, in words; None where they can."""
+    """Why the kernels of a folder cannot be used here, in words; None if they can."""
     if not (folder / MANIFEST).is_file():
         return "none come with this installation"
     try:
@@ -84,7 +84,7 @@ def stamp() -> str:
 
 
 def _cpu_misfit(cpu: str) -> str | None:
-    """Why a processor of that name cannot be stood in for by this one."""
+    """Why this processor cannot run kernels compiled for the processor of that name; None if it can."""
     config: Any = numba.config
     if config.CPU_NAME is not None or config.CPU_FEATURES is not None:
         return "NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for a processor"

@@ -60,7 +60,7 @@ class Ranges:
         self.next, self.size, self.lock = 0, 1, Lock()
 
     def run(self) -> None:
-        """Do pieces until none is left."""
+        """Process pieces until none is left."""
         try:
             while (piece := self._taken()) is not None:
                 started = self.deadline.clock()
@@ -71,7 +71,7 @@ class Ranges:
             raise
 
     def stop(self) -> None:
-        """Leave out what was not begun."""
+        """Skip the pieces that have not begun."""
         with self.lock:
             self.next = self.count
 

@@ -30,7 +30,7 @@ Integers = NDArray[np.int64]
 
 ANY_POSE = Broad()
 HIGHEST_RATE = 0.999
-"""Of a detection rate that is given: beyond, one hidden point would refute a pose."""
+"""Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 
 
 @dataclass(frozen=True)

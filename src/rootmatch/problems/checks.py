@@ -73,7 +73,7 @@ def as_points(points: ArrayLike, dimension: int, name: str) -> NDArray[np.float6
 
 
 def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Two points of the same coordinates, None where all differ."""
+    """Indices of two points with the same coordinates; None if all differ."""
     ascending = np.sort(points[:, 0])
     if (ascending[1:] != ascending[:-1]).all():
         return None  # as nearly always
@@ -86,7 +86,7 @@ def repeated(points: NDArray[np.float64]) -> tuple[int, int] | None:
 
 
 def check_normals(normals: ArrayLike | None, count: int) -> NDArray[np.float64]:
-    """Normals (count, 3), zeros where none are given."""
+    """Checked normals (count, 3); zeros if none are given."""
     if normals is None:
         return np.zeros((count, 3))
     array = as_floats(normals, "normals", f"shape ({count}, 3)")

@@ -159,7 +159,7 @@ class Tables(Protocol):
 
     @staticmethod
     def kernels() -> ProblemKernels:
-        """The record of the problem."""
+        """The record of the problem's kernels."""
         ...
 
 

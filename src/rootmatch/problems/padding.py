@@ -28,7 +28,7 @@ def padded(tables: Any, targets: int) -> Any:
 
 
 def padded_places(targets: int) -> NDArray[np.int64]:
-    """Targets with padding behind them: the last one again."""
+    """Target indices with padding behind them: the last index repeated."""
     return np.minimum(np.arange(targets + -targets % LANES), targets - 1)
 
 

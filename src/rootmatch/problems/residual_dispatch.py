@@ -44,7 +44,7 @@ def edge_residual(tables: Any, kind: Any, i: Any, j: Any) -> float:
 
 
 def fill_panel(tables: Any, kind: Any, i: NDArray[np.int64], j: NDArray[np.int64], panel: NDArray[np.float64]) -> None:
-    """What slabs share whose minimal sets differ in the last image alone, into ``panel`` (PANEL_ROWS, n').
+    """Fill ``panel`` (PANEL_ROWS, n') with what slabs share whose minimal sets differ in the last image only.
 
     ``i[:d - 1]`` are the minimal set's source points and ``j[:d - 2]`` the images of all but its last point; the panel
     has what follows with every image of that one, say the roots, found in one loop that vectorises.
@@ -95,7 +95,7 @@ def fill_block(
     last: int,
     block: NDArray[np.float64],
 ) -> None:
-    """What is computed at once for the hyper-edges first … last − 1 of index arrays (E, d), no more than BLOCK_COLUMNS.
+    """Compute the shared part of hyper-edges first … last − 1 of index arrays (E, d), at most BLOCK_COLUMNS of them.
 
     ``block`` is (BLOCK_ROWS, BLOCK_COLUMNS), a column for each; all columns are computed, so that none is the rest of a
     vector and the result of a hyper-edge does not depend on its place in the list.
@@ -106,7 +106,7 @@ def fill_block(
 
 
 def listed_residual(tables: Any, kind: Any, i: Any, j: Any, block: NDArray[np.float64], column: int) -> float:
-    """`edge_residual` of one of a list, after `fill_block`."""
+    """Residual of one hyper-edge of a list, as `edge_residual`, after `fill_block`."""
     listed = residual_kernels(tables, kind).listed
     if listed is not None:
         return float(listed(tables, kind, i, j, block, column))
@@ -125,7 +125,7 @@ def _edge_overload(tables: Any, kind: Any, i: Any, j: Any) -> Callable[..., Any]
 
 @kernel
 def _no_panel(tables, kind, i, j, panel):  # type: ignore[no-untyped-def]
-    """Panel kernel of those that have none."""
+    """Panel kernel that does nothing, for residuals that have none."""
 
 
 @chooses(fill_panel)
@@ -140,7 +140,7 @@ def _panel_overload(tables: Any, kind: Any, i: Any, j: Any, panel: Any) -> Calla
 
 @kernel
 def _no_block(tables, kind, source, target, first, last, block):  # type: ignore[no-untyped-def]
-    """Where nothing is done for many hyper-edges at once."""
+    """Block kernel that does nothing, for residuals that are computed one hyper-edge at a time."""
 
 
 @calls(fill_block)
@@ -158,7 +158,7 @@ def _listed_choice(tables: Any, kind: Any, i: Any, j: Any, block: Any, column: A
 
 @cache
 def _one_by_one(edge: Callable[..., Any]) -> Callable[..., Any]:
-    """Kernel of one of a list from that of an edge."""
+    """Kernel for one hyper-edge of a list, made from the edge kernel."""
 
     @kernel
     def listed(tables, kind, i, j, block, column):  # type: ignore[no-untyped-def]

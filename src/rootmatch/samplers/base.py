@@ -91,7 +91,7 @@ class SampledTensor(NamedTuple):
 
     @property
     def share(self) -> float:
-        """The coverage, found if need be."""
+        """The coverage, estimated if it is not known."""
         return self.coverage() if callable(self.coverage) else self.coverage
 
     @property

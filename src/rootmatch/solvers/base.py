@@ -61,7 +61,7 @@ class Solution:
 
     @property
     def status(self) -> str:
-        """What became of it, and which option to change."""
+        """How the solver ended, and which option to change."""
         if not (self.assignment >= 0).any():
             return "empty: no hyper-edge or unary weight supports any pair; give more hyper-edges or a larger rho"
         if not self.converged:

@@ -86,7 +86,7 @@ class ReweightedWalk(Options):
         )
 
     def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[NDArray[np.float64], int, float]:
-        """Where the walk comes to, (n, n'), in how many steps, and the squared change of the last."""
+        """End of the walk (n, n'), the number of steps, and the squared change of the last step."""
         x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
         unary = np.zeros(x.size) if tensor.unary is None else tensor.unary.ravel()
         # A small tensor is contracted where the rest of a step is made, a large one by threads.
@@ -171,7 +171,7 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
 
 @driver(error_model="numpy")
 def _sinkhorn(y, row, column, slack, steps, tolerance):  # type: ignore[no-untyped-def]
-    """`sinkhorn` for Python."""
+    """Run `sinkhorn` as a driver, which Python can call."""
     sinkhorn(y, row, column, slack, steps, tolerance)
 
 

@@ -47,7 +47,7 @@ def merge_lines(shape: Shape, merged: tuple[int, ...], prefix: str = "") -> list
 
 
 def inner_terms(shape: Shape, order: tuple[int, ...], base: list[Dimension]) -> dict[tuple[int, Dimension], str]:
-    """Of each inner quantity and noise dimension the sum that is its total derivative, where not zero."""
+    """Total derivative of each inner quantity in each noise dimension, as a sum; zeros are left out."""
     plan = shape.plan
     found: dict[tuple[int, Dimension], list[str]] = {}
     for number, (k, place) in enumerate(plan["inner"]):
@@ -62,7 +62,7 @@ def inner_terms(shape: Shape, order: tuple[int, ...], base: list[Dimension]) -> 
 
 
 def stem_terms(shape: Shape, order: tuple[int, ...], base: list[Dimension]) -> dict[tuple[Dimension, int], str]:
-    """Of each noise dimension and term the sum that is the term's total derivative, where not zero."""
+    """Total derivative of each term in each noise dimension, as a sum; zeros are left out."""
     plan = shape.plan
     inner = inner_terms(shape, order, base)
     found: dict[tuple[Dimension, int], list[str]] = {}
@@ -110,7 +110,7 @@ def stem_text(shape: Shape, name: str, order: tuple[int, ...], base: list[Dimens
 def row_gradient(
     shape: Shape, order: tuple[int, ...], base: list[Dimension], prefix: str = ""
 ) -> dict[tuple[Dimension, int], str]:
-    """Of each noise dimension and monomial its coefficient in the total derivative, in names of the stem."""
+    """Coefficient of each monomial in the total derivative of each noise dimension, in names of the stem."""
     plan = shape.plan
     inner = stem_terms(shape, order, base)
     variables = [load(shape, use, order) for use in plan["row_last"]]

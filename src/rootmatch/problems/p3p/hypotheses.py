@@ -102,7 +102,7 @@ def solve_gathered(t, i, block, count, scratch):  # type: ignore[no-untyped-def]
 
 @scalar
 def gathered_frame(t, i, block, k, scratch, root):  # type: ignore[no-untyped-def]
-    """As `hypothesis`, of a gathered image triple."""
+    """The triple of a gathered image triple in the camera at one root, as from `hypothesis`."""
     x, y = scratch[2 * root, k], scratch[2 * root + 1, k]
     ax, ay, az = block[0, k], block[1, k], block[2, k]
     depth, _, _, (ex, ey, ez), (fx, fy, fz) = camera_triangle(

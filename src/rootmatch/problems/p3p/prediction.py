@@ -107,7 +107,7 @@ def partials(px, py, pz, alpha, beta, gamma, frame, rays):  # type: ignore[no-un
 
 @scalar
 def prediction(source, frame, rays, variances, point):  # type: ignore[no-untyped-def]
-    """Where a source point is visible: bearing, two axes orthogonal to it, and the covariance along them in radians².
+    """Predicted bearing of a source point, two axes orthogonal to it, and the covariance along them in radians².
 
     Twelve numbers: the bearing's three, those of each axis, and s11, s12, s22.
     """

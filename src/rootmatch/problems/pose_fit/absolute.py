@@ -9,7 +9,6 @@ their noise. All start from the same linear equations of an upright camera.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +22,6 @@ from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples,
 
 TRIED = 2
 """How many poses of a minimal set are refined: near a plane, two of them nearly coincide. Not tuned."""
-DEPTHS = 100.0
-"""A-priori ratio of an object's largest to its smallest distance; octaves are equally probable. Not tuned."""
 CUT = 100.0
 """Squared deviation at which a point stops counting when those poses are compared. Not tuned: (10 σ)²."""
 
@@ -40,12 +37,11 @@ class Upright:
 
 @dataclass(frozen=True, eq=False)
 class AbsoluteFit(Fit):
-    """See `Fit`; positions are pixels."""
+    """Camera poses of K assignments; see `Fit`. Detections are pixels."""
 
     target: Floats
     variance: Floats
     """(n',) of each coordinate."""
-    assignments: NDArray[np.int64]
     predicted: Floats
     """(K, n, 2)."""
     jacobian: Floats
@@ -60,41 +56,6 @@ class AbsoluteFit(Fit):
     """(K, 3), of the points' centre in units of their root mean square distance from it."""
     seen: NDArray[np.bool_]
     """(K, n) whether the camera sees those positions."""
-    position_density: Floats
-    """(K,) pixels a unit of area across the ray to the points' centre, over its distance; NaN if it is not seen."""
-    upright: Upright | None
-
-    def densities(self, k: int, inflation: float = 1.0) -> Floats:
-        """See `Fit.densities`."""
-        from rootmatch.problems.pose_fit.predicted_density import predicted_densities  # takes Numba
-
-        out = np.empty((self.positions.shape[1], len(self.target)))
-        predicted_densities(
-            self.target, self.variance, self.assignments[k], self.predicted[k], self.jacobian[k], self.covariance[k],
-            self.seen[k], inflation, out,
-        )  # fmt: skip
-        return out
-
-    def of_pose(self, k: int, density: Floats) -> float:
-        """See `Fit.of_pose`: any rotation, at the detections, at any distance within two decades."""
-        if not self.position_density[k] > 0.0:
-            return -np.inf
-        used = self.assignments[k][self.assignments[k] >= 0]
-        position = float(density[used].sum()) / (len(used) * len(self.target)) * float(self.position_density[k])
-        rotations, tilt = (8.0 * np.pi**2, 0.0) if self.upright is None else (2.0 * np.pi, self.upright.noise)
-        laplace = 0.5 * self.jacobian.shape[-1] * math.log(2.0 * np.pi)
-        of_tilt = math.log(2.0 * np.pi * tilt**2) if tilt > 0.0 else 0.0
-        return float(laplace - math.log(rotations) - of_tilt + np.log(position) - math.log(math.log(DEPTHS)))
-
-    def facing(self, k: int, normals: Floats) -> Floats:
-        """See `Fit.facing`."""
-        length = np.linalg.norm(normals, axis=1) * np.linalg.norm(self.positions[k], axis=1)
-        along = -np.einsum("ni,ni->n", normals @ self.rotation[k].T, self.positions[k])
-        return np.asarray(np.where(length > 0.0, along / np.where(length > 0.0, length, 1.0), 1.0))
-
-    def invisible(self, k: int, normals: Floats) -> NDArray[np.bool_]:
-        """See `Fit.invisible`."""
-        return np.asarray(np.einsum("ni,ni->n", normals @ self.rotation[k].T, self.positions[k]) > 0.0)
 
 
 def absolute_fit(
@@ -190,10 +151,6 @@ def lens_fit(
         jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
         normal = invertible(descent.normal(jacobian))
         seen = camera.sees(positions)
-        distance = np.linalg.norm(translation, axis=1)
-        position_density = np.where(
-            camera.sees(translation), 1.0 / (camera.steradians(translation) * distance**3), np.nan
-        )
     covariance: Floats = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     variance = sigma**2
     logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
@@ -205,7 +162,6 @@ def lens_fit(
         evidence=evidence,
         target=target,
         variance=variance,
-        assignments=assignments,
         predicted=predicted,
         jacobian=jacobian,
         covariance=covariance,
@@ -213,8 +169,6 @@ def lens_fit(
         rotation=rotation,
         translation=translation,
         seen=seen,
-        position_density=position_density,
-        upright=upright,
     )
 
 
@@ -248,7 +202,6 @@ def _pinhole_fit(
         evidence=found.evidence,
         target=target,
         variance=sigma**2,
-        assignments=assignments,
         predicted=found.predicted,
         jacobian=found.jacobian,
         covariance=found.covariance,
@@ -256,8 +209,6 @@ def _pinhole_fit(
         rotation=found.rotation,
         translation=found.translation,
         seen=found.seen,
-        position_density=found.position_density,
-        upright=upright,
     )
 
 

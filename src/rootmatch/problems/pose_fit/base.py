@@ -1,10 +1,8 @@
-"""The fit of whole assignments by one pose each: what `Problem.fitted` returns."""
+"""The fit of whole assignments by one pose each, as `Problem.fitted` returns it."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ SETTLED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(ABC):
+class Fit:
     """K assignments, each with the pose that fits it best.
 
     Attributes
@@ -26,33 +24,16 @@ class Fit(ABC):
     chi2 : (K,) float64
         Squared deviations of the matched points over their variances; infinite where no pose puts all of them in front
         of the camera.
-    freedom : (K,) int64
-        Degrees of freedom left: of the law that ``chi2`` of a right assignment follows.
+    dof : (K,) int64
+        Degrees of freedom of the law that ``chi2`` of a right assignment follows.
     evidence : (K,) float64
         Logarithm of the density of the matched detections (per pixel², each), the pose integrated out by Laplace's
         method up to a constant that all assignments share.
     """
 
-    doubt: ClassVar[float] = 1.0
-    """Factor by which log odds are too large where Laplace's method is rough; see docs/architecture.md."""
     chi2: Floats
     dof: NDArray[np.int64]
     evidence: Floats
-
-    def of_pose(self, k: int, density: Floats) -> float:
-        """Logarithm of the prior density of assignment k's pose, which the evidence lacks; NaN where none is known.
-
-        ``density`` (n',): detections per pixel² about each.
-        """
-        return np.nan
-
-    @abstractmethod
-    def densities(self, k: int, inflation: float = 1.0) -> Floats:
-        """Logarithm of the predictive density per pixel² of each detection as the image of each point, (n, n').
-
-        The prediction is that of the other points of assignment k: a point's own match is left out. ``inflation``:
-        factor on all variances.
-        """
 
     def inflated(self, inflation: float) -> Floats:
         """The evidence (K,) with all variances larger by a factor."""
@@ -61,14 +42,6 @@ class Fit(ABC):
         with np.errstate(invalid="ignore"):
             change = self.chi2 * (1.0 - 1.0 / inflation) - self.dof * np.log(inflation)
             return np.where(np.isfinite(self.chi2), self.evidence + 0.5 * change, -np.inf)
-
-    def facing(self, k: int, normals: Floats) -> Floats:
-        """Cosine (n,) between each normal (n, 3) and the direction to the camera; 1 where there is no normal."""
-        return np.ones(len(normals))
-
-    def invisible(self, k: int, normals: Floats) -> NDArray[np.bool_]:
-        """Which points (n,) face away in the pose of assignment k, by their normals (n, 3)."""
-        return np.zeros(len(normals), np.bool_)
 
 
 def invertible(normal: Floats) -> Floats:

@@ -32,7 +32,7 @@ def factored(matrix, size):  # type: ignore[no-untyped-def]
 
 @part
 def solved(factor, size, right):  # type: ignore[no-untyped-def]
-    """Solve with a factor, in place."""
+    """Solve a system by its Cholesky factor, in place in ``right``."""
     for i in range(size):
         for k in range(i):
             right[i] -= factor[i, k] * right[k]

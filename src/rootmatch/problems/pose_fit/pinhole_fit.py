@@ -55,8 +55,6 @@ class FittedPoses(NamedTuple):
     """(K,)."""
     seen: NDArray[np.bool_]
     """(K, n)."""
-    position_density: Floats
-    """(K,)."""
 
 
 class Vertical(NamedTuple):
@@ -116,7 +114,6 @@ def fitted_poses(
         evidence=np.empty(count),
         dof=np.empty(count, np.int64),
         seen=np.empty((count, n), np.bool_),
-        position_density=np.empty(count),
     )
     _fit(points, rays, target, weight, camera, axes, prior, vertical, assignments, out)
     return out
@@ -189,9 +186,6 @@ def _fit(points, rays, target, weight, camera, axes, prior, vertical, assignment
             if image[i] >= 0:
                 out.evidence[row] -= math.log(2.0 * math.pi) - 2.0 * math.log(weight[image[i]])
                 out.dof[row] += 2
-        # a pixel subtends cos³ / (fx fy), and depth is the distance times the cosine
-        depth = translation[2]
-        out.position_density[row] = camera[0] * camera[1] / depth**3 if depth > 0.0 else np.nan
         for p in range(size):
             for q in range(size):
                 slope[q] = 1.0 if p == q else 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ class PointSetFit(Fit):
     one, a flat density of the scale's logarithm and of the translation; the volume of translations is not in it.
     """
 
-    doubt: ClassVar[float] = 1.0
     clouds: PointClouds
     assignments: Integers
     """(K, n)."""
@@ -74,7 +73,11 @@ class PointSetFit(Fit):
         return np.maximum(squared, 0.0), both + own[:, :, None]
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
-        """See `Fit.densities`; per unit of volume, the motion's own uncertainty as its mean over directions."""
+        """Logarithm of the predictive density, per unit of volume, of each target as the image of each point, (n, n').
+
+        The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
+        uncertainty enters as its mean over directions. ``inflation``: factor on all variances.
+        """
         one = self.take(np.array([k]))
         squared, variance = (part[0] for part in one.squares())
         assignment = self.assignments[k]

@@ -115,7 +115,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class RelativeFit(Fit):
-    """See `Fit`; a detection counts by its distance from the epipolar line and by its position along it.
+    """Relative poses of K assignments; see `Fit`. Detections count by the distance from the epipolar line and along it.
 
     Points of one scene have parallaxes of one order: they are taken to be normal, on the side of the points that lie
     in front of the cameras, with a scale of which nothing is known. With m of squared sum Q their density is
@@ -123,6 +123,7 @@ class RelativeFit(Fit):
     """
 
     doubt: ClassVar[float] = 2.0
+    """Factor by which log-odds are too large, as Laplace's method is rough here; see docs/architecture.md."""
     views: Views
     assignments: NDArray[np.int64]
     pose: Floats
@@ -134,13 +135,21 @@ class RelativeFit(Fit):
     """(K,) of the translation."""
 
     def of_pose(self, k: int, density: Floats) -> float:
-        """See `Fit.of_pose`: uniform rotation and direction of translation, parallaxes of 0.001 to 1 image."""
+        """Logarithm of the prior density of assignment k's pose, which the evidence lacks.
+
+        Rotation and direction of translation are uniform, parallaxes 0.001 to 1 image. ``density`` (n',): detections
+        per pixel² about each; the prior does not depend on it.
+        """
         laplace = 0.5 * self.pose.shape[1] * np.log(2.0 * np.pi)
         tilt = np.log(2.0 * np.pi * self.views.tilt**2) if self.views.tilt > 0.0 else 0.0
         return float(laplace - np.log(8.0 * np.pi**2) - np.log(np.log(1e3)) - tilt)
 
     def densities(self, k: int, inflation: float = 1.0) -> Floats:
-        """See `Fit.densities`."""
+        """Logarithm of the predictive density per pixel² of each detection as the image of each point, (n, n').
+
+        The prediction is that of the other points of assignment k: a point's own match is left out. ``inflation``:
+        factor on all variances.
+        """
         views, assignment = self.views, self.assignments[k]
         n, n_target = len(views.first), len(views.second)
         i, j = np.divmod(np.arange(n * n_target), n_target)

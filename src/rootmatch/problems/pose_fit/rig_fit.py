@@ -201,7 +201,6 @@ def rig_fit(
         evidence=np.asarray(-0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms),
         target=target,
         variance=variance,
-        assignments=assignments,
         predicted=copies.project(positions),
         jacobian=every,
         covariance=np.asarray(np.linalg.inv(normal)),
@@ -209,8 +208,6 @@ def rig_fit(
         rotation=rotation,
         translation=translation,
         seen=copies.sees(positions),
-        position_density=_position_densities(copies, translation, used),
-        upright=None,
     )
 
 
@@ -301,18 +298,3 @@ def _starts(copies: Copies, target: Floats, sigma: Floats, assignments: Integers
         translation[rows] = (fit.translation - copies.rig.translations[k] / copies.unit) @ back.T
         translation[rows[~np.isfinite(fit.chi2)]] = np.nan
     return rotation, translation
-
-
-def _position_densities(copies: Copies, translation: Floats, used: NDArray[np.bool_]) -> Floats:
-    """Pixels a unit of area across the ray to the points' centre, over its distance, in the camera of most matches."""
-    most = used.reshape(len(used), len(copies.offsets), -1).sum(axis=2).argmax(axis=1)
-    out = np.full(len(used), np.nan)
-    for k, camera in enumerate(copies.rig.cameras):
-        rows = np.flatnonzero((most == k) & np.isfinite(translation).all(axis=1))
-        if len(rows):
-            centre = translation[rows] @ copies.rig.rotations[k].T + copies.rig.translations[k] / copies.unit
-            distance = np.linalg.norm(centre, axis=1)
-            with np.errstate(all="ignore"):
-                density = 1.0 / (camera.steradians(centre) * distance**3)
-            out[rows] = np.where(camera.sees(centre), density, np.nan)
-    return out

@@ -10,10 +10,7 @@ same for both.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from rootmatch.algebra.any_degree import singular_value_of
 from rootmatch.algebra.bezout import lesser_unit_last_entry_quartic, unit_last_entry_quartic
@@ -66,14 +63,10 @@ KERNELS = ProblemKernels(
 )
 
 
-class CosineTables(NamedTuple):
-    """As `rootmatch.problems.three_plus_one.tables.ThreePlusOneTables`, with the kernels of the other unknown."""
+class CosineTables(tables.ThreePlusOneTables):
+    """Tables of 3P1 whose type selects the kernels in cos θ."""
 
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    source_deviation: NDArray[np.float64]
-    target_deviation: NDArray[np.float64]
-    tilt_variance: NDArray[np.float64]
+    __slots__ = ()
 
     @staticmethod
     def kernels() -> ProblemKernels:

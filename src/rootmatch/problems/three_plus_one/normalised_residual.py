@@ -189,7 +189,7 @@ def added(form, f, v):  # type: ignore[no-untyped-def]
 
 @scalar
 def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untyped-def]
-    """Where a fourth source bearing q is predicted in the second view, and how certainly.
+    """Prediction of a fourth source bearing q in the second view, with its variance.
 
     Returns the normal E of its epipolar plane (e = p · E), the form V with variance pᵀ V p + rest · (variance of p),
     the vectors and variances of `sides`, and that rest, which is theirs too.

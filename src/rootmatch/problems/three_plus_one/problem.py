@@ -20,7 +20,6 @@ from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
 from rootmatch.problems.two_views import TwoViews
 
 if TYPE_CHECKING:
-    from rootmatch.problems.three_plus_one.cosine import CosineTables
     from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
 
 Unknown = Literal["tan", "cos"]
@@ -105,7 +104,7 @@ class ThreePlusOne(Problem):
         """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
         return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
 
-    def tables(self, points: PointSets) -> ThreePlusOneTables | CosineTables:
+    def tables(self, points: PointSets) -> ThreePlusOneTables:
         """Tables for the kernels; see `Problem.tables`."""
         from rootmatch.problems.three_plus_one.cosine import CosineTables  # takes Numba: see `P3P`
         from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables

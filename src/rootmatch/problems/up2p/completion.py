@@ -18,7 +18,7 @@ def normal_of(flat, k):  # type: ignore[no-untyped-def]
 
 @part
 def predict(t, flat, count, j, root, out):  # type: ignore[no-untyped-def]
-    """Where points are predicted, and with what covariance; see `CompletionKernels`."""
+    """Predicted bearings of points and their covariances; see `CompletionKernels`."""
     a, b = column(t.rays, j[0]), column(t.rays, j[1])
     X, Y, Z = flat[0], flat[STRIDE], flat[2 * STRIDE]
     d = (flat[1] - X, flat[STRIDE + 1] - Y, flat[2 * STRIDE + 1] - Z)

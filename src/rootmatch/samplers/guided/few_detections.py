@@ -28,7 +28,7 @@ class FewDetections(NamedTuple):
     def of(
         cls, tables: Any, grid: DetectionGrid, allowed: NDArray[np.bool_], assignment: NDArray[np.int64]
     ) -> FewDetections:
-        """Those of an assignment, of tables without padding, a grid and a mask of all detections."""
+        """The detections of an assignment, from tables without padding, a grid and a mask of all detections."""
         images = np.sort(assignment[assignment >= 0])
         count = grid.positions.shape[1]
         few = grid._replace(

@@ -35,7 +35,7 @@ class Hypotheses(NamedTuple):
 
     @classmethod
     def joined(cls, batches: Sequence[Hypotheses]) -> Hypotheses:
-        """All of some batches, one after the other."""
+        """The hypotheses of several batches, one batch after the other."""
         if len(batches) == 1:
             return batches[0]
         return cls(
@@ -47,13 +47,13 @@ class Hypotheses(NamedTuple):
         )
 
     def take(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Hypotheses:
-        """Some of them."""
+        """A subset of the hypotheses."""
         return Hypotheses(
             self.points[which], self.images[which], self.evidence[which], self.best[which], self.candidates[which]
         )
 
     def strongest(self, most: int) -> Hypotheses:
-        """At most so many of them, those of the highest evidence, strongest first."""
+        """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""
         return self.take(np.argsort(-self.evidence, kind="stable")[:most])
 
 

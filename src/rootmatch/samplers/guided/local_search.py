@@ -44,12 +44,12 @@ class Level:
 
     @property
     def ahead(self) -> int:
-        """Image triples tried so far, and in the next wave."""
+        """Number of image triples tried so far and in the next wave."""
         return (self.done + self.size) * self.cost
 
     @property
     def open(self) -> bool:
-        """Whether any are left."""
+        """Whether any triples of this level are left."""
         return self.triples is None or self.done < len(self.triples)
 
 
@@ -98,7 +98,7 @@ class LocalSearch(Search):
             super().run()
 
     def _next_level(self) -> Level | None:
-        """Where the next wave comes from, None where enough was tried.
+        """The level of the next wave; None if enough triples were tried.
 
         About as much work goes to each level until something is found, and then to the one that meets it most often
         for its cost: what was missed would be met as often.
@@ -143,7 +143,7 @@ class LocalSearch(Search):
         level.size = min(2 * level.size, self.local.largest_wave)
 
     def _verify(self, points: Integers, images: Integers) -> None:
-        """See `Search`; of a large object only what is near each triple, where those beyond chance are leads."""
+        """Verify as `Search` does; a large object only near each triple: hypotheses beyond chance become leads."""
         if not self.in_parts:
             super()._verify(points, images)
             return

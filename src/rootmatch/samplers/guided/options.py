@@ -77,7 +77,7 @@ class BatchOptions(Options):
     """Batches whose hypotheses are kept apart until they are joined and the weakest forgotten. A round value."""
 
     def kept_of(self, solved: int, single: bool) -> tuple[int, int, int]:
-        """Of so many minimal sets, for one motion or more: survivors verified, those that a chunk keeps, threads."""
+        """Survivors to verify, survivors that a chunk keeps, and threads, for ``solved`` minimal sets."""
         if single:
             # of a batch smaller than the first one of other searches, as many in proportion
             least = min(self.least_verified, solved * self.least_verified // self.first + 1)
@@ -123,7 +123,7 @@ class RefinementOptions(Options):
 
 @dataclass(frozen=True)
 class GuidedOptions(Options):
-    """How hard to search.
+    """How hard the guided search looks for hypotheses.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ def away(frame, normal, x, y, z):  # type: ignore[no-untyped-def]
 
 @scalar
 def predicted_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
-    """Cell of a point with these coordinates."""
+    """Cell that a point with these coordinates in the set's frame projects to."""
     x, y, z = rotated(frame, point[0], point[1], point[2])
     return cell_of(whole, field, x + frame[0], y + frame[1], z + frame[2])
 
@@ -133,7 +133,7 @@ def list_met(flat_cells, places, met, earlier, passed):  # type: ignore[no-untyp
 
 @scalar
 def list_met_or_hidden(flat_cells, cells, met, earlier, passed):  # type: ignore[no-untyped-def]
-    """The same where points that are hidden meet no detection, and how many solutions there are."""
+    """List as `list_met`, where hidden points meet no detection; and how many solutions there are."""
     count, found = 0, 0
     for k in range(cells.shape[1]):
         first, second = cells[0, k], cells[1, k]
@@ -149,7 +149,7 @@ def list_met_or_hidden(flat_cells, cells, met, earlier, passed):  # type: ignore
 
 @scalar
 def facing_cells_of_two(tables, grid, field, before, one, two, own, bearings, scratch, root, cells):  # type: ignore[no-untyped-def]
-    """The same where normals tell, of solutions in which the set's own points face the camera."""
+    """Cells of two points, as `cells_of_two`, where the set's own points face the camera by their normals."""
     for k in range(scratch.shape[1]):
         real, frame = set_frame(tables, grid, before, k, scratch, root)
         x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]

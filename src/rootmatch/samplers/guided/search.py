@@ -128,7 +128,7 @@ class Search:
             self.missed = 0.0  # everything was tried
 
     def _next_batch(self, batch: int) -> int:
-        """Minimal sets of the batch after one of so many."""
+        """Number of minimal sets in the batch that follows one of ``batch`` sets."""
         options = self.options.batches
         if not self.single or self.normals:
             return min(2 * batch, options.largest)
@@ -144,7 +144,7 @@ class Search:
         return minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)
 
     def _tried(self) -> TriedSets | None:
-        """What tells when a search for one motion has missed nothing, where normals tell what is visible."""
+        """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
         if self.visible is None or not self.single:
             return None
         return TriedSets(self.visible, self.options.visibility)
@@ -201,7 +201,7 @@ class Search:
         )  # fmt: skip
 
     def _try_rivals(self) -> None:
-        """Whether the detections of the strongest hypothesis could as well be other points: a symmetric object."""
+        """Try rivals: other points of a symmetric object that have the strongest hypothesis's detections."""
         try_rivals(self)
 
     def _false_alarm_level(self) -> float:

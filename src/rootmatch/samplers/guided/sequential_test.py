@@ -80,7 +80,7 @@ class SequentialTest(NamedTuple):
 def sequential_test(
     options: SequentialTestOptions, clutter: float, visible: float, wave: int, least: int, normals: bool
 ) -> SequentialTest:
-    """The test of one wave of minimal sets.
+    """The sequential test for one wave of minimal sets.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class PreparedSets(NamedTuple):
     """(S,) index into the arrangements where each set begins."""
 
     def first(self, most: int) -> PreparedSets:
-        """At most so many of them."""
+        """The first ``most`` sets, or fewer."""
         if most >= len(self.points):
             return self
         return PreparedSets(

@@ -24,7 +24,7 @@ class Survivors(NamedTuple):
 
     @classmethod
     def of(cls, points: Integers, survivors: Integers, ratios: NDArray[np.float64], most: int) -> Survivors:
-        """At most so many of the survivors (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
+        """The ``most`` survivors of highest ratio among those (chunks, keep, m + 2) of the sets ``points`` (S, m)."""
         survivors, ratios = survivors.reshape(-1, survivors.shape[2]), ratios.reshape(-1)
         (chosen,) = (survivors[:, 0] >= 0).nonzero()
         chosen = chosen[(-ratios[chosen]).argsort(kind="stable")[:most]]
@@ -33,11 +33,11 @@ class Survivors(NamedTuple):
         return cls(sets, points[sets], survivors[:, 1:], ratios[chosen])
 
     def take(self, which: NDArray[np.bool_] | slice) -> Survivors:
-        """Some of them."""
+        """A subset of the survivors."""
         return Survivors(self.sets[which], self.points[which], self.images[which], self.ratios[which])
 
     def rivals_of(self, assignment: Integers, part: float) -> Survivors:
-        """Those that may be another pose than that of an assignment (n,) which explains nearly as much.
+        """Survivors that may have another pose than an assignment (n,) and explain nearly as much.
 
         Another one has at least this part of the assignment's own ratio, if that was met again.
         """

@@ -92,7 +92,7 @@ def facing_points(
 
 
 def some_of(visible: Bools, most: int, rng: np.random.Generator) -> Bools:
-    """At most so many of the visible points (V, n) of each view, at random."""
+    """At most ``most`` of the visible points (V, n) of each view, chosen at random."""
     rank = np.argsort(np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1), axis=1)
     return np.asarray(visible & (rank < most))
 
@@ -210,7 +210,7 @@ class TriedSets:
         self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
-        """These sets (S, m) were tried with all their images."""
+        """Record that these sets (S, m) were tried with all their images."""
         self.sets.append(sets)
 
     def missed(self, matched: int) -> float:

@@ -118,7 +118,7 @@ def flat_rotations(a, k, b, l):  # type: ignore[no-untyped-def]  # noqa: E741
 
 @scalar
 def pair_pose(c, s, a, k, b, l, ak, bl, gate2, spread):  # type: ignore[no-untyped-def]  # noqa: E741
-    """As `triple_pose`, of two correspondences and a baseline across y."""
+    """Baseline and scale of two correspondences, as `triple_pose`, for a baseline across y."""
     v, w = flat_line(c, s, a, k), flat_line(c, s, b, l)
     vv, ww = inner(v, v), inner(w, w)
     longer = vv > ww

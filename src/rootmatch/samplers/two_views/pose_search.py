@@ -115,7 +115,7 @@ def search_triples(  # type: ignore[no-untyped-def]
 def search_pairs(  # type: ignore[no-untyped-def]
     views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
 ):
-    """As `search_triples`, of two source points (S, 2), with images first · n' + last; of planar motion."""
+    """Search sets of two source points (S, 2), as `search_triples`, for planar motion; images are first · n' + last."""
     views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
     poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
     n_target = columns.shape[0]

@@ -54,7 +54,7 @@ def empty_state(index: SubsetIndex) -> State:
 
 
 def objective(index: SubsetIndex, state: State, penalty: float) -> float:
-    """f(X)."""
+    """Objective f(X) of the state's assignment."""
     return float(state.total[0]) - penalty * math.comb(int(state.size[0]), index.indices.shape[1])
 
 

@@ -275,7 +275,7 @@ def _change_of_score(
 
 @driver(nogil=True)
 def _joint_weights(index, state, i, k, j, l, weight):  # type: ignore[no-untyped-def]  # noqa: E741
-    """The terms Q of exchanges, as of `Changes`."""
+    """The terms Q of exchanges; the indices are those of `Changes`."""
     n_target = index.n_target
     for r in range(i.size):
         weight[r] = joint_weight(index, state, i[r] * n_target + k[r], j[r] * n_target + l[r], i[r], j[r])

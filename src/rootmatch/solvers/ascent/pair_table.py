@@ -32,7 +32,7 @@ def worth_a_table(size: int, order: int, correspondences: int) -> bool:
 
 
 def pairs_of(correspondences: int) -> int:
-    """Pairs of correspondences."""
+    """Number of pairs of correspondences."""
     return correspondences * (correspondences - 1) // 2
 
 
