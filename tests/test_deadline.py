@@ -15,7 +15,8 @@ import pytest
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
 from rootmatch.explain.explain import explain
-from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import in_threads
 from rootmatch.problems.similarity.problem import distances

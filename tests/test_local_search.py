@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
-from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.padding import with_sources
 from rootmatch.samplers.guided.local_growth import PartialVerification

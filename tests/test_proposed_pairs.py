@@ -7,8 +7,9 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.proposed_pairs import pays
-from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.task import MatchingTask
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
 POSES = [

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.searched_solution import completed, searched_solution
-from rootmatch.explain.task import MatchingTask, MatchOptions
+from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.simulation import up2p_scene
 from rootmatch.solvers import MultiStartAscent

@@ -16,7 +16,8 @@ from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.explain import explain
-from rootmatch.explain.task import MatchingTask, MatchOptions, SamplerName
+from rootmatch.explain.match_options import MatchOptions, SamplerName
+from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import checked_indices
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
@@ -90,6 +91,7 @@ def match(
     bodies: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
     prior: Pose | Mapping[Label, Pose] | None = None,
+    source_noise: ArrayLike | None = None,
     seed: int = 0,
     max_seconds: float | None = None,
     progress: Progress | None = None,
@@ -145,6 +147,10 @@ def match(
         as a Gaussian, so three visible points are enough. Where it decides, a match takes about a millisecond. Where it
         does not, all is searched without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
         ``bodies`` a dict from labels to poses.
+    source_noise : float, (n,), (n, 3) or (n, 3, 3) array, optional
+        Standard deviation of a coordinate of the source points, in their unit: of all, of each, or of each on each
+        axis; or the covariance of each. Exact by default. For P3P and UP2P, also of rigs; where both sets are noisy
+        anyway it takes the place of the first of the pair that ``noise`` may be.
     seed : int
         Random seed; the same seed gives the same match.
     max_seconds : float, optional
@@ -223,6 +229,7 @@ def match(
         candidates=candidates,
         bodies=bodies,
         prior=prior,
+        source_noise=source_noise,
         options=options,
         deadline=Deadline(max_seconds, started=started),
     )

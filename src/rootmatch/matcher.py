@@ -20,10 +20,11 @@ from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import match_bodies_in_image
+from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.predicted_assignment import Found
 from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
 from rootmatch.explain.rig_copies import copies_task, is_rig
-from rootmatch.explain.task import MatchingTask, MatchOptions, SamplerName
+from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Residual
@@ -32,6 +33,7 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.source_noise import check_source_noise
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
@@ -52,7 +54,7 @@ class Matcher:
     problem : Problem
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
-    normals, view_angle, detection_rate, min_probability, bodies, motions
+    normals, view_angle, detection_rate, min_probability, bodies, motions, source_noise
         What is known of the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to a
         frame: give them to `match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, preset, backend, scheduler, \
@@ -77,6 +79,7 @@ max_hyperedges, max_evaluations
         min_probability: float | None = None,
         bodies: ArrayLike | None = None,
         motions: int | Literal["auto"] = 1,
+        source_noise: ArrayLike | None = None,
         seed: int = 0,
         max_seconds: float | None = None,
         progress: Progress | None = None,
@@ -104,6 +107,7 @@ max_hyperedges, max_evaluations
         self.view_angle = None if view_angle is None else np.array(view_angle, np.float64)
         self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
         self.bodies = None if bodies is None else np.array(bodies)
+        self.source_noise = None if source_noise is None else check_source_noise(source_noise, self.source)
         self.options = MatchOptions(
             seed=seed,
             preset=preset,
@@ -209,6 +213,7 @@ max_hyperedges, max_evaluations
             candidates=candidates,
             bodies=self.bodies,
             prior=prior,
+            source_noise=self.source_noise,
             options=options,
             deadline=deadline,
         )

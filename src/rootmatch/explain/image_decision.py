@@ -21,6 +21,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import LEAST
 from rootmatch.model.pose_prior import Doubted
 from rootmatch.model.posterior import Posterior
@@ -157,11 +158,9 @@ def _without_hyperedges(found: Finding) -> Finding:
 def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
     """How large the residuals of the detections are about one of the modes; a prediction may be off without any."""
     modes, model = told.modes, body.model
-    own = np.flatnonzero(modes.assignments[k] >= 0)
-    image = modes.assignments[k][own]
     at = model.linearised(modes.rotation[[k]], modes.position[[k]])
-    squared = ((model.target[image] - at.pixels[0, own]) ** 2).sum(axis=1) / model.sigma[image] ** 2
-    return Misfit.of(float(squared.sum()), round(float(modes.freedom[k])))
+    squared = squared_deviations(model, modes.assignments[[k]], at)
+    return Misfit.of(float(squared[0]), round(float(modes.freedom[k])))
 
 
 def _pose(body: Candidate, told: Posterior, k: int) -> Pose:

@@ -117,7 +117,7 @@ def proposals_by_prediction(task: MatchingTask) -> Proposals | None:
 def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
     points, problem = task.points, task.problem
-    camera, target, sigma = problem.camera.chart(points.target, points.target_noise)  # type: ignore[attr-defined]
+    camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
     prior: PosePrior = ANY_POSE
     if isinstance(problem, UP2P):
         world, vertical = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
@@ -127,7 +127,8 @@ def model_of(task: MatchingTask) -> DetectionModel:
     log_weights = None if task.weights is None else candidate_log_odds(task)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
-        rate=task.options.detection_rate, prior=prior, allowed=task.allowed, log_weights=log_weights,
+        source_covariance=points.source_covariance, rate=task.options.detection_rate, prior=prior,
+        allowed=task.allowed, log_weights=log_weights,
     )  # fmt: skip
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.image_density import normal_density
-from rootmatch.explain.predicted_likelihood import Floats, Integers, PriorFit, PriorFrame, Projected
+from rootmatch.explain.predicted_likelihood import Floats, Integers, PriorFit, PriorFrame
+from rootmatch.explain.projected import Projected
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.options import Options, option
@@ -282,7 +283,7 @@ def _updates(
     i = (taken if len(taken) else order[:1])[i]
     jacobian = first.jacobian[i]
     gain = covariance @ jacobian.swapaxes(-1, -2)
-    total = jacobian @ gain + frame.variance[j][:, None, None] * np.eye(2)
+    total = jacobian @ gain + (frame.variance[j] + first.mean_of_points[i])[:, None, None] * np.eye(2)
     kalman = gain @ np.linalg.inv(invertible(total))
     steps = step + (kalman @ (frame.target[j] - pixels[i])[..., None])[..., 0]
     covariances = covariance - kalman @ gain.swapaxes(-1, -2)
@@ -290,6 +291,8 @@ def _updates(
     rows = first.jacobian[shown]
     moved = first.pixels[shown] + np.einsum("nqp,kp->knq", rows, steps)
     spreads = np.einsum("nqp,kpr,nsr->knqs", rows, covariances, rows, optimize=True)
+    if first.of_points is not None:
+        spreads += first.of_points[shown]
     density = normal_density(frame.target, frame.variance, moved, spreads)
     density = np.where(frame.allowed[shown], density, 0.0)
     chance = frame.detection * first.visible[shown]
@@ -340,5 +343,5 @@ def fused_pose(task: MatchingTask, assignment: Integers) -> Pose | None:
     """The most likely pose of an assignment (n,) and the prediction together, with its residuals."""
     points, problem = task.points, task.problem
     if isinstance(problem, RigCopies):
-        return rig_pose(problem.copies, points.target, points.target_noise, assignment, prior_of(task))
+        return rig_pose(problem.copies, points, assignment, prior_of(task))
     return camera_poses(points, problem.camera, assignment[None], prior=prior_of(task))[0]  # type: ignore[attr-defined]

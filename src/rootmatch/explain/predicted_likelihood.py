@@ -15,6 +15,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.detection_odds import DEFAULT_OPTIONS, HALF, candidate_log_odds
 from rootmatch.explain.image_density import crowded_density, squared_deviations
+from rootmatch.explain.projected import Projected
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.clutter import clutter_areas
 from rootmatch.model.detection_model import HIGHEST_RATE
@@ -45,28 +46,6 @@ VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
 """Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
 USUAL_DETECTION = 0.9
 """Detection rate before an assignment tells it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Projected:
-    """Where a pose puts the source points.
-
-    Attributes
-    ----------
-    pixels : (n, 2) float64
-    jacobian : (n, 2, 6) float64
-        By rotations about the camera's axes and by translations.
-    visible : (n,) float64
-        How visible each point is, 0 behind the camera.
-    """
-
-    pixels: Floats
-    jacobian: Floats
-    visible: Floats
-
-    def spread(self, covariance: Floats) -> Floats:
-        """Covariances (n, 2, 2) of the pixels by that of the pose."""
-        return np.asarray(self.jacobian @ covariance @ self.jacobian.swapaxes(-1, -2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +99,9 @@ class PriorFrame:
         assert prior.covariance is not None
         points = task.points
         camera: CameraModel = task.problem.camera  # type: ignore[attr-defined]
-        self.camera, self.target, sigma = camera.chart(points.target, points.target_noise)
+        self.camera, self.target, sigma = camera.chart(points.target, points.detection_noise)
         self.source, self.normals, self.view_cosine = points.source, points.normals, points.view_cosine
-        self.variance = sigma**2
+        self.variance, self.source_covariance = sigma**2, points.source_covariance
         self.R, self.t = prior.R, prior.t
         deviation = np.sqrt(np.maximum(np.diag(prior.covariance), 1e-30))
         values, vectors = np.linalg.eigh(prior.covariance / np.outer(deviation, deviation))
@@ -165,7 +144,11 @@ class PriorFrame:
         if not whole.all():
             pixels = np.where(whole[:, None], pixels, 1e9)
             jacobian = np.where(whole[:, None, None], jacobian, 0.0)
-        return Projected(pixels, jacobian, visible)
+        of_points = None
+        if self.source_covariance is not None:
+            by_point = np.where(whole[:, None, None], by_position, 0.0) @ R
+            of_points = by_point @ self.source_covariance @ by_point.swapaxes(-1, -2)
+        return Projected(pixels, jacobian, visible, of_points)
 
     def _facing(self, positions: Floats, R: Floats) -> Floats:
         if self.normals is None:
@@ -218,10 +201,10 @@ class PriorFrame:
         """
         used = np.flatnonzero(assignment >= 0)
         image = self.target[assignment[used]]
-        weight = 1.0 / self.variance[assignment[used]]
-        root = np.sqrt(weight)
         if at is None:
             at = self.projected(R, t)
+        weight = 1.0 / (self.variance[assignment[used]] + at.mean_of_points[used])
+        root = np.sqrt(weight)
         chi2, chi2_prior, step = self._deviation(at, used, image, weight, (R, t))
         damping, diagonal = 0.0, np.arange(6)
         for _ in range(STEPS):
@@ -291,14 +274,16 @@ class PriorFrame:
         assignment, at = fit.assignment, fit.at
         matched = assignment >= 0
         image = np.maximum(assignment, 0)
-        spread = at.spread(fit.covariance)
+        spread = at.of_pose(fit.covariance)
         # without its own match a prediction moves away from it and is less certain, by the hat matrix
-        hat = np.where(matched[:, None, None], spread / self.variance[image][:, None, None], 0.0)
+        noise = self.variance[image] + at.mean_of_points
+        hat = np.where(matched[:, None, None], spread / noise[:, None, None], 0.0)
         away = np.linalg.inv((1.0 + 1e-9) * np.eye(2) - hat)
         residual = self.target[image] - at.pixels
         alone = self.target[image] - (away @ residual[..., None])[..., 0]
         pixels = np.where(matched[:, None], alone, at.pixels)
-        squared, determinant = self.squared(pixels, np.where(matched[:, None, None], away @ spread, spread))
+        spread = np.where(matched[:, None, None], away @ spread, spread)
+        squared, determinant = self.squared(pixels, spread if at.of_points is None else spread + at.of_points)
         chance = self.rate(assignment, at) * at.visible
         clutter = CROWDING * (len(self.target) - fit.matched + HALF) / self.area
         odds = np.log(np.maximum(chance, 1e-300) / (1.0 - np.minimum(chance, HIGHEST_RATE)) / clutter)

@@ -62,13 +62,17 @@ class RigCopies(Problem):
         copies = self.copies
         return CopiesAsGiven(copies.rig, copies.points, copies.offsets, copies.owner)
 
+    def in_image(self, points: PointSets) -> PointSets:
+        """As they are: each camera's own task has what its image shows; see `Problem.in_image`."""
+        return points
+
     def fitted(self, points: PointSets, assignments: Integers) -> Fit:
         """Assignments of copies fitted by a pose of the rig each; see `Problem.fitted`."""
         return rig_fit(self.copies, points.target, points.target_noise, assignments)
 
     def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Poses of the rig; see `Problem.poses`."""
-        return [rig_pose(self.copies, points.target, points.target_noise, one) for one in assignments]
+        return [rig_pose(self.copies, points, one) for one in assignments]
 
     def of_some(self, source: Integers, target: Integers) -> RigCopies:
         """The problem of the copies of some points, all copies of each, and of some detections."""
@@ -110,7 +114,7 @@ def copies_task(task: MatchingTask) -> MatchingTask:
     _, plane, sigma = rig.chart(rows, points.target_noise)
     copies = Copies(rig, points.source, rig.offsets(rows), rows[:, 2].astype(np.int64))
     own = np.repeat(np.arange(cameras), copies.count)[:, None] == copies.owner
-    bodies = task.bodies
+    bodies, covariance = task.bodies, points.source_covariance
     return replace(
         task,
         problem=RigCopies(copies, task),
@@ -121,6 +125,8 @@ def copies_task(task: MatchingTask) -> MatchingTask:
             target_noise=sigma,
             normals=None if points.normals is None else np.tile(points.normals, (cameras, 1)),
             view_cosine=None if points.view_cosine is None else np.tile(points.view_cosine, cameras),
+            source_covariance=None if covariance is None else np.tile(covariance, (cameras, 1, 1)),
+            noise_alone=points.noise_alone,
         ),
         allowed=own if task.allowed is None else own & np.tile(task.allowed, (cameras, 1)),
         weights=None if task.weights is None else np.tile(task.weights, (cameras, 1)),

@@ -10,23 +10,13 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.backends import selection
-from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
+from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.prior_validation import check_predicted
-from rootmatch.explain.validation import (
-    check_callable,
-    check_choice,
-    check_count,
-    check_motions,
-    check_positive,
-    check_probability,
-    check_problem,
-    split_candidates,
-)
-from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.explain.validation import check_choice, check_problem, split_candidates
+from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
@@ -34,111 +24,14 @@ from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
-from rootmatch.samplers.base import Sampler, SamplingTask
-from rootmatch.solvers import MultiStartAscent, Solver, get_solver
+from rootmatch.samplers.base import SamplingTask
 
-SamplerName = Literal["auto", "exhaustive", "random", "guided"]
-AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
-"""Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
-accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
 EXACT_RADIANS = 1e-5
 """The same where detections are unit rays: that of a pixel where the focal length is 1000."""
 SAMPLED, RESERVE = 0.7, 0.5
 """Share of the time left at a deadline that sampling may take, and seconds that always suffice for the rest."""
-SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guided")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MatchOptions:
-    """The options of `rootmatch.match`, under the same names and with the same defaults; see there.
-
-    Everything that does not depend on the points is validated here.
-
-    Raises
-    ------
-    InputError
-        For an option that is none of the choices, or that does not go with another.
-    """
-
-    seed: int = 0
-    preset: Literal["paper"] | None = None
-    sampler: SamplerName | Sampler | None = None
-    samples: int | None = None
-    residual: str | Residual | None = None
-    rho: float | None = None
-    solver: str | Solver | None = None
-    motions: int | Literal["auto"] = 1
-    backend: selection.Name = "auto"
-    max_hyperedges: int = 5_000_000
-    max_evaluations: int | None = None
-    scheduler: str | None = None
-    progress: Progress | None = None
-    detection_rate: float | None = None
-    max_seconds: float | None = None
-    min_probability: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.preset not in (None, "paper"):
-            raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
-        check_motions(self.motions)
-        check_count("seed", self.seed, least=0)
-        check_count("samples", self.samples)
-        check_count("max_evaluations", self.max_evaluations)
-        check_count("max_hyperedges", self.max_hyperedges)
-        check_positive("rho", self.rho)
-        check_probability("detection_rate", self.detection_rate)
-        check_positive("max_seconds", self.max_seconds)
-        check_probability("min_probability", self.min_probability)
-        check_choice("backend", self.backend, selection.NAMES)
-        check_callable("progress", self.progress, "a function of two numbers, done and total")
-        if self.scheduler is not None and not isinstance(self.scheduler, str):
-            raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
-        if isinstance(self.sampler, str):
-            check_choice("sampler", self.sampler, SAMPLER_NAMES)
-        else:
-            check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
-        if self.residual is not None and not isinstance(self.residual, str | Residual):
-            raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
-        get_solver("ascent" if self.solver is None else self.solver)
-
-    def least_probability(self, default: float) -> float:
-        """Probability from which a match is believed: as given, or this default."""
-        return default if self.min_probability is None else self.min_probability
-
-    @property
-    def is_paper(self) -> bool:
-        """Whether the paper's preset is the default of what is not given."""
-        return self.preset == "paper"
-
-    @property
-    def chosen_sampler(self) -> SamplerName | Sampler:
-        """Which hyper-edges are evaluated."""
-        return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
-
-    @property
-    def chosen_solver(self) -> Solver:
-        """The solver of one group of points."""
-        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
-
-    def solver_after(self, searched: bool) -> Solver:
-        """The solver; fewer starts of the default one where a search has named the assignments worth starting from."""
-        return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
-
-    @property
-    def packs_motions(self) -> bool:
-        """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
-        return self.motions != 1 and self.solver is None and not self.is_paper
-
-    def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
-        """From a hyper-edge's residual to its weight, for a problem and data with or without noise."""
-        residual = self.residual or ("qr" if self.is_paper else "joint")
-        in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
-        paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho
-        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else paper_rho)
-        chosen.residual.kernel_kind(problem.pair_count, problem.name)  # refuses pairs that the problem does not have
-        return chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +93,7 @@ class MatchingTask:
         candidates: ArrayLike | None = None,
         bodies: ArrayLike | None = None,
         prior: Pose | Mapping[Label, Pose] | None = None,
+        source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
     ) -> Self:
@@ -217,12 +111,15 @@ class MatchingTask:
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))
+            if source_noise is not None:
+                raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
             noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
         least = None if prior is None else 1
         points = problem.validated(
-            source, target, noise, normals, view_angle, least_target=least, distinct=bodies is None
-        )
+            source, target, noise, normals, view_angle,
+            source_noise=source_noise, least_target=least, distinct=bodies is None,
+        )  # fmt: skip
         pixel = problem.noise_pixels(points.source, points.target)[1]
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
         weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
@@ -334,10 +231,11 @@ class MatchingTask:
         """The task of some of the points, evaluated in this process, without a predicted pose."""
         some = np.ix_(source, target)
         allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
+        problem = self.problem.of_some(source, target)
         return replace(
             self,
-            problem=self.problem.of_some(source, target),
-            points=self.points.subset(source, target),
+            problem=problem,
+            points=problem.in_image(self.points.subset(source, target)),
             options=replace(self.options, progress=None, scheduler=None),
             allowed=allowed,
             weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),

@@ -171,6 +171,13 @@ def _log_gamma_ratio(a: float, b: Floats) -> Floats:
     return series(a + b) - series(np.asarray(a, dtype=float))
 
 
+def squared_deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> Floats:
+    """Squared deviations (K,) of the detections of assignments (K, n) from poses, in units of their noise."""
+    used, image = assignments >= 0, np.maximum(assignments, 0)
+    offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
+    return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
+
+
 def _whitened(
     model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers, offset: Floats
 ) -> tuple[Floats, Floats, Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,12 +14,13 @@ from rootmatch.cameras.rig import rig_of
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.checks import check_normals, check_points, check_view_angle
+from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.source_noise import check_source_noise, mean_deviation, with_model_noise
 from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
@@ -81,6 +83,7 @@ class Problem(ABC):
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         *,
+        source_noise: ArrayLike | None = None,
         least_target: int | None = None,
         distinct: bool = True,
     ) -> PointSets:
@@ -100,6 +103,8 @@ class Problem(ABC):
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
             Radians from its normal within which a point is visible. Default: π/2.
+        source_noise : float, (n,), (n, k) or (n, k, k) array, optional
+            Of the source alone, see `rootmatch.problems.source_noise.check_source_noise`.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool
@@ -112,7 +117,9 @@ class Problem(ABC):
         """
         settled = self.for_points(source)
         if settled is not self:
-            return settled.validated(source, target, noise, normals, view_angle, least_target=least_target)
+            return settled.validated(
+                source, target, noise, normals, view_angle, source_noise=source_noise, least_target=least_target
+            )
         if normals is not None:
             Capability.NORMALS.require(self.takes_normals, self.name)
         first = check_points(source, self.source_dimension, "source", self.order, distinct)
@@ -126,7 +133,41 @@ class Problem(ABC):
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
-        return PointSets(first, second, sigma, sigma2, normals=facing, view_cosine=cosine)
+        points = PointSets(first, second, sigma, sigma2, normals=facing, view_cosine=cosine)
+        if source_noise is None:
+            return points
+        if self.noisy_source and isinstance(noise, tuple | list) and len(noise) == 2:
+            raise InputError("source_noise: noise is a pair, which says it already; leave one of them out")
+        return self.with_source_noise(points, source_noise)
+
+    def with_source_noise(self, points: PointSets, noise: ArrayLike) -> PointSets:
+        """Points with a noise of the source of its own, as `validated` takes it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be used, or the problem has exact source points.
+        """
+        if self.noisy_source:
+            covariance = check_source_noise(noise, points.source)
+            least = LEAST_NOISE * self.noise_pixels(points.source, points.target)[0]
+            sigma = np.maximum(mean_deviation(covariance), least)
+            alike = np.allclose(covariance, sigma[:, None, None] ** 2 * np.eye(covariance.shape[-1]))
+            if not alike and self.source_is_image:
+                raise InputError(f"source_noise: {self.name} takes one σ for both axes; give a number or one a point")
+            return replace(points, source_noise=sigma, source_covariance=None if alike else covariance)
+        camera = getattr(self, "camera", None)
+        if not (self.takes_prior and isinstance(camera, CameraModel)):
+            raise InputError(f"source_noise: {self.name} has exact source points; leave it out")
+        covariance = check_source_noise(noise, points.source)
+        return self.in_image(replace(points, source_covariance=covariance)) if covariance.any() else points
+
+    def in_image(self, points: PointSets) -> PointSets:
+        """Points whose detections have the noise of the source in theirs, as far as that shows in the image."""
+        camera = getattr(self, "camera", None)
+        if self.noisy_source or not isinstance(camera, CameraModel):
+            return points
+        return with_model_noise(points, camera)
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""

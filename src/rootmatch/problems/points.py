@@ -26,12 +26,18 @@ class PointSets:
     target : (n', 2) or (n', 3) float64
         Pixels, or points in space where the problem matches two sets of those.
     source_noise, target_noise : (n,), (n',) float64
-        Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used.
+        Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used. That of
+        detections includes what ``source_covariance`` may add in the image
+        (`rootmatch.problems.source_noise.with_model_noise`); `detection_noise` does not.
     normals : (n, 3) float64, optional
         Outward normals of the source points, zero where unknown.
     view_cosine : (n,) float64, optional
         Least cosine between the normal and the direction to the camera at which each point is visible; None if no
         angle was given: 0, the rim.
+    source_covariance : (n, k, k) float64, optional
+        Of source points that are not exact, and of which this says more than ``source_noise``.
+    noise_alone : (n',) float64, optional
+        ``target_noise`` without what that adds.
     """
 
     source: Floats
@@ -40,6 +46,13 @@ class PointSets:
     target_noise: Floats
     normals: Floats | None = None
     view_cosine: Floats | None = None
+    source_covariance: Floats | None = None
+    noise_alone: Floats | None = None
+
+    @property
+    def detection_noise(self) -> Floats:
+        """Standard deviations (n',) of the detections alone."""
+        return self.target_noise if self.noise_alone is None else self.noise_alone
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -57,6 +70,8 @@ class PointSets:
             target_noise=self.target_noise[second],
             normals=None if self.normals is None else self.normals[first],
             view_cosine=None if self.view_cosine is None else self.view_cosine[first],
+            source_covariance=None if self.source_covariance is None else self.source_covariance[first],
+            noise_alone=None if self.noise_alone is None else self.noise_alone[second],
         )
 
     def with_noise(self, source: Floats, target: Floats) -> PointSets:

@@ -17,9 +17,9 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.predicted_assignment import Found
-from rootmatch.explain.task import SamplerName
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
@@ -57,7 +57,7 @@ class Tracker:
         Standard deviation of a pixel coordinate, in pixels, unless `update` is given another.
     tracking : TrackingOptions
         Frame rate, patience, and how fast bodies may move.
-    normals, view_angle, detection_rate, min_probability, bodies
+    normals, view_angle, detection_rate, min_probability, bodies, source_noise
         What is known of the scene in every frame, as for `rootmatch.match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
 max_evaluations
@@ -86,6 +86,7 @@ max_evaluations
         detection_rate: float | None = None,
         min_probability: float | None = None,
         bodies: ArrayLike | None = None,
+        source_noise: ArrayLike | None = None,
         seed: int = 0,
         max_seconds: float | None = None,
         progress: Progress | None = None,
@@ -110,6 +111,7 @@ max_evaluations
             detection_rate=detection_rate,
             min_probability=min_probability,
             bodies=bodies,
+            source_noise=source_noise,
             seed=seed,
             max_seconds=max_seconds,
             progress=progress,

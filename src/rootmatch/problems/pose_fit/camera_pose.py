@@ -27,11 +27,13 @@ from rootmatch.problems.pose_fit.descent import (
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
-from rootmatch.problems.pose_fit.projection_model import ProjectionModel
+from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
 
 Integers = NDArray[np.int64]
 
+REWEIGHTED = 2
+"""How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
 KEPT = 3
 """How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
 
@@ -45,8 +47,9 @@ def camera_poses(
 ) -> list[Pose | None]:
     """The most likely pose of each assignment (K, n), None if none puts its points before the camera.
 
-    Minimises the squared deviations of the detections from the projections of their points over the variances of the
-    detections; a noisy vertical and a predicted pose add theirs.
+    Minimises the squared deviations of the detections from the projections of their points over their variances; a
+    noisy vertical and a predicted pose add theirs. Where points are not exact, the covariance of their projections is
+    taken at the pose of the fit before, `REWEIGHTED` times.
 
     Parameters
     ----------
@@ -76,11 +79,14 @@ def camera_poses(
     noisy = upright if upright is not None and upright.noise > 0.0 else None
     gaussian = None if prior is None else Prior.of(prior, centre, unit)
 
+    white: Floats | None = None
+
     def model(times: int) -> ProjectionModel:
         first, second, third = (np.repeat(array, times, axis=0) for array in (places, image, weight))
         return ProjectionModel(
-            points=first, image=second, weight=third, camera=camera, axes=axes, upright=noisy, prior=gaussian
-        )
+            points=first, image=second, weight=third, camera=camera, axes=axes, upright=noisy, prior=gaussian,
+            white=None if white is None else np.repeat(white, times, axis=0),
+        )  # fmt: skip
 
     count = len(places)
     if gaussian is None:
@@ -102,6 +108,12 @@ def camera_poses(
         kept += 1
     state, chi2 = lowest_of(*descended(model(kept), state), count)
     state, chi2 = polished(model, state, chi2, len(axes) + 3)
+    if points.source_covariance is not None:
+        known = points.source_covariance[packed] / unit**2
+        alone = np.where(weight > 0.0, 1.0 / points.detection_noise[target], 0.0)
+        for _ in range(REWEIGHTED):
+            white = whitening(camera, places, known, alone, state)
+            state, chi2 = polished(model, *descended(model(1), state), len(axes) + 3)
     found = _Found(state, chi2, covariance_of(model(1), state), axes=axes, centre=centre, unit=unit)
     measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     return [

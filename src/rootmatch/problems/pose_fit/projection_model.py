@@ -29,6 +29,8 @@ class ProjectionModel:
     upright: Upright | None = None
     """A noisy vertical."""
     prior: Prior | None = None
+    white: Floats | None = None
+    """(B, n, k, k) in the place of 1 / σ, where the noise of a point's projection differs by direction; `whitening`."""
 
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
@@ -37,7 +39,9 @@ class ProjectionModel:
         used = self.weight > 0.0
         possible = np.asarray(np.isfinite(positions).all(axis=-1))
         positions = np.where(possible[..., None], positions, 1.0)
-        off = np.where(used[..., None], (self.camera.project(positions) - self.image) * self.weight[..., None], 0.0)
+        off = np.where(
+            used[..., None], self._whitened((self.camera.project(positions) - self.image)[..., None])[..., 0], 0.0
+        )
         off[~((self.camera.sees(positions) & possible) | ~used).all(axis=1)] = np.inf
         parts = [off.reshape(len(off), -1)]
         if self.upright is not None:
@@ -50,7 +54,7 @@ class ProjectionModel:
         """See `Model`."""
         rotation, translation = state
         rotated = self.points @ rotation.swapaxes(-1, -2)
-        by_position = self.camera.jacobian(rotated + translation[:, None]) * self.weight[..., None, None]
+        by_position = self._whitened(self.camera.jacobian(rotated + translation[:, None]))
         by_rotation = -by_position @ (cross_matrix(rotated) @ self.axes.T)
         size, both = len(rotation), np.concatenate([by_rotation, by_position], axis=-1)
         parts = [np.where(self.weight[..., None, None] > 0.0, both, 0.0).reshape(size, -1, both.shape[-1])]
@@ -63,10 +67,40 @@ class ProjectionModel:
             parts.append(self.prior.jacobian(rotation, self.axes))
         return np.concatenate(parts, axis=1)
 
+    def _whitened(self, rows: Floats) -> Floats:
+        """Rows (B, n, k, q) in units of the noise."""
+        return np.asarray(rows * self.weight[..., None, None] if self.white is None else self.white @ rows)
+
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
         angles = len(self.axes)
         return rotation_from_vector(step[:, :angles] @ self.axes) @ state[0], state[1] + step[:, angles:]
+
+
+def whitening(camera: CameraModel, points: Floats, covariance: Floats, weight: Floats, state: State) -> Floats:
+    """Inverse Cholesky factors (B, n, k, k) of the covariances of detections about their points' projections.
+
+    That is σ² I + J Σ Jᵀ, the derivative J by the position of a point that is uncertain by Σ.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        With detections of k numbers.
+    points, covariance : (B, n, 3) and (B, n, 3, 3) arrays
+        Model points with their Σ.
+    weight : (B, n) array
+        1 / σ of the detections, 0 for none.
+    state : State
+        The poses at which J is taken.
+    """
+    rotation, translation = state
+    with np.errstate(all="ignore"):
+        by_point = camera.jacobian(points @ rotation.swapaxes(-1, -2) + translation[:, None]) @ rotation[:, None]
+        own = np.where(weight > 0.0, 1.0 / weight**2, 1.0)[..., None, None]
+    spread = by_point @ covariance @ by_point.swapaxes(-1, -2)
+    usable = np.isfinite(spread).all(axis=(-1, -2), keepdims=True)
+    spread = np.where(usable, spread, 0.0) + own * np.eye(spread.shape[-1])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
 
 
 def _tilts(upright: Upright, rotation: Floats) -> Floats:

@@ -23,12 +23,14 @@ from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
-from rootmatch.problems.pose_fit.projection_model import ProjectionModel
+from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 
 Integers = NDArray[np.int64]
 
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
+REWEIGHTED = 2
+"""As `rootmatch.problems.pose_fit.camera_pose.REWEIGHTED`."""
 LEAST = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 
@@ -211,15 +213,14 @@ def rig_fit(
     )
 
 
-def rig_pose(
-    copies: Copies, target: Floats, sigma: Floats, assignment: Integers, prior: Pose | None = None
-) -> Pose | None:
+def rig_pose(copies: Copies, points: PointSets, assignment: Integers, prior: Pose | None = None) -> Pose | None:
     """The most likely pose of the rig for one assignment of copies (C n,), None if there is none.
 
+    ``points``: the copies and their detections in the common plane, with their noise.
     Its `points` are indices of copies: camera · n + point. With a predicted pose, which is part of the fit, three
     matches in all are enough.
     """
-    used = assignment >= 0
+    used, target, sigma = assignment >= 0, points.target, points.target_noise
     weight = np.where(used, 1.0 / sigma[np.maximum(assignment, 0)], 0.0)[None]
     image = target[np.maximum(assignment, 0)][None]
     gaussian = None if prior is None else Prior.of(prior, copies.centre, copies.unit)
@@ -230,6 +231,12 @@ def rig_pose(
     state, chi2 = descended(model, start, STEPS)
     if not np.isfinite(chi2[0]):
         return None
+    if points.source_covariance is not None:
+        known = points.source_covariance[None] / copies.unit**2
+        alone = np.where(used, 1.0 / points.detection_noise[np.maximum(assignment, 0)], 0.0)[None]
+        for _ in range(REWEIGHTED):
+            model = replace(model, white=whitening(copies, copies.places[None], known, alone, state))
+            state, chi2 = descended(model, state, STEPS)
     covariance = covariance_of(model, state)[0]
     rotation, translation = state[0][0], state[1][0]
     turned = rotation @ copies.centre
@@ -255,16 +262,21 @@ def rig_pose(
 
 def rig_poses(points: PointSets, rig: Rig, assignments: Integers) -> list[Pose | None]:
     """The most likely pose of a rig for each assignment (K, n), of one sighting of each point."""
-    rows = points.target
+    rows, cameras = points.target, len(rig.views)
     owner = rows[:, 2].astype(np.int64)
-    _, plane, sigma = rig.chart(rows, points.target_noise)
     copies = Copies(rig, points.source, rig.offsets(rows), owner)
+    covariance = points.source_covariance
+    plane = replace(
+        points,
+        target=rig.chart(rows, points.target_noise)[1],
+        source_covariance=None if covariance is None else np.tile(covariance, (cameras, 1, 1)),
+    )
     found = []
     for assignment in assignments:
-        whole = np.full((len(rig.views), copies.count), -1, np.int64)
+        whole = np.full((cameras, copies.count), -1, np.int64)
         members = np.flatnonzero(assignment >= 0)
         whole[owner[assignment[members]], members] = assignment[members]
-        pose = rig_pose(copies, plane, sigma, whole.ravel())
+        pose = rig_pose(copies, plane, whole.ravel())
         if pose is not None and pose.points is not None and pose.inliers is not None:
             pose = replace(pose, points=pose.points % copies.count, inliers=pose.inliers % copies.count)
         found.append(pose)

@@ -1,0 +1,119 @@
+"""The options of a match: everything that does not depend on the points, validated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from rootmatch.backends import selection
+from rootmatch.backends.strongest import Progress
+from rootmatch.errors import InputError
+from rootmatch.explain.validation import (
+    check_callable,
+    check_choice,
+    check_count,
+    check_motions,
+    check_positive,
+    check_probability,
+)
+from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
+from rootmatch.problems.base import Problem
+from rootmatch.samplers.base import Sampler
+from rootmatch.solvers import MultiStartAscent, Solver, get_solver
+
+SamplerName = Literal["auto", "exhaustive", "random", "guided"]
+AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
+"""Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
+accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
+SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guided")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MatchOptions:
+    """The options of `rootmatch.match`, under the same names and with the same defaults; see there.
+
+    Everything that does not depend on the points is validated here.
+
+    Raises
+    ------
+    InputError
+        For an option that is none of the choices, or that does not go with another.
+    """
+
+    seed: int = 0
+    preset: Literal["paper"] | None = None
+    sampler: SamplerName | Sampler | None = None
+    samples: int | None = None
+    residual: str | Residual | None = None
+    rho: float | None = None
+    solver: str | Solver | None = None
+    motions: int | Literal["auto"] = 1
+    backend: selection.Name = "auto"
+    max_hyperedges: int = 5_000_000
+    max_evaluations: int | None = None
+    scheduler: str | None = None
+    progress: Progress | None = None
+    detection_rate: float | None = None
+    max_seconds: float | None = None
+    min_probability: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.preset not in (None, "paper"):
+            raise InputError(f'preset: {self.preset!r} given; give "paper" or nothing')
+        check_motions(self.motions)
+        check_count("seed", self.seed, least=0)
+        check_count("samples", self.samples)
+        check_count("max_evaluations", self.max_evaluations)
+        check_count("max_hyperedges", self.max_hyperedges)
+        check_positive("rho", self.rho)
+        check_probability("detection_rate", self.detection_rate)
+        check_positive("max_seconds", self.max_seconds)
+        check_probability("min_probability", self.min_probability)
+        check_choice("backend", self.backend, selection.NAMES)
+        check_callable("progress", self.progress, "a function of two numbers, done and total")
+        if self.scheduler is not None and not isinstance(self.scheduler, str):
+            raise InputError(f"scheduler: {self.scheduler!r} given; give the address of one, tcp://host:port")
+        if isinstance(self.sampler, str):
+            check_choice("sampler", self.sampler, SAMPLER_NAMES)
+        else:
+            check_callable("sampler", self.sampler, f"a sampler, or one of {', '.join(SAMPLER_NAMES)}")
+        if self.residual is not None and not isinstance(self.residual, str | Residual):
+            raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
+        get_solver("ascent" if self.solver is None else self.solver)
+
+    def least_probability(self, default: float) -> float:
+        """Probability from which a match is believed: as given, or this default."""
+        return default if self.min_probability is None else self.min_probability
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether the paper's preset is the default of what is not given."""
+        return self.preset == "paper"
+
+    @property
+    def chosen_sampler(self) -> SamplerName | Sampler:
+        """Which hyper-edges are evaluated."""
+        return self.sampler or ("random" if self.is_paper or self.samples is not None else "auto")
+
+    @property
+    def chosen_solver(self) -> Solver:
+        """The solver of one group of points."""
+        return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
+
+    def solver_after(self, searched: bool) -> Solver:
+        """The solver; fewer starts of the default one where a search has named the assignments worth starting from."""
+        return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
+
+    @property
+    def packs_motions(self) -> bool:
+        """Whether groups of one motion each are packed: for several motions, unless a solver is named."""
+        return self.motions != 1 and self.solver is None and not self.is_paper
+
+    def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
+        """From a hyper-edge's residual to its weight, for a problem and data with or without noise."""
+        residual = self.residual or ("qr" if self.is_paper else "joint")
+        in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
+        paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho
+        chosen = affinity(residual, self.rho if self.rho is not None or in_noise else paper_rho)
+        chosen.residual.kernel_kind(problem.pair_count, problem.name)  # refuses pairs that the problem does not have
+        return chosen
