@@ -432,6 +432,35 @@ def test_columns_sigma_of_two_noisy_sets(tmp_path: Path) -> None:
     both = run("match", files["plan-sigma"], files["seen-sigma"], "--problem", "rigid", "--noise", "0.3")
     assert "leave one of them out" in both.stderr
     points = write(tmp_path / "image.csv", "x,y", seen[:, :2].tolist())
-    refused = run("match", files["plan-sigma"], points, "--problem", "p3p", "--camera", "800,780,320,240")
+    refused = run("match", files["plan-sigma"], points, "--problem", "up2pf", "--centre", "320,240")
     assert refused.exit_code == 2
-    assert "plan-sigma.csv: a column sigma, and p3p has exact points there; leave it out" in refused.stderr
+    assert "plan-sigma.csv: a column sigma, and up2pf has exact points there; leave it out" in refused.stderr
+
+
+def test_noise_of_the_model_as_an_option_or_as_columns(folder: Path, tmp_path: Path) -> None:
+    image = write(tmp_path / "image.csv", "x,y", frame(0)[0].tolist())
+    plain = folder / "model.csv"
+    named = {
+        "sigma": write(tmp_path / "sigma.csv", "x,y,z,sigma", [[*point, 0.002] for point in BODY.tolist()]),
+        "axes": write(tmp_path / "axes.csv", "x,y,z,sx,sy,sz", [[*point, *[0.002] * 3] for point in BODY.tolist()]),
+    }
+
+    def covariance(model: Path, *options: object) -> list[list[float]]:
+        result = run("match", model, image, *OPTIONS, *options, "--json")
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)["poses"][0]["covariance"]
+
+    expected = covariance(plain, "--source-noise", "0.002")
+    assert np.trace(expected) > 1.5 * np.trace(covariance(plain))
+    for model in named.values():
+        np.testing.assert_allclose(covariance(model), expected, rtol=1e-9)
+        tracked = run("track", model, folder / "frames.csv", *OPTIONS, "--json")
+        assert tracked.exit_code == 0, tracked.output
+        both = run("match", model, image, *OPTIONS, "--source-noise", "0.002")
+        assert both.exit_code == 2
+        assert "which says it; leave one of them out" in both.stderr
+    many = run("match", named["axes"], folder / "frames.csv", *OPTIONS, "--json")
+    assert "7 matched" in many.output
+    wrong = run("match", plain, image, *OPTIONS, "--source-noise", "-1")
+    assert wrong.exit_code == 2
+    assert "--source-noise: -1 given; a standard deviation is not negative" in wrong.stderr

@@ -119,6 +119,7 @@ class World:
             "normals": lambda: {"normals": towards},
             "view_angle": lambda: {"normals": towards, "view_angle": math.radians(80.0)},
             "detection_rate": lambda: {"detection_rate": 0.9},
+            "source_noise": lambda: {"source_noise": 0.002},
             "Guided": lambda: {"sampler": rm.Guided()},
         }
         for name in self.features & made.keys():
@@ -227,6 +228,7 @@ FEATURES: dict[str, Feature] = {
     "normals": Feature("normals"),
     "view_angle": Feature("normals"),
     "detection_rate": Feature("rate"),
+    "source_noise": Feature("model"),
     "Guided": Feature("sampler"),
 }
 POINT_SETS = frozenset({"UP2P", "rig"})
@@ -246,6 +248,9 @@ TRIPLES = [
     ("bodies", "Tracker", "UP2P"),
     ("bodies", "Tracker", "normals"),
     ("bodies", "Tracker", "max_seconds"),
+    ("source_noise", "rig", "Tracker"),
+    ("source_noise", "rig", "bodies"),
+    ("source_noise", "bodies", "Tracker"),
 ]
 """Where two features meet in a third one."""
 
@@ -258,6 +263,7 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("rig", "auto noise"): "noise: a rig does not estimate it",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
+    ("auto noise", "source_noise"): 'noise: "auto" is not estimated beside source_noise=',
 }
 """Features that do not go together, and how the error begins that says so."""
 
@@ -357,6 +363,14 @@ def test_the_detection_rate_counts_or_is_refused(context: str) -> None:
         return
     high, low = (world.answer(detection_rate=rate) for rate in (0.95, 0.6))
     assert told(high) != told(low)
+
+
+@pytest.mark.parametrize("context", CONTEXTS)
+def test_the_noise_of_each_source_point_counts(context: str) -> None:
+    world = World(frozenset(CONTEXTS[context]))
+    none, some = (world.answer(source_noise=sigma) for sigma in (None, 0.004))
+    assert told(none) != told(some)
+    assert some.pose is None or none.pose is None or np.trace(some.pose.covariance) > np.trace(none.pose.covariance)
 
 
 # Of two detections that the pose cannot tell apart, the weights of `candidates=` choose one.

@@ -24,6 +24,7 @@ def match(
     problem: option.Problem,
     camera: option.Camera = None,
     noise: option.Noise = None,
+    source_noise: option.SourceNoise = None,
     vertical_camera: option.VerticalCamera = None,
     vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
@@ -141,8 +142,11 @@ def match(
     }
     plain = {name: value for name, value in plain.items() if value is not None}
     given_noise = Noise(
-        noise_option(noise), source.sigma, model, image, noisy_source=posed.noisy_source, problem=posed.name
-    )
+        noise_option(noise), source.sigma, model, image, noisy_source=posed.noisy_source,
+        takes_prior=posed.takes_prior, problem=posed.name, given_source=source_noise,
+    )  # fmt: skip
+    if given_noise.of_source is not None:
+        plain["source_noise"] = given_noise.of_source
     if has_frames(image):
         settings = {
             "noise": given_noise.of(None),

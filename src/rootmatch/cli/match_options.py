@@ -47,6 +47,15 @@ Noise = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+SourceNoise = Annotated[
+    float | None,
+    typer.Option(
+        metavar="UNIT",
+        help="Standard deviation of a coordinate of the model's points, in their unit.",
+        show_default="0, or the columns sigma or sx,sy,sz",
+        rich_help_panel=INPUT,
+    ),
+]
 VerticalCamera = Annotated[
     str | None,
     typer.Option(

@@ -1,4 +1,4 @@
-"""``--noise`` and the columns ``sigma`` of the files of points: the one or the other says how noisy a point is."""
+"""``--noise``, ``--source-noise`` and columns of the files of points: one of them says how noisy each point is."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ class Noise:
     ----------
     given : number, pair or "auto", optional
         What ``--noise`` says, see `noise_option`.
-    source_sigma : (n,) array, optional
-        The column of the model.
+    source_sigma : (n,) or (n, 3) array, optional
+        The column of the model, or its three.
     model, image : path
         For the messages.
-    noisy_source : bool
-        Whether the problem has a noisy source.
+    noisy_source, takes_prior : bool
+        Whether the problem has a noisy source, and whether it may have one: a pose of its camera.
     problem : str
         Its name.
+    given_source : float, optional
+        What ``--source-noise`` says.
     """
 
     given: Any
@@ -41,7 +43,27 @@ class Noise:
     model: Path
     image: Path
     noisy_source: bool
+    takes_prior: bool
     problem: str
+    given_source: float | None = None
+
+    @property
+    def of_source(self) -> Any:
+        """The argument ``source_noise`` of `rootmatch.match`; None if nothing says it.
+
+        Raises
+        ------
+        InputError
+            If both the option and the columns say it.
+        """
+        if self.source_sigma is None:
+            return self.given_source
+        name = "sigma" if self.source_sigma.ndim == 1 else "sx"
+        if self.given_source is not None:
+            raise InputError(f"--source-noise: {self.model} has a column {name}, which says it; leave one of them out")
+        if not self.noisy_source and not self.takes_prior:
+            raise InputError(f"{self.model}: a column {name}, and {self.problem} has exact points there; leave it out")
+        return self.source_sigma
 
     def of(self, target_sigma: Floats | None) -> Any:
         """The argument ``noise`` of `rootmatch.match` for detections with such a column, or without.
@@ -49,14 +71,11 @@ class Noise:
         Raises
         ------
         InputError
-            If both say it, or the problem has exact source points and the model a column.
+            If both say it.
         """
-        if self.source_sigma is not None and not self.noisy_source:
-            raise InputError(f"{self.model}: a column sigma, and {self.problem} has exact points there; leave it out")
         given = self.given
-        columns = [
-            path for path, sigma in ((self.model, self.source_sigma), (self.image, target_sigma)) if sigma is not None
-        ]
+        sides = ((self.model, self.source_sigma if self.noisy_source else None), (self.image, target_sigma))
+        columns = [path for path, sigma in sides if sigma is not None]
         if not columns:
             return DEFAULT if given is None else given
         said = given is not None and (len(columns) == 2 or not self.noisy_source)
@@ -65,9 +84,7 @@ class Noise:
         source, target = given if isinstance(given, tuple) else (given or DEFAULT,) * 2
         if target_sigma is not None:
             target = target_sigma
-        if not self.noisy_source:
-            return target
-        return source if self.source_sigma is None else self.source_sigma, target
+        return (source, target) if self.noisy_source and self.of_source is None else target
 
 
 def noise_option(text: str | None) -> Any:

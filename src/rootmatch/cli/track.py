@@ -69,6 +69,7 @@ def track(
     camera: option.Camera = None,
     rate: Rate = None,
     noise: option.Noise = None,
+    source_noise: option.SourceNoise = None,
     vertical_camera: option.VerticalCamera = None,
     vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
@@ -134,13 +135,17 @@ def track(
         "bodies": source.bodies,
         "seed": seed,
     }
+    noises = Noise(
+        given_noise, source.sigma, model, frames, noisy_source=posed.noisy_source, takes_prior=posed.takes_prior,
+        problem=posed.name, given_source=source_noise,
+    )  # fmt: skip
+    options["source_noise"] = noises.of_source
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise")}
     header = (*POSE_COLUMNS, *COVARIANCES, "time")
     count: Counter[str] = Counter()
     times: list[float] = []
     timed = False
-    noises = Noise(given_noise, source.sigma, model, frames, noisy_source=posed.noisy_source, problem=posed.name)
     with (
         option_names_in_errors({"source": str(model), **subjects, "bodies": str(model), "normals": str(model)}),
         ExitStack() as files,

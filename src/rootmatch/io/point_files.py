@@ -18,6 +18,7 @@ MATCHES = ("source", "target", "weight", "motion", "residual", "confidence")
 """Columns of a file of matches."""
 COORDINATES = ("x", "y", "z")
 NORMALS = ("nx", "ny", "nz")
+DEVIATIONS = ("sx", "sy", "sz")
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,9 @@ class PointSet:
         Outward normals, where the file has columns ``nx,ny,nz``.
     bodies : tuple of str, optional
         Labels of the rigid bodies, where the file has a column ``body``.
-    sigma : (m,) array, optional
-        Standard deviation of each point's coordinates, where the file has a column ``sigma``.
+    sigma : (m,) or (m, 3) array, optional
+        Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each on each axis,
+        where it has ``sx,sy,sz``.
     """
 
     points: NDArray[np.float64]
@@ -63,7 +65,9 @@ def point_dimension(path: Path) -> int:
 
 
 def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = False) -> PointSet:
-    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, ``nx,ny,nz,body``.
+    """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, also others.
+
+    Those are ``nx,ny,nz``, ``body``, and ``sx,sy,sz`` in the place of ``sigma``.
 
     Parameters
     ----------
@@ -82,14 +86,9 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
         If the file cannot be used; the text names the file, the row and the remedy.
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
-    known = ("id", *needed, "sigma", *((*NORMALS, "body") if dimension == 3 and not of_rig else ()))
+    known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))
     rows = read_table(path, needed, known)
-    with_normals = [name for name in NORMALS if name in rows[0][1]]
-    if with_normals and len(with_normals) < 3:
-        missing = next(name for name in NORMALS if name not in with_normals)
-        raise InputError(
-            f"{path}: the column {missing} is missing although {with_normals[0]} is given; give nx,ny,nz or none"
-        )
+    with_normals, with_deviations = (_whole(path, rows[0][1], names) for names in (NORMALS, DEVIATIONS))
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
     bodies = None
     if "body" in rows[0][1]:
@@ -109,10 +108,27 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
         refuse_repeats(path, [(row, cells["id"]) for row, cells in rows], "id")
     sigma = None
     if "sigma" in rows[0][1]:
+        if with_deviations:
+            raise InputError(
+                f"{path}: columns sigma and sx; one of them says how noisy a point is, leave the other out"
+            )
         sigma = np.array([positive(path, row, "sigma", cells["sigma"]) for row, cells in rows])
+    elif with_deviations:
+        sigma = np.array([[positive(path, row, name, cells[name]) for name in DEVIATIONS] for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
     return PointSet(points, ids, normals, bodies, sigma)
+
+
+def _whole(path: Path, cells: dict[str, str], names: tuple[str, ...]) -> bool:
+    """Whether a table has all of three columns; an error if it has but one or two."""
+    given = [name for name in names if name in cells]
+    if given and len(given) < len(names):
+        missing = next(name for name in names if name not in given)
+        raise InputError(
+            f"{path}: the column {missing} is missing although {given[0]} is given; give {','.join(names)} or none"
+        )
+    return bool(given)
 
 
 def _labels(path: Path, rows: list[tuple[int, dict[str, str]]], column: str, verb: str) -> tuple[str, ...]:
@@ -194,8 +210,8 @@ def write_points(path: Path, points: PointSet) -> None:
         header.append("body")
         columns.append(points.bodies)
     if points.sigma is not None:
-        header.append("sigma")
-        columns.append(points.sigma.tolist())
+        header += ["sigma"] if points.sigma.ndim == 1 else DEVIATIONS
+        columns += [points.sigma.tolist()] if points.sigma.ndim == 1 else points.sigma.T.tolist()
     write_table(path, header, zip(*columns, strict=True))
 
 

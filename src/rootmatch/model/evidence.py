@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.model.detection_model import DetectionModel, Linearised
+from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -186,24 +187,14 @@ def _whitened(
     if model.source_covariance is None:
         weight = np.where(used, 1.0 / sigma, 0.0)
         return at.jacobian * weight[..., None, None], offset * weight[..., None], 2.0 * np.log(sigma)
-    by_point = at.by_position @ at.rotation[:, None]
-    spread = by_point @ model.source_covariance @ by_point.swapaxes(-1, -2)
-    a, b, d = spread[..., 0, 0] + sigma**2, spread[..., 0, 1], spread[..., 1, 1] + sigma**2
-    first = np.sqrt(a)
-    below = b / first
-    second = np.sqrt(d - below**2)
-    weights = np.where(used, 1.0 / first, 0.0), np.where(used, 1.0 / second, 0.0)
-
-    def white(x: Floats, y: Floats, one: Floats, two: Floats, cross: Floats) -> tuple[Floats, Floats]:
-        return x * one, (y - cross * x * one) * two
-
-    rows = np.empty_like(at.jacobian)
-    rows[..., 0, :], rows[..., 1, :] = white(
-        at.jacobian[..., 0, :], at.jacobian[..., 1, :], *(part[..., None] for part in (*weights, below))
-    )
-    residual = np.empty_like(offset)
-    residual[..., 0], residual[..., 1] = white(offset[..., 0], offset[..., 1], *weights, below)
-    return rows, residual, np.log(first * second)
+    images = max(len(model.images), 1)
+    by_point = np.where(used[..., None, None], at.by_position @ at.rotation[:, None], 0.0)
+    spread = shared_spread(by_point, model.source_covariance, np.where(used, sigma**2, 1.0), images)
+    root = np.linalg.cholesky(spread)
+    rows = of_sightings(np.linalg.solve(root, by_points(at.jacobian * used[..., None, None], images)), images)
+    residual = of_sightings(np.linalg.solve(root, by_points(offset[..., None], images)), images)[..., 0]
+    logarithm = np.log(np.diagonal(root, axis1=-1, axis2=-2))[..., None]
+    return rows, residual, of_sightings(logarithm, images)[..., 0].sum(axis=-1)
 
 
 def _inverse(precision: Floats) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.source_noise import check_source_noise, mean_deviation, with_model_noise
+from rootmatch.problems.source_noise import check_source_noise, mean_deviation, split_noise, with_model_noise
 from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
@@ -98,7 +98,8 @@ class Problem(ABC):
         noise : float, (n',) array, or a pair
             Standard deviation of a coordinate of the target, in its unit (pixels of an image). Where the source is
             noisy too, one number holds for both sets, n' numbers for the target and their root mean square for the
-            source; a tuple or list of two gives both, each a number or one for each point.
+            source; a tuple or list of two gives both, each a number or one for each point. Of points in space or of a
+            plane also σ of each axis (m, k), or covariances (m, k, k).
         normals : (n, 3) array, optional
             Outward normals of source points in space, which are visible only from their front; zero where unknown.
         view_angle : float or (n,) array, optional
@@ -126,6 +127,9 @@ class Problem(ABC):
         second = check_points(self.joined(target), self.target_dimension, "target", least_target or self.order)
         facing = None if normals is None else check_normals(normals, len(first))
         cosine = check_view_angle(view_angle, normals, len(first))
+        of_source = of_target = None
+        if self.noisy_source and not self.source_is_image:
+            noise, of_source, of_target = split_noise(noise, first, second)
         sigma, sigma2 = parse_noise(
             noise, (len(first), len(second)), self.noisy_source, self.name, self.noise_pixels(first, second)
         )
@@ -133,7 +137,10 @@ class Problem(ABC):
             raise InputError(
                 f"noise: {sigma2.max():g} given; detections are unit rays, so give it in radians, such as 0.001"
             )
-        points = PointSets(first, second, sigma, sigma2, normals=facing, view_cosine=cosine)
+        points = PointSets(
+            first, second, sigma, sigma2,
+            normals=facing, view_cosine=cosine, source_covariance=of_source, target_covariance=of_target,
+        )  # fmt: skip
         if source_noise is None:
             return points
         if self.noisy_source and isinstance(noise, tuple | list) and len(noise) == 2:

@@ -34,8 +34,8 @@ class PointSets:
     view_cosine : (n,) float64, optional
         Least cosine between the normal and the direction to the camera at which each point is visible; None if no
         angle was given: 0, the rim.
-    source_covariance : (n, k, k) float64, optional
-        Of source points that are not exact, and of which this says more than ``source_noise``.
+    source_covariance, target_covariance : (n, k, k) and (n', k, k) float64, optional
+        Where they say more than the noise: of points in space that are not exact, or not equally on all axes.
     noise_alone : (n',) float64, optional
         ``target_noise`` without what that adds.
     """
@@ -47,6 +47,7 @@ class PointSets:
     normals: Floats | None = None
     view_cosine: Floats | None = None
     source_covariance: Floats | None = None
+    target_covariance: Floats | None = None
     noise_alone: Floats | None = None
 
     @property
@@ -71,6 +72,7 @@ class PointSets:
             normals=None if self.normals is None else self.normals[first],
             view_cosine=None if self.view_cosine is None else self.view_cosine[first],
             source_covariance=None if self.source_covariance is None else self.source_covariance[first],
+            target_covariance=None if self.target_covariance is None else self.target_covariance[second],
             noise_alone=None if self.noise_alone is None else self.noise_alone[second],
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +65,35 @@ def check_source_noise(noise: ArrayLike, points: Floats, name: str = "source_noi
     if widest > float(np.ptp(points, axis=0).max()):
         raise InputError(f"{name}: {widest:g} given, more than the points lie apart; give it in their unit")
     return np.ascontiguousarray(covariance)
+
+
+def split_noise(noise: Any, first: Floats, second: Floats) -> tuple[Any, Floats | None, Floats | None]:
+    """The noise of two point sets as one σ for all axes of a point, and covariances where axes differ.
+
+    Parameters
+    ----------
+    noise : float, array or pair
+        As `rootmatch.problems.noise.parse_noise` takes it, or with (n, k) or (n, k, k) for the n of a set.
+    first, second : (n, k) and (n', k) arrays
+        The points.
+
+    Returns
+    -------
+    noise : float, array or pair
+        As `parse_noise` takes it.
+    source_covariance, target_covariance : (n, k, k) and (n', k, k) arrays or None
+    """
+    pair = isinstance(noise, tuple | list) and len(noise) == 2
+
+    def split(part: Any, points: Floats, name: str) -> tuple[Any, Floats | None]:
+        known = check_source_noise(part, points, name) if np.ndim(part) > 1 else None
+        return part if known is None else mean_deviation(known), known
+
+    if not pair:
+        sigma, covariance = split(noise, second, "noise")
+        return sigma, None, covariance
+    of_source, of_target = split(noise[0], first, "noise of the source"), split(noise[1], second, "noise of the target")
+    return (of_source[0], of_target[0]), of_source[1], of_target[1]
 
 
 def mean_deviation(covariance: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ Integers = NDArray[np.int64]
 
 FLAT = 1e-6
 """Singular value, relative to the largest, below which points lie in a plane, or two on a line. A round value."""
+REWEIGHTED = 3
+"""How often covariances of axes that differ are taken anew. A round value."""
 ROUNDS = 20
 """Maximum number of closed-form fits, in which an unknown scale changes the weights. Not tuned: three are usual."""
 
@@ -35,6 +37,8 @@ class _MotionModel:
     variance2: Floats
     """(m,) of the target."""
     scaled: bool
+    white: Floats | None = None
+    """(m, k, k) in the place of 1 / σ, where axes differ."""
 
     @property
     def dimension(self) -> int:
@@ -44,6 +48,8 @@ class _MotionModel:
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
         off, sigma, _ = self._parts(state)
+        if self.white is not None:
+            return np.asarray((self.white @ off[..., None]).reshape(len(off), -1))
         return (off / sigma[..., None]).reshape(len(off), -1)
 
     def jacobian(self, state: State) -> Floats:
@@ -59,8 +65,9 @@ class _MotionModel:
         if self.scaled:
             # the weights depend on the scale too
             share = np.exp(2.0 * state[2])[:, None] * self.variance / sigma**2
-            parts.append((moved - share[..., None] * off)[..., None])
-        whole = np.concatenate(parts, axis=-1) / sigma[..., None, None]
+            parts.append((moved - (0.0 if self.white is not None else share[..., None] * off))[..., None])
+        whole = np.concatenate(parts, axis=-1)
+        whole = whole / sigma[..., None, None] if self.white is None else self.white @ whole
         return np.asarray(whole.reshape(len(moved), -1, whole.shape[-1]))
 
     def moved(self, state: State, step: Floats) -> State:
@@ -86,7 +93,8 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     """The most likely motion of the source points of an assignment (n,) onto their targets.
 
     Minimises Σ |scale · R x + t − x'|² / (σ'² + scale² σ²): where the scale is known in closed form (Umeyama 1991, with
-    weights).
+    weights). Where axes differ in noise, deviations are weighted by the inverse of Σ' + scale² R Σ Rᵀ, taken at the
+    motion of the fit before.
 
     Parameters
     ----------
@@ -114,6 +122,10 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     state: State = rotation[None], translation[None], np.log(np.array([scale]))
     if scaled:
         state, _ = descended(model, state)
+    if points.source_covariance is not None or points.target_covariance is not None:
+        for _ in range(REWEIGHTED):
+            model = replace(model, white=_whitening(points, members, assignment[members], state))
+            state, _ = descended(model, state)
     (rotation,), (translation,), (log,) = state
     scale, size = float(np.exp(log)), source.shape[1]
     turned = scale * rotation @ centre
@@ -139,6 +151,21 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
         sigma=np.sqrt(variance2 + scale**2 * variance),
         scale=scale if scaled else 1.0,
     )
+
+
+def _whitening(points: PointSets, members: Integers, images: Integers, state: State) -> Floats:
+    """Inverse Cholesky factors (m, k, k) of the covariances of pairs, the source's as a motion turns it."""
+    turn = np.exp(state[2][0]) * state[0][0]
+    of_source, of_target = (
+        sigma[own, None, None] ** 2 * np.eye(len(turn)) if known is None else known[own]
+        for known, sigma, own in (
+            (points.source_covariance, points.source_noise, members),
+            (points.target_covariance, points.target_noise, images),
+        )
+    )
+    both = turn @ of_source @ turn.T + of_target
+    least = FLAT**2 * np.trace(both, axis1=1, axis2=2)[:, None, None]
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(both + least * np.eye(len(turn)))))
 
 
 def _closed(source: Floats, target: Floats, weight: Floats, scaled: bool, mirror: bool) -> tuple[Floats, Floats, float]:

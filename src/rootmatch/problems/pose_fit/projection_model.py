@@ -11,6 +11,7 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.pose_fit.absolute import Upright
 from rootmatch.problems.pose_fit.descent import Floats, State
 from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class ProjectionModel:
     """A noisy vertical."""
     prior: Prior | None = None
     white: Floats | None = None
-    """(B, n, k, k) in the place of 1 / σ, where the noise of a point's projection differs by direction; `whitening`."""
+    """(B, n, C k, C k) in the place of 1 / σ, where points are not exact, seen in C images; see `whitening`."""
 
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
@@ -69,7 +70,12 @@ class ProjectionModel:
 
     def _whitened(self, rows: Floats) -> Floats:
         """Rows (B, n, k, q) in units of the noise."""
-        return np.asarray(rows * self.weight[..., None, None] if self.white is None else self.white @ rows)
+        if self.white is None:
+            return np.asarray(rows * self.weight[..., None, None])
+        images = rows.shape[1] // self.white.shape[1]
+        # a row that is not used may hold anything
+        known = np.where((self.weight > 0.0)[..., None, None], rows, 0.0)
+        return of_sightings(self.white @ by_points(known, images), images)
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
@@ -77,29 +83,32 @@ class ProjectionModel:
         return rotation_from_vector(step[:, :angles] @ self.axes) @ state[0], state[1] + step[:, angles:]
 
 
-def whitening(camera: CameraModel, points: Floats, covariance: Floats, weight: Floats, state: State) -> Floats:
-    """Inverse Cholesky factors (B, n, k, k) of the covariances of detections about their points' projections.
+def whitening(
+    camera: CameraModel, points: Floats, covariance: Floats, weight: Floats, state: State, images: int = 1
+) -> Floats:
+    """Inverse Cholesky factors (B, n, C k, C k) of the covariances of detections about their points' projections.
 
-    That is σ² I + J Σ Jᵀ, the derivative J by the position of a point that is uncertain by Σ.
+    That is σ² I + J Σ Jᵀ, the derivative J by the position of a point that is uncertain by Σ, in all C images at once.
 
     Parameters
     ----------
     camera : CameraModel
         With detections of k numbers.
-    points, covariance : (B, n, 3) and (B, n, 3, 3) arrays
-        Model points with their Σ.
-    weight : (B, n) array
+    points, covariance : (B, C n, 3) and (B, C n, 3, 3) arrays
+        Model points with their Σ, or their sightings image by image.
+    weight : (B, C n) array
         1 / σ of the detections, 0 for none.
     state : State
         The poses at which J is taken.
+    images : int
+        C.
     """
     rotation, translation = state
     with np.errstate(all="ignore"):
         by_point = camera.jacobian(points @ rotation.swapaxes(-1, -2) + translation[:, None]) @ rotation[:, None]
-        own = np.where(weight > 0.0, 1.0 / weight**2, 1.0)[..., None, None]
-    spread = by_point @ covariance @ by_point.swapaxes(-1, -2)
-    usable = np.isfinite(spread).all(axis=(-1, -2), keepdims=True)
-    spread = np.where(usable, spread, 0.0) + own * np.eye(spread.shape[-1])
+        own = np.where(weight > 0.0, 1.0 / weight**2, 1.0)
+    usable = np.isfinite(by_point).all(axis=(-1, -2)) & (weight > 0.0)
+    spread = shared_spread(np.where(usable[..., None, None], by_point, 0.0), covariance, own, images)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
 
 

@@ -235,7 +235,8 @@ def rig_pose(copies: Copies, points: PointSets, assignment: Integers, prior: Pos
         known = points.source_covariance[None] / copies.unit**2
         alone = np.where(used, 1.0 / points.detection_noise[np.maximum(assignment, 0)], 0.0)[None]
         for _ in range(REWEIGHTED):
-            model = replace(model, white=whitening(copies, copies.places[None], known, alone, state))
+            white = whitening(copies, copies.places[None], known, alone, state, images=len(copies.offsets))
+            model = replace(model, white=white)
             state, chi2 = descended(model, state, STEPS)
     covariance = covariance_of(model, state)[0]
     rotation, translation = state[0][0], state[1][0]

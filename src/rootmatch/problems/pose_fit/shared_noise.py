@@ -1,0 +1,46 @@
+"""Noise of a model point that all of its sightings share: the covariance of what several images show of one point.
+
+Sightings are ordered image by image, (…, C n): all points of the first image, then those of the second.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def by_points(rows: Floats, images: int) -> Floats:
+    """What sightings (…, C n, k, q) have, point by point: (…, n, C k, q)."""
+    *some, count, k, q = rows.shape
+    parts = rows.reshape(*some, images, count // images, k, q)
+    return np.moveaxis(parts, -4, -3).reshape(*some, count // images, images * k, q)
+
+
+def of_sightings(rows: Floats, images: int) -> Floats:
+    """The inverse of `by_points`."""
+    *some, count, size, q = rows.shape
+    parts = rows.reshape(*some, count, images, size // images, q)
+    return np.moveaxis(parts, -3, -4).reshape(*some, images * count, size // images, q)
+
+
+def shared_spread(by_point: Floats, covariance: Floats, variance: Floats, images: int) -> Floats:
+    """Covariances (…, n, C k, C k) of the sightings of each point: J Σ Jᵀ for the J of all of them, and their own noise.
+
+    Parameters
+    ----------
+    by_point : (…, C n, k, 3) array
+        Derivatives J of the sightings by their points; zero where a point is not matched.
+    covariance : (…, C n, 3, 3) array
+        Σ of the points, the same for all sightings of one.
+    variance : (…, C n) array
+        Of the detections.
+    images : int
+        C.
+    """
+    rows, k = by_points(by_point, images), by_point.shape[-2]
+    own = by_points(np.repeat(variance[..., None, None], k, axis=-2), images)
+    count = rows.shape[-3]
+    spread = rows @ covariance[..., :count, :, :] @ rows.swapaxes(-1, -2)
+    return np.asarray(spread + own * np.eye(rows.shape[-2]))
