@@ -74,8 +74,16 @@ class Tally:
 
 
 def scene(family: Family, seed: int) -> Scene:
-    """A cloud of points in a box of 200 mm, or its image in three cameras."""
+    """A cloud of points in a box of 200 mm, of which an image shows at least five, or its image in three cameras."""
     rng = np.random.default_rng([seed, 29])
+    while True:
+        one = drawn(family, rng)
+        if (np.atleast_2d(one.truth) >= 0).sum(axis=1).max() >= 5:
+            return one
+
+
+def drawn(family: Family, rng: np.random.Generator) -> Scene:
+    """A scene, whatever it shows."""
     model = rng.uniform(-100.0, 100.0, (family.points, 3))
     made = model + rng.normal(0.0, family.sigma, model.shape)
     rotation = Rotation.random(random_state=rng).as_matrix()

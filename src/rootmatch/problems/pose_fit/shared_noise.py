@@ -26,7 +26,7 @@ def of_sightings(rows: Floats, images: int) -> Floats:
 
 
 def shared_spread(by_point: Floats, covariance: Floats, variance: Floats, images: int) -> Floats:
-    """Covariances (…, n, C k, C k) of the sightings of each point: J Σ Jᵀ for the J of all of them, and their own noise.
+    """Covariances (…, n, C k, C k) of the sightings of each point: J Σ Jᵀ with the J of all of them, and their own.
 
     Parameters
     ----------
