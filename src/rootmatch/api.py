@@ -122,9 +122,9 @@ def match(
         number for all points, or one for each of the target. Where both sets are noisy, as of two images and of two
         point sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are
         those of the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as
-        a number or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid` each may also be σ
-        of each axis, (m, k) for m points, or covariances (m, k, k); matches are then weighed with the mean of the axes,
-        and poses fitted with all of it. ``"auto"``: estimated from the match, in a few rounds.
+        a number or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid` each may also be
+        σ of each axis, (m, k) for m points, or covariances (m, k, k); matches are then weighed with the mean of the
+        axes, and poses fitted with all of it. ``"auto"``: estimated from the match, in a few rounds.
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     view_angle : float or (n,) array, optional
