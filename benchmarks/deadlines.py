@@ -4,6 +4,7 @@
     python benchmarks/deadlines.py run rows.jsonl --only 17 40
     python benchmarks/deadlines.py report rows.jsonl
     python benchmarks/deadlines.py stacks --only 17    # what ran after the deadline
+    python benchmarks/deadlines.py signals --tasks 200  # how long a signal waits, without a limit
 
 A task follows from its number and the seed. A row is written when it is measured, and a run goes on where the last one
 ended. Tasks run in a process of their own, which is killed when a match takes `PATIENCE` seconds more than it may; that
@@ -19,11 +20,13 @@ import argparse
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import threading
 import time
 import traceback
+import types
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -304,6 +307,45 @@ def stacks(number: int) -> None:
         print(f"{count:6} {place}")
 
 
+def signals(number: int, longest: float = 20.0) -> tuple[float, str]:
+    """Longest time for which a match without a limit sees no signal, and where; in seconds of the processor.
+
+    A timer interrupts each hundredth of a second, and ends the match after ``longest``. What Numba compiles or loads
+    meanwhile does not count. Threads would hide it, so there is one.
+    """
+    from numba.core.dispatcher import Dispatcher
+
+    what, shape, _, arguments = task(number)
+    seen, worst, compiled, before = [0.0], [(0.0, "")], [False], Dispatcher.add_overload
+
+    def look(_signal: int, frame: types.FrameType | None) -> None:
+        now = time.process_time()
+        gap, seen[0] = now - seen[0], now
+        if compiled[0]:
+            compiled[0] = False
+        elif gap > worst[0][0]:
+            inside = [one for one in traceback.extract_stack(frame) if "rootmatch" in one.filename]
+            worst[0] = gap, " > ".join(f"{Path(one.filename).stem}.{one.name}:{one.lineno}" for one in inside[-6:])
+        if now > ends:
+            raise KeyboardInterrupt
+
+    def loaded(self: Any, result: Any) -> None:
+        compiled[0] = True
+        before(self, result)
+
+    Dispatcher.add_overload = loaded
+    signal.signal(signal.SIGPROF, look)
+    for _ in range(2):  # what is compiled first hides what it takes
+        worst[0], seen[0] = (0.0, ""), time.process_time()
+        ends = seen[0] + longest
+        signal.setitimer(signal.ITIMER_PROF, 0.01, 0.01)
+        with suppress(rm.RootmatchError, KeyboardInterrupt):
+            rm.match(**arguments)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    print(f"| {number} | {what} | {shape[0]} against {shape[1]} | {worst[0][0]:.3f} | {worst[0][1]} |", flush=True)
+    return worst[0]
+
+
 def _watched(thread: int, ends: float, over: threading.Event, seen: Counter[str]) -> None:
     """Count the stacks of a thread from some time on."""
     while not over.wait(0.001):
@@ -315,25 +357,29 @@ def _watched(thread: int, ends: float, over: threading.Event, seen: Counter[str]
             seen[" > ".join(places[-7:])] += 1
 
 
-def started(clock: str) -> subprocess.Popen[str]:
+def started(clock: str) -> subprocess.Popen[bytes]:
     """A process that measures."""
     command = [sys.executable, __file__, "work", "--clock", clock]
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1"} if clock == "processor" else None
-    return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, env=environment
-    )
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment)
 
 
-def answers(process: subprocess.Popen[str], patience: float, clock: str) -> bool:
-    """Whether a process says something within so many seconds, of its own where other work has the processor too."""
+def answer(process: subprocess.Popen[bytes], patience: float, clock: str) -> bytes | None:
+    """The next line of a process, empty at its end; None if it says nothing within so many seconds.
+
+    Seconds of its own where other work has the processor too. Standard output has no buffer here: what lay in one would
+    not be seen by `select`.
+    """
     assert process.stdout is not None
-    if clock == "wall":
-        return bool(select.select([process.stdout], [], [], patience)[0])
-    ends = worked(process.pid) + patience
-    while not select.select([process.stdout], [], [], 0.5)[0]:
-        if worked(process.pid) > ends:
-            return False
-    return True
+
+    def now() -> float:
+        return time.monotonic() if clock == "wall" else worked(process.pid)
+
+    ends = now() + patience
+    while not select.select([process.stdout], [], [], 0.2)[0]:
+        if now() > ends:
+            return None
+    return process.stdout.readline()
 
 
 def worked(pid: int) -> float:
@@ -342,27 +388,27 @@ def worked(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def measured(process: subprocess.Popen[str], number: int, clock: str) -> dict[str, Any]:
+def measured(process: subprocess.Popen[bytes], number: int, clock: str) -> dict[str, Any]:
     """The row of a task; the process is killed where it does not answer."""
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdin.write(f"{number}\n")
+    process.stdin.write(f"{number}\n".encode())
     row: dict[str, Any] = {}
     patience = COMPILED
     while True:
-        if not answers(process, patience, clock):
+        line = answer(process, patience, clock)
+        if line is None:
             process.kill()
             process.wait()
             return {**row, "taken": patience, "at_least": True}
-        line = process.stdout.readline()
         if not line:
             return {**row, "taken": -1.0, "died": process.wait()}
-        answer = json.loads(line)
-        if "row" in answer:
-            found: dict[str, Any] = answer["row"]
+        told = json.loads(line)
+        if "row" in told:
+            found: dict[str, Any] = told["row"]
             return found
-        patience = answer.get("waiting", patience)
-        row = answer.get("preparing", row)
+        patience = told.get("waiting", patience)
+        row = told.get("preparing", row)
 
 
 def run(path: Path, numbers: list[int], clock: str) -> None:
@@ -420,7 +466,7 @@ def report(path: Path, worst: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=["run", "report", "stacks", "work"])
+    parser.add_argument("command", choices=["run", "report", "stacks", "signals", "work"])
     parser.add_argument("rows", type=Path, nargs="?", help="where rows are kept")
     parser.add_argument("--tasks", type=int, default=228)
     parser.add_argument("--first", type=int, default=0, help="number of the first task")
@@ -435,6 +481,9 @@ def main() -> None:
     elif given.command == "stacks":
         for number in given.only or []:
             stacks(number)
+    elif given.command == "signals":
+        for number in given.only or range(given.first, given.first + given.tasks):
+            signals(number)
     elif given.rows is None:
         parser.error("give the file of rows")
     elif given.command == "run":

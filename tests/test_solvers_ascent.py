@@ -167,8 +167,8 @@ def test_ascent_is_strictly_monotone(order, penalty):
         for a in random_edges(rng, 7, 8, order, 1)[0]:
             change(index, state, int(a), True)
         value = objective(tensor.indices, tensor.weights, state.image, 8, tensor.unary, penalty)
-        steps = 0
-        while climb(index, state, penalty, 1, True) == 1:
+        steps, begins = 0, np.ones(1, np.int64)
+        while climb(index, state, begins, penalty=penalty, limit=1, exchanges=True) == 1:
             new = objective(tensor.indices, tensor.weights, state.image, 8, tensor.unary, penalty)
             assert new > value
             value, steps = new, steps + 1

@@ -61,13 +61,14 @@ class Enumeration:
         cls, tables: Any, kind: Any, shape: tuple[int, int], order: int, candidates: NDArray[np.bool_] | None
     ) -> Enumeration:
         """The hyper-edges of order d of n and n' points, those among the candidates."""
-        everywhere = np.empty((0, 0), dtype=np.bool_)
+        allowed = np.empty((0, 0), np.bool_) if candidates is None else np.ascontiguousarray(candidates, np.bool_)
+        points, targets = (None if candidates is None else np.asarray(allowed.any(axis=axis)) for axis in (1, 0))
         return cls(
             tables=tables,
             kind=kind,
-            bases=enumeration.source_bases(shape[0], order),
-            arrangements=enumeration.target_arrangements(shape[1], order - 1),
-            allowed=everywhere if candidates is None else np.ascontiguousarray(candidates, dtype=np.bool_),
+            bases=enumeration.source_bases(shape[0], order, points),
+            arrangements=enumeration.target_arrangements(shape[1], order - 1, targets),
+            allowed=allowed,
             shape=shape,
         )
 

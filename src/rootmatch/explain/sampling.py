@@ -119,10 +119,10 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
         )
         # what was not drawn is not taken to agree: a score is worth what was found
         return SampledTensor(tensor, evaluated), backend
-    backend = _backend(task, sampling.hyperedge_count, single)
+    backend = _backend(task, sampling.sweep_cost, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
     most = most if options.max_evaluations is None else options.max_evaluations
-    check_size(task.shape, sampling.hyperedge_count, most)
+    check_size(task.shape, sampling.sweep_cost, most)
     tensor, evaluated = exhaustive_tensor(
         *_sizes(sampling),
         max_hyperedges=options.max_hyperedges,
@@ -151,18 +151,18 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
-    fallback = automatic and options.motions == 1 and sampling.hyperedge_count <= affordable
+    fallback = automatic and options.motions == 1 and sampling.sweep_cost <= affordable
     if automatic and options.motions != 1 and Completion().pays(sampling):
         return Completion(), fallback
     if fallback and _searched_first(task):
-        return _guided(max(int(sampling.hyperedge_count) // LIMITS.per_searched, LIMITS.quick)), fallback
+        return _guided(max(int(sampling.sweep_cost) // LIMITS.per_searched, LIMITS.quick)), fallback
     if automatic and pays(sampling):
-        on_device = options.backend in selection.ON_CARD and sampling.hyperedge_count <= LIMITS.cheap_on_device
+        on_device = options.backend in selection.ON_CARD and sampling.sweep_cost <= LIMITS.cheap_on_device
         sampler = "exhaustive" if on_device else "guided"
     if sampler == "guided":
         if not fallback:
             return _guided(None), fallback
-        return _guided(max(int(sampling.hyperedge_count) // LIMITS.per_searched, 1)), fallback
+        return _guided(max(int(sampling.sweep_cost) // LIMITS.per_searched, 1)), fallback
     return sampler, fallback
 
 

@@ -70,8 +70,8 @@ def check_size(shape: tuple[int, int], count: float, limit: int) -> None:
     """Refuse an exhaustive sweep beyond the limit, with its size and the alternatives."""
     if count > limit:
         raise InputError(
-            f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges, above the limit of "
-            f'{limit:.3g}; use sampler="random" with samples=…, name candidates, or raise max_evaluations='
+            f"{shape[0]} source against {shape[1]} target points are {count:.3g} hyper-edges or minimal sets, above "
+            f'the limit of {limit:.3g}; use sampler="random" with samples=…, name candidates, or raise max_evaluations='
         )
 
 

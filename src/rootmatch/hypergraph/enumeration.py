@@ -28,8 +28,21 @@ def estimated_count(n: int, n_target: int, order: int, mask: NDArray[np.bool_] |
     return count if mask is None else count * float(mask.mean()) ** order
 
 
+def sweep_cost(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None) -> float:
+    """Cost of an exhaustive search, in hyper-edges: each minimal set is looked at, which takes as long as one."""
+    count = estimated_count(n, n_target, order, mask)
+    if mask is None:
+        return count
+    points, targets = np.count_nonzero(mask.any(axis=1)), np.count_nonzero(mask.any(axis=0))
+    return max(count, float(math.comb(points, order - 1)) * math.perm(targets, order - 1))
+
+
 LOOKED = 64
-"""First targets of arrangements between two looks at the time."""
+"""First targets of arrangements, or first points of subsets, between two looks at the time."""
+SECONDS_PER_ENTRY = 4e-9
+"""That an index of a list of subsets or arrangements takes."""
+MOST_BYTES = 3 << 30
+"""Memory of such a list, at most. A round value."""
 KEPT_SUBSETS = 16_384
 """Subsets, or arrangements, up to which they are kept for the next frame: 400 kB of triples."""
 
@@ -49,25 +62,52 @@ def _kept_subsets(n: int, size: int) -> NDArray[np.int64]:
 
 
 def _subsets(n: int, size: int) -> NDArray[np.int64]:
-    found = np.zeros((1, 0), np.int64)
-    for place in range(size):
-        checkpoint()
-        # those that leave enough larger ones for the places after this one
-        last = found[:, -1] if place else np.array([-1])
-        counts = np.maximum(n - size + place - last, 0)
-        begun = np.concatenate([[0], np.cumsum(counts)])
-        added = np.arange(begun[-1]) - np.repeat(begun[:-1] - last - 1, counts)
-        found = np.column_stack([np.repeat(found, counts, axis=0), added])
-    return found
+    if size == 0:
+        return np.empty((1, 0), np.int64)
+    _check_room(math.comb(n, size), size, 8)
+    after = _subsets(max(n - 1, 0), size - 1)
+    every = np.empty((math.comb(n, size), size), np.int64)
+    place = 0
+    for first in range(n - size + 1):
+        if first % LOOKED == 0:
+            checkpoint()
+        # those of larger numbers come last
+        count = math.comb(n - 1 - first, size - 1)
+        every[place : place + count, 0] = first
+        every[place : place + count, 1:] = after[len(after) - count :] + 1
+        place += count
+    return every
 
 
-def source_bases(n: int, order: int) -> NDArray[np.int64]:
-    """Minimal sets (B, d − 1) of source points, increasing, that leave at least one later point to complete them."""
-    return subsets(n - 1, order - 1)
+def _check_room(count: int, length: int, size: int) -> None:
+    """See that a list of rows of so many indices, each of some bytes, has room in memory and the time left."""
+    if count * length * size > MOST_BYTES:
+        raise InputError(
+            f"{count:.3g} sets of {length} points are more than is listed; use fewer points, "
+            'sampler="guided" or sampler="random"'
+        )
+    checkpoint(SECONDS_PER_ENTRY * count * length)
 
 
-def target_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
-    """All ordered choices (P, length) of target points without repetition, in lexicographic order."""
+def source_bases(n: int, order: int, usable: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """Minimal sets (B, d − 1) of source points, increasing, that leave at least one later point to complete them.
+
+    Of the points that are usable (n,), if that is given.
+    """
+    if usable is None:
+        return subsets(n - 1, order - 1)
+    points = np.flatnonzero(usable)
+    return points[subsets(max(len(points) - 1, 0), order - 1)]
+
+
+def target_arrangements(n_target: int, length: int, usable: NDArray[np.bool_] | None = None) -> NDArray[np.int32]:
+    """All ordered choices (P, length) of target points without repetition, in lexicographic order.
+
+    Of the points that are usable (n',), if that is given.
+    """
+    if usable is not None:
+        points = np.flatnonzero(usable).astype(np.int32)
+        return points[target_arrangements(len(points), length)]
     if n_target**length <= KEPT_SUBSETS:
         return _kept_arrangements(n_target, length).copy()
     return _arrangements(n_target, length)
@@ -81,7 +121,7 @@ def _kept_arrangements(n_target: int, length: int) -> NDArray[np.int32]:
 def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
     if length == 0:
         return np.empty((1, 0), np.int32)
-    checkpoint()
+    _check_room(math.perm(n_target, length), length, 4)
     after = _arrangements(max(n_target - 1, 0), length - 1)
     every = np.empty((n_target, len(after), length), np.int32)
     for first in range(n_target):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Lock
+from threading import Event, Lock
 
 import numba
 
@@ -102,11 +102,14 @@ def in_pieces(work: Callable[[int, int], None], count: int) -> None:
     Ranges(work, count, count).run()
 
 
-def in_threads(work: Callable[[int, int], None], count: int, threads: int, parts: int = 1) -> None:
+def in_threads(
+    work: Callable[[int, int], None], count: int, threads: int, parts: int = 1, stopped: Event | None = None
+) -> None:
     """Call ``work(first, last)`` for ranges that make up 0 … count, on some threads and in ``parts`` ranges for each.
 
     Several parts for each thread even out tasks of different lengths. Results must not depend on the ranges. An
-    interrupt ends it within about `LONGEST`, if no task takes longer.
+    interrupt ends it within about `LONGEST`, if no task takes longer: one that may is to look whether it is
+    ``stopped``.
 
     Raises
     ------
@@ -124,5 +127,9 @@ def in_threads(work: Callable[[int, int], None], count: int, threads: int, parts
         try:
             for running in [pool.submit(ranges.run) for _ in range(threads)]:
                 running.result()  # which Ctrl-C ends
+        except BaseException:
+            if stopped is not None:
+                stopped.set()
+            raise
         finally:
             ranges.stop()

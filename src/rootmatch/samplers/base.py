@@ -66,6 +66,11 @@ class SamplingTask:
         """Estimated number of hyper-edges; exact where all correspondences are possible."""
         return enumeration.estimated_count(*self.shape, self.order, self.candidates)
 
+    @property
+    def sweep_cost(self) -> float:
+        """What an exhaustive search costs, in hyper-edges: their number, but for a mask of few pairs."""
+        return enumeration.sweep_cost(*self.shape, self.order, self.candidates)
+
 
 class SampledTensor(NamedTuple):
     """The tensor of the hyper-edges that a sampler selected, and how it was sampled."""

@@ -20,7 +20,7 @@ from rootmatch.problems import residual_kinds
 BLOCK, SMALL_BLOCK = 65_536, 8_192
 """Hyper-edges drawn at once, and where there is a deadline: a few milliseconds. The stream does not depend on it."""
 
-SECONDS_TO_MERGE = 3e-7
+SECONDS_TO_MERGE = 5e-7
 """That a hyper-edge which was kept takes at the end, to be sorted among the others."""
 
 

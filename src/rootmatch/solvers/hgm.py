@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
+from rootmatch.jit.threads import LONGEST
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
@@ -83,12 +83,29 @@ class KLProjection(Options):
         )
 
 
-@driver(error_model="numpy")
-def project(y: NDArray[Any], matches: float, iterations: int, tolerance: float) -> tuple[NDArray[Any], float, int]:
-    """Projection of y ≥ 0 (n, n') in relative entropy, the last change of a logarithm of a factor, and rounds made."""
-    n, n_target = y.shape
+def project(
+    y: NDArray[np.float64], matches: float, iterations: int, tolerance: float
+) -> tuple[NDArray[np.float64], float, int]:
+    """Projection of y ≥ 0 (n, n') in relative entropy, the last change of a logarithm of a factor, and rounds made.
+
+    An interrupt is seen every few rounds.
+    """
     # Factors exp(−λ), exp(−μ) ≤ 1 and exp(−ν).
-    row, column, scale = np.ones(n), np.ones(n_target), 1.0
+    row, column, scale = np.ones(y.shape[0]), np.ones(y.shape[1]), 1.0
+    change, done = np.inf, 0
+    together = max(int(LONGEST / (SECONDS_PER_ENTRY * y.size)), 1)
+    while done < iterations and change > tolerance:
+        scale, change, made = _rounds(y, row, column, scale, matches, min(together, iterations - done), tolerance)
+        done += made
+    return y * row[:, None] * column * scale, change, done
+
+
+@driver(error_model="numpy")
+def _rounds(  # type: ignore[no-untyped-def]
+    y, row, column, scale, matches, iterations, tolerance
+) -> tuple[float, float, int]:
+    """Rounds over the factors of rows (n,) and columns (n',), changed in place; the scale, and as `project`."""
+    n, n_target = y.shape
     change, done = np.inf, 0
     while done < iterations and change > tolerance:
         change = 0.0
@@ -113,8 +130,4 @@ def project(y: NDArray[Any], matches: float, iterations: int, tolerance: float) 
         change = max(change, abs(np.log(new / scale)))
         scale = new
         done += 1
-    out = np.empty((n, n_target))
-    for i in range(n):
-        for k in range(n_target):
-            out[i, k] = y[i, k] * row[i] * column[k] * scale
-    return out, change, done
+    return scale, change, done

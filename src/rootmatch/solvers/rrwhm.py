@@ -14,12 +14,15 @@ from rootmatch.hypergraph.contraction import chunks_of, contract, scatter
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
+from rootmatch.jit.threads import LONGEST
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
 TOGETHER = 16
 """Steps on a small tensor between two looks at the clock: some milliseconds at most."""
+SECONDS_PER_ENTRY = 2e-9
+"""Of a step of Sinkhorn's."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +94,17 @@ class ReweightedWalk(Options):
         unary = np.zeros(x.size) if tensor.unary is None else tensor.unary.ravel()
         # A small tensor is contracted where the rest of a step is made, a large one by threads.
         small = chunks_of(tensor.size, x.size) == 1
+        quick = self.balancing * x.size * SECONDS_PER_ENTRY <= LONGEST
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
-            steps = min(TOGETHER, self.iterations - done) if small else 1
+            if not quick:
+                moved = self.stepped(unary + contract(tensor.indices, tensor.weights, x.ravel()), x)
+                if moved is None:
+                    break
+                x, change, done = *moved, done + 1
+                continue
+            most = max(int(LONGEST / (self.balancing * x.size * SECONDS_PER_ENTRY)), 1)
+            steps = min(TOGETHER, most, self.iterations - done) if small else 1
             v = np.empty(0) if small else contract(tensor.indices, tensor.weights, x.ravel())
             made, change = _walk(
                 tensor.indices, tensor.weights, unary, v, x, steps, change,
@@ -103,6 +114,16 @@ class ReweightedWalk(Options):
             if made < steps:
                 break
         return x, done, change
+
+    def stepped(self, w: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+        """Where a step leads from x (n, n') by its contraction w (n n',), and the squared change; None for nowhere."""
+        largest = w.max()
+        if largest <= 0.0:
+            return None
+        jump = np.exp(self.inflation * (w / largest)).reshape(x.shape)
+        jump = balanced(jump, self.balancing, self.balanced_to, slack=self.slack)
+        new = self.walk * (w / w.sum()).reshape(x.shape) + (1.0 - self.walk) * (jump / jump.sum())
+        return new, float(((new - x) ** 2).sum())
 
 
 @driver(error_model="numpy")
@@ -143,6 +164,7 @@ def _walk(  # type: ignore[no-untyped-def]
         change, jumps = 0.0, 0.0
         for i in range(y.shape[0]):
             for k in range(y.shape[1]):
+                y[i, k] *= row[i] * column[k]
                 jumps += y[i, k]
         for a in range(at.size):
             i = a // n_target
@@ -165,19 +187,27 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
     wide = y.shape[0] <= y.shape[1]
     # A scale of its own makes no difference.
     out: NDArray[np.float64] = np.ascontiguousarray(y if wide else y.T) / y.max()
-    _sinkhorn(out, np.ones(out.shape[0]), np.ones(out.shape[1]), slack, steps, tolerance)
+    row, column, done, more = np.ones(out.shape[0]), np.ones(out.shape[1]), 0, True
+    together = max(int(LONGEST / (SECONDS_PER_ENTRY * out.size)), 1)
+    while more and done < steps:
+        more = not _sinkhorn(out, row, column, slack, min(together, steps - done), tolerance)
+        done += together
+    out *= row[:, None] * column
     return out if wide else out.T
 
 
 @driver(error_model="numpy")
 def _sinkhorn(y, row, column, slack, steps, tolerance):  # type: ignore[no-untyped-def]
     """Run `sinkhorn` as a driver, which Python can call."""
-    sinkhorn(y, row, column, slack, steps, tolerance)
+    return sinkhorn(y, row, column, slack, steps, tolerance)
 
 
 @internal(error_model="numpy")
 def sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Balance a matrix with n ≤ n' in place; its slack row is kept as one factor a column, its rows' begin at 1."""
+    """Factors of rows and of columns that balance a matrix with n ≤ n', and whether they do so within the tolerance.
+
+    Columns' begin at 1, or where earlier steps have come to; the slack row is kept as one factor a column.
+    """
     n, n_target = y.shape
     spare = float(n_target - n) if with_slack else 0.0
     column_sum = 1.0 if with_slack else n / n_target
@@ -202,7 +232,5 @@ def sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-u
             worst = max(worst, abs(total * column[k] - column_sum))
             column[k] = column_sum / total
         if worst < tolerance:
-            break
-    for i in range(n):
-        for k in range(n_target):
-            y[i, k] *= row[i] * column[k]
+            return True
+    return False

@@ -32,13 +32,13 @@ def pays(task: SamplingTask) -> bool:
     most = LIMITS.guided if task.motions == 1 else LIMITS.guided_multi_motion
     searched = task.clouds is not None or task.views is not None
     possible = searched or has_hypotheses(type(task.tables))
-    return possible and task.hyperedge_count > most
+    return possible and task.sweep_cost > most
 
 
 def is_quick(task: SamplingTask) -> bool:
     """Whether a search by poses is quicker than a sweep that is cheap itself, and may follow if need be."""
     by_poses = task.clouds is None and task.views is None and has_hypotheses(type(task.tables))
-    return task.motions == 1 and by_poses and LIMITS.swept < task.hyperedge_count <= LIMITS.guided
+    return task.motions == 1 and by_poses and LIMITS.swept < task.sweep_cost <= LIMITS.guided
 
 
 @dataclass(frozen=True)

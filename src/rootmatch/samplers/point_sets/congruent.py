@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import in_force
+from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.problems.similarity.problem import distances
@@ -31,8 +33,8 @@ MOST_MOTIONS = 6_000
 """Triples of targets that are followed up, those of the widest triples of source points first: a tenth of a second."""
 MOST_KEPT = 256
 """Distinct labellings that are returned, those with the most matches first. A round value."""
-CELLS = 2_000_000
-"""Distances that are computed at once: 16 MB."""
+CELLS = 200_000
+"""Distances that are computed between two looks at the time: two milliseconds."""
 
 
 def is_small(clouds: PointClouds) -> bool:
@@ -57,7 +59,8 @@ def congruent_labellings(clouds: PointClouds, mirror: bool, allowed: NDArray[np.
     """Labellings of three points or more that a motion explains.
 
     Every triple of source points is laid onto every triple of targets like it. Each of these motions labels the points
-    that it brings next to a target, is fitted to them, and labels once more.
+    that it brings next to a target, is fitted to them, and labels once more. At the deadline in force the triples that
+    are left, the least wide ones, are left out.
 
     Parameters
     ----------
@@ -88,63 +91,74 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[n
 
 def _alike(clouds: PointClouds, allowed: NDArray[np.bool_] | None) -> tuple[Integers, Integers]:
     """Triples of source points and of targets (H, 3) of the same shape, those of the widest source points first."""
-    n, n_target = len(clouds.source), len(clouds.target)
+    n_target = len(clouds.target)
     near, far = distances(clouds.source), distances(clouds.target)
     u, v = clouds.source_variance, clouds.target_variance
-    triples = np.array(list(combinations(range(n), 3)), np.int64)
+    both = v[:, None] + v
+    triples = _widest_first(near)
+    found = [(triples[:0], triples[:0])]
+    seen = 0
+    for rows, k, l in _pairs_alike(clouds, triples, near, far, allowed):  # noqa: E741
+        a, b, c = triples[rows].T
+        scale = far[k, l] / near[a, b] if clouds.scaled else np.ones(len(rows))
+        squared = scale**2
+        of_scale = (both[k, l] + squared * (u[a] + u[b])) / near[a, b] ** 2 if clouds.scaled else 0.0 * squared
+        third = np.ones((len(rows), n_target), np.bool_)
+        for corner, image in ((a, k), (b, l)):
+            side = near[corner, c]
+            variance = both[image] + (squared * (u[corner] + u[c]) + of_scale * side**2)[:, None]
+            third &= (far[image] - (scale * side)[:, None]) ** 2 <= GATE**2 * variance
+        if allowed is not None:
+            third &= allowed[c]
+        place, m = np.nonzero(third)
+        distinct = (m != k[place]) & (m != l[place])
+        place, m = place[distinct], m[distinct]
+        found.append((triples[rows[place]], np.stack([k[place], l[place], m], axis=1)))
+        seen += len(place)
+        if seen >= MOST_MOTIONS or in_force().passed():
+            break
+    first, second = (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True))
+    return first, second
+
+
+def _widest_first(near: Floats) -> Integers:
+    """Triples (T, 3) of points with such distances (n, n) by falling area, not on a line, the longest side first.
+
+    Few pairs of targets are as far apart as that, and a scale is best known from it.
+    """
+    triples = subsets(len(near), 3)
     a, b, c = triples.T
-    sides = np.sort(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
-    low, middle, high = sides
+    sides = np.stack([near[a, b], near[b, c], near[a, c]])
+    low, middle, high = np.sort(sides, axis=0)
     # Heron: 16 times the squared area, 0 on a line
     area = (low + middle + high) * np.maximum(
         (low + middle - high) * (high + low - middle) * (high + middle - low), 0.0
     )
-    triples = triples[np.argsort(-area, kind="stable")[: int(np.count_nonzero(area > 1e-12 * high**4))]]
-    # the longest side first: few pairs of targets are as far apart, and a scale is best known from it
-    a, b, c = triples.T
-    longest = np.argmax(np.stack([near[a, b], near[b, c], near[a, c]]), axis=0)
-    triples = np.where(
-        (longest == 0)[:, None],
-        triples,
-        np.where((longest == 1)[:, None], triples[:, [1, 2, 0]], triples[:, [0, 2, 1]]),
-    )
-    a, b, c = triples.T
-    both = v[:, None] + v
-    other = ~np.eye(n_target, dtype=np.bool_)
-    if clouds.scaled:
-        row, k, l = np.nonzero(np.broadcast_to(other, (len(triples), n_target, n_target)))  # noqa: E741
-    else:
-        within = GATE**2 * (both + (u[a] + u[b])[:, None, None])
-        row, k, l = np.nonzero(((far - near[a, b][:, None, None]) ** 2 <= within) & other)  # noqa: E741
-    if allowed is not None:
-        possible = allowed[a[row], k] & allowed[b[row], l]
-        row, k, l = row[possible], k[possible], l[possible]  # noqa: E741
-    scale = far[k, l] / near[a, b][row] if clouds.scaled else np.ones(len(row))
-    squared = scale**2
-    of_scale = (v[k] + v[l] + squared * (u[a] + u[b])[row]) / near[a, b][row] ** 2 if clouds.scaled else 0.0 * squared
-    found: list[tuple[Integers, Integers]] = []
-    step, seen = max(CELLS // n_target, 1), 0
-    for start in range(0, len(row), step):
-        part = slice(start, start + step)
-        rows, images, others = row[part], k[part], l[part]
-        third = np.ones((len(rows), n_target), np.bool_)
-        for corner, image in ((a, images), (b, others)):
-            side = near[corner[rows], c[rows]]
-            variance = both[image] + (squared[part] * (u[corner] + u[c])[rows] + of_scale[part] * side**2)[:, None]
-            third &= (far[image] - (scale[part] * side)[:, None]) ** 2 <= GATE**2 * variance
+    order = np.argsort(-area, kind="stable")[: int(np.count_nonzero(area > 1e-12 * high**4))]
+    turned = np.array([[0, 1, 2], [1, 2, 0], [0, 2, 1]])[np.argmax(sides[:, order], axis=0)]
+    return np.take_along_axis(triples[order], turned, axis=1)
+
+
+def _pairs_alike(
+    clouds: PointClouds, triples: Integers, near: Floats, far: Floats, allowed: NDArray[np.bool_] | None
+) -> Iterator[tuple[Integers, Integers, Integers]]:
+    """Numbers of triples and the pairs of targets that may be their first two points, block by block."""
+    n_target = len(far)
+    u, v = clouds.source_variance, clouds.target_variance
+    within, other = v[:, None] + v, ~np.eye(n_target, dtype=np.bool_)
+    step, most = max(CELLS // n_target**2, 1), max(CELLS // n_target, 1)
+    for start in range(0, len(triples), step):
+        a, b, _ = triples[start : start + step].T
+        alike = np.broadcast_to(other, (len(a), n_target, n_target))
+        if not clouds.scaled:
+            gate = GATE**2 * (within + (u[a] + u[b])[:, None, None])
+            alike = alike & ((far - near[a, b][:, None, None]) ** 2 <= gate)
         if allowed is not None:
-            third &= allowed[c[rows]]
-        place, m = np.nonzero(third)
-        distinct = (m != images[place]) & (m != others[place])
-        place, m = place[distinct], m[distinct]
-        found.append((triples[rows[place]], np.stack([images[place], others[place], m], axis=1)))
-        seen += len(place)
-        if seen >= MOST_MOTIONS:
-            break
-    first, second = (
-        (np.concatenate(part)[:MOST_MOTIONS] for part in zip(*found, strict=True)) if found else (triples[:0],) * 2
-    )
-    return first, second
+            alike = alike & allowed[a][:, :, None] & allowed[b][:, None, :]
+        row, k, l = np.nonzero(alike)  # noqa: E741
+        for first in range(0, len(row), most):
+            part = slice(first, first + most)
+            yield start + row[part], k[part], l[part]
 
 
 def _motions(clouds: PointClouds, source: Integers, target: Integers, mirror: bool) -> list[Motions]:
@@ -182,11 +196,15 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _labelled_by(clouds: PointClouds, motions: Motions, allowed: NDArray[np.bool_] | None) -> Integers:
-    """Labellings (H, n) by motions of triples; distances are computed in blocks that fit into memory."""
-    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
-    blocks = [np.arange(begin, min(begin + step, len(motions.scale))) for begin in range(0, len(motions.scale), step)]
-    every = [_labelled(*motions.take(block).squares(clouds), WIDE, allowed) for block in blocks]
-    return np.concatenate(every) if every else np.empty((0, len(clouds.source)), np.int64)
+    """Labellings (H, n) by motions of triples, of the first of them where a deadline passes."""
+    step, count = max(CELLS // (len(clouds.source) * len(clouds.target)), 1), len(motions.scale)
+    every = [np.empty((0, len(clouds.source)), np.int64)]
+    for first in range(0, count, step):
+        if first and in_force().passed():
+            break
+        some = motions.take(np.arange(first, min(first + step, count)))
+        every.append(_labelled(*some.squares(clouds), WIDE, allowed))
+    return np.concatenate(every)
 
 
 def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[np.bool_] | None) -> Integers:

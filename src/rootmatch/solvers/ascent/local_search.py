@@ -21,11 +21,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import NEVER
 from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import in_pieces, in_threads
 from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, objective
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
@@ -112,14 +113,16 @@ def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
 
 @driver(nogil=True)
 def _ascend(  # type: ignore[no-untyped-def]
-    index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves
+    index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves, begins
 ):
     """Ascents from the bases first … last − 1, one after the other in `state`, each reached from the state `root`.
 
-    `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size.
+    `dues` (n + 1,) is the penalty that one more correspondence costs an assignment of each size; `begins` (B,) the
+    number of the pair of points at which the search for exchanges begins, and where it has come to.
     """
     index, root, state = borrowed((index, root, state))
     bases, dues, images, totals, sizes, moves = borrowed((bases, dues, images, totals, sizes, moves))
+    begins = borrowed(begins)
     n, n_target, unary = index.n, index.n_target, index.unary
     image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
     for s in range(first, last):
@@ -134,7 +137,7 @@ def _ascend(  # type: ignore[no-untyped-def]
         size[0], total[0] = root.size[0], root.total[0]
 
         stage, i, made = REMOVING, 0, 0
-        begin = np.int64(1)  # of the type it will have, or the search would be compiled for both
+        begin = begins[s]
         while True:
             # At most two that leave and two that enter, −1 for none.
             out, out2, enter, enter2 = -1, -1, -1, -1
@@ -188,7 +191,7 @@ def _ascend(  # type: ignore[no-untyped-def]
                     change(index, state, a, step > 1)
         for i in range(n):
             images[s, i] = image[i]
-        totals[s], sizes[s], moves[s] = total[0], size[0], made
+        totals[s], sizes[s], moves[s], begins[s] = total[0], size[0], made, begin
 
 
 def climb_from(
@@ -207,22 +210,36 @@ def climb_from(
     tried only when wanted, and where no other move is left. Returns the assignments (B, n), their objectives (B,) and
     numbers of moves (B,), `limit` where an ascent was cut short.
     """
+    begins = np.ones(len(bases), np.int64)
     return _climb(
-        index, root, None, bases, penalty=penalty, limit=limit, exchanges=exchanges, tidy=True, threads=threads
-    )
+        index, root, None, bases, begins,
+        penalty=penalty, limit=limit, exchanges=exchanges, tidy=True, threads=threads,
+    )  # fmt: skip
 
 
-def climb(index: SubsetIndex, state: State, penalty: float, limit: int, exchanges: bool) -> int:
-    """Make the best move in a state until none improves f; the number of moves, `limit` when it was cut short."""
+def climb(
+    index: SubsetIndex, state: State, begins: NDArray[np.int64], *, penalty: float, limit: int, exchanges: bool
+) -> int:
+    """Make the best move in a state until none improves f; the number of moves, `limit` when it was cut short.
+
+    ``begins`` (1,), of ones at first, says where the next call goes on: pieces of an ascent make up the whole one.
+    """
     base = state.image[None].copy()
-    _, _, moves = _climb(index, state, state, base, penalty=penalty, limit=limit, exchanges=exchanges)
+    _, _, moves = _climb(index, state, state, base, begins, penalty=penalty, limit=limit, exchanges=exchanges)
     return int(moves[0])
 
 
 def state_of(index: SubsetIndex, image: NDArray[np.int64]) -> State:
-    """The state of an assignment (n,)."""
-    state = empty_state(index)
-    _climb(index, state, state, np.array(image, np.int64)[None], penalty=0.0, limit=0)
+    """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them."""
+    state, base, begins = empty_state(index), np.full((1, index.n), -1), np.ones(1, np.int64)
+    matched = np.flatnonzero(image >= 0)
+
+    def enter(first: int, last: int) -> None:
+        base[0, matched[first:last]] = image[matched[first:last]]
+        _climb(index, state, state, base, begins, penalty=0.0, limit=0)
+
+    with NEVER.enforced():  # what it is asked for is to be handed on, deadline or not
+        in_pieces(enter, len(matched))
     return state
 
 
@@ -231,6 +248,7 @@ def _climb(
     root: State,
     state: State | None,
     bases: NDArray[np.int64],
+    begins: NDArray[np.int64],
     *,
     penalty: float,
     limit: int,
@@ -246,7 +264,9 @@ def _climb(
 
     def ascend(first: int, last: int) -> None:
         own = empty_state(index) if state is None else state
-        _ascend(index, root, own, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves)
+        _ascend(
+            index, root, own, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves, begins
+        )
 
     in_threads(ascend, count, threads, PARTS)
     penalties = np.array([penalty * math.comb(size, order) for size in range(n + 1)])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, Pace, checkpoint
-from rootmatch.jit.threads import GROWTH, LONGEST, threads_worth
+from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
 from rootmatch.solvers.ascent.local_search import climb, climb_from, scored_neighbours, state_of
 from rootmatch.solvers.ascent.options import AscentOptions
@@ -24,6 +25,8 @@ LOOKUPS_PER_SUBSET = 4.0
 """An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
 SECONDS_PER_GAIN = 1e-9
 """That a move takes for each of the n n' gains, at least; an ascent makes two moves for each match, at most, mostly."""
+SECONDS_PER_LOOKUP = 1e-8
+"""That an ascent to a whole assignment takes for each subset of d − 1 of it, at least."""
 SHORT = 0.25
 """Part of the time left that an ascent may take, by that estimate, to be made in one piece."""
 
@@ -61,11 +64,13 @@ class MultiStart:
             if size == 0:
                 break
             some = bases[len(images) : len(images) + size]
+            threads = threads_worth(int(size * self.effort))
             if self.shortest_ascent > SHORT * self.deadline.left():
-                size, some = 1, some[:1]
+                size = 1
                 optima, objectives, moves = self.ascent_in_steps(some[0], penalty, exchanges)
+            elif self.shortest_ascent > LONGEST:
+                optima, objectives, moves = self.ascents_in_steps(some, penalty, exchanges, threads)
             else:
-                threads = threads_worth(int(size * self.effort))
                 optima, objectives, moves = climb_from(
                     self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges,
                     threads=threads,
@@ -82,26 +87,43 @@ class MultiStart:
     def shortest_ascent(self) -> float:
         """Seconds that an ascent to a whole assignment takes, at least."""
         n, n_target = self.index.n, self.index.n_target
-        return 2.0 * min(n, n_target) * n * n_target * SECONDS_PER_GAIN
+        subsets = math.comb(min(n, n_target), self.index.indices.shape[1] - 1)
+        return max(2.0 * min(n, n_target) * n * n_target * SECONDS_PER_GAIN, subsets * SECONDS_PER_LOOKUP)
+
+    def ascents_in_steps(
+        self, bases: NDArray[np.int64], penalty: float, exchanges: bool, threads: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """Ascents as of `climb_from`, between whose steps an interrupt is seen."""
+        images, values, moves = np.empty_like(bases), np.empty(len(bases)), np.empty(len(bases), np.int64)
+        stopped = Event()
+
+        def ascend(first: int, last: int) -> None:
+            for k in range(first, last):
+                found = self.ascent_in_steps(bases[k], penalty, exchanges, stopped)
+                (images[k],), (values[k],), (moves[k],) = found
+
+        in_threads(ascend, len(bases), threads, stopped=stopped)
+        return images, values, moves
 
     def ascent_in_steps(
-        self, base: NDArray[np.int64], penalty: float, exchanges: bool
+        self, base: NDArray[np.int64], penalty: float, exchanges: bool, stopped: Event | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline."""
-        state, moves, size = state_of(self.index, base), 0, 1
-        while moves < self.options.limit:
+        """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline, or if stopped."""
+        state, moves, size, begins = state_of(self.index, base), 0, 1, np.ones(1, np.int64)
+        while True:
             began = self.deadline.clock()
-            made = climb(self.index, state, penalty, size, exchanges)
+            made = climb(self.index, state, begins, penalty=penalty, limit=size, exchanges=exchanges)
             moves += made
-            if made < size:
+            if made < size or moves >= self.options.limit:
                 optima, objectives, _ = climb_from(self.index, state, state.image[None], penalty=penalty, limit=0)
                 return optima, objectives, np.array([moves])
-            if self.deadline.passed():
+            if self.deadline.passed() or (stopped and stopped.is_set()):
                 break
             each = max((self.deadline.clock() - began) / made, 1e-9)
             longest = min(LONGEST, 0.5 * self.deadline.left())
             size = max(1, min(int(longest / each), GROWTH * size, self.options.limit - moves))
-        self.state = state  # which is needed again if it is the best
+        if stopped is None:
+            self.state = state  # which is needed again if it is the best
         return state.image[None].copy(), np.array([objective(self.index, state, penalty)]), np.array([moves])
 
     def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:

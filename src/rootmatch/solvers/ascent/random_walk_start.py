@@ -13,7 +13,7 @@ from rootmatch.jit.decorators import driver
 from rootmatch.options import Options, option
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
-from rootmatch.solvers.rrwhm import ReweightedWalk, balanced
+from rootmatch.solvers.rrwhm import ReweightedWalk
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,10 @@ def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEF
     v = index.marginals / count**2
     for _ in range(steps):
         w = v + index.unary
-        largest = w.max()
-        if largest <= 0:
+        moved = usual.stepped(w, x.reshape(shape))
+        if moved is None:
             break
-        jump = balanced(np.exp(usual.inflation * (w / largest)).reshape(shape), usual.balancing).ravel()
-        new = usual.walk * (w / w.sum()) + (1 - usual.walk) * (jump / jump.sum())
+        new = moved[0].ravel()
         chosen = np.arange(count)
         if most < count:
             chosen = np.sort(np.argsort(-new, kind="stable")[:most])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.shell_sort import shell_sort
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.contraction import CHUNK
+from rootmatch.hypergraph.contraction import CHUNK as WORTH_A_THREAD
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
@@ -29,6 +29,9 @@ from rootmatch.solvers.ascent.pair_table import add_own_weights, pair_ranks, pai
 
 PART_BITS = 17
 """2^17 buckets are sorted at a time: their counters, half a megabyte, stay in the cache of one core."""
+
+CHUNK = 1 << 19
+"""Hyper-edges that are counted, or moved to their parts, between two looks for signals: some hundredths of a second."""
 
 FEW, LONG = 4, 32
 """Buckets with more than FEW entries mostly hold one subset; those with more than LONG are sorted to find theirs."""
@@ -163,8 +166,8 @@ def _sort_by_parts(
     Counters of a part stay in the cache, whereas those of all buckets would not; and threads never meet.
     """
     edges, order = indices.shape
-    threads = threads_worth(edges // CHUNK)
-    chunks, parts = threads, 1 << (bits - PART_BITS)
+    threads = threads_worth(edges // WORTH_A_THREAD)
+    chunks, parts = max(threads, edges // CHUNK), 1 << (bits - PART_BITS)
     bounds = np.array([chunk * edges // chunks for chunk in range(chunks + 1)])
     place = np.zeros((chunks, parts), np.int64)
 
