@@ -316,9 +316,11 @@ def signals(number: int, longest: float = 20.0) -> tuple[float, str]:
     from numba.core.dispatcher import Dispatcher
 
     what, shape, _, arguments = task(number)
+    ends = float("inf")
     seen, worst, compiled, before = [0.0], [(0.0, "")], [False], Dispatcher.add_overload
 
     def look(_signal: int, frame: types.FrameType | None) -> None:
+        nonlocal ends
         now = time.process_time()
         gap, seen[0] = now - seen[0], now
         if compiled[0]:
@@ -327,6 +329,7 @@ def signals(number: int, longest: float = 20.0) -> tuple[float, str]:
             inside = [one for one in traceback.extract_stack(frame) if "rootmatch" in one.filename]
             worst[0] = gap, " > ".join(f"{Path(one.filename).stem}.{one.name}:{one.lineno}" for one in inside[-6:])
         if now > ends:
+            ends = float("inf")
             raise KeyboardInterrupt
 
     def loaded(self: Any, result: Any) -> None:
@@ -341,6 +344,7 @@ def signals(number: int, longest: float = 20.0) -> tuple[float, str]:
         signal.setitimer(signal.ITIMER_PROF, 0.01, 0.01)
         with suppress(rm.RootmatchError, KeyboardInterrupt):
             rm.match(**arguments)
+            ends = float("inf")
         signal.setitimer(signal.ITIMER_PROF, 0.0)
     print(f"| {number} | {what} | {shape[0]} against {shape[1]} | {worst[0][0]:.3f} | {worst[0][1]} |", flush=True)
     return worst[0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Lock
+from types import CodeType, FunctionType
 
 import numba
 
@@ -18,6 +19,8 @@ LONGEST = 0.05
 """Seconds of compiled code between two looks for signals, a tenth of what one may wait for. A round value."""
 GROWTH = 8
 """Times as many tasks in a piece as in the one before, at most: their times are known by the order of magnitude."""
+FORGOTTEN = 0.7
+"""Part of the time of the slowest tasks that is still expected of those of the next piece. A round value."""
 
 
 def threads_worth(tasks: int) -> int:
@@ -39,11 +42,16 @@ def at_most(threads: int) -> Iterator[None]:
         numba.set_num_threads(allowed)
 
 
+_SLOWEST: dict[CodeType, float] = {}
+"""Seconds of the slowest of the last tasks of each piece of code, by which its next call begins."""
+
+
 class Ranges:
     """The pieces of a range of tasks, which threads take one after the other until they are done or told to stop.
 
-    Pieces grow from a single task to what takes `LONGEST` by the pace of the last one: between two of them Python looks
-    for signals, and this for the deadline in force.
+    Pieces grow from a single task to what takes `LONGEST` by the pace of the slowest of the last ones, also of earlier
+    calls, as tasks take different times. Between two of them Python looks for signals, and this for the deadline in
+    force.
 
     Parameters
     ----------
@@ -58,6 +66,7 @@ class Ranges:
         self.work, self.count, self.largest = work, count, largest
         self.deadline = in_force()
         self.next, self.size, self.lock = 0, 1, Lock()
+        self.slowest = _SLOWEST.get(work.__code__, 0.0) if isinstance(work, FunctionType) else 0.0
 
     def run(self) -> None:
         """Process pieces until none is left."""
@@ -88,7 +97,10 @@ class Ranges:
     def _grow(self, tasks: int, seconds: float) -> None:
         longest = min(LONGEST, 0.5 * self.deadline.left())
         with self.lock:
-            self.size = max(min(int(longest * tasks / max(seconds, 1e-9)), GROWTH * tasks, self.largest), 1)
+            self.slowest = max(seconds / tasks, FORGOTTEN * self.slowest, 1e-12)
+            if isinstance(self.work, FunctionType):
+                _SLOWEST[self.work.__code__] = self.slowest
+            self.size = max(min(int(longest / self.slowest), GROWTH * tasks, self.largest), 1)
 
 
 def in_pieces(work: Callable[[int, int], None], count: int) -> None:

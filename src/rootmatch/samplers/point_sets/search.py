@@ -176,14 +176,15 @@ class MotionSearch:
         clouds, options = self.clouds, self.options
         if not len(images):
             return
-        source = np.broadcast_to(clouds.source[triple], (len(images), 3, self.dimension))
-        motions = fitted_motions(source, clouds.target[images], clouds.scaled, clouds.mirror)
-        counts = np.empty(len(images))
+        counts, every = np.empty(len(images)), []
         block = max(1, min(BLOCK, ENTRIES // (self.n * self.n_target)))
         for start in range(0, len(images), block):
             checkpoint()
-            part = np.arange(start, min(start + block, len(images)))
-            squared, variance = motions.take(part).squares(clouds)
+            part = slice(start, start + block)
+            target = clouds.target[images[part]]
+            source = np.broadcast_to(clouds.source[triple], target.shape)
+            every.append(fitted_motions(source, target, clouds.scaled, clouds.mirror))
+            squared, variance = every[-1].squares(clouds)
             close = squared <= options.wide_gate**2 * variance
             if self.allowed is not None:
                 close &= self.allowed
@@ -193,7 +194,7 @@ class MotionSearch:
         self.evaluated += len(images) * self.n
         for one in np.argsort(-counts, kind="stable")[: options.refined].tolist():
             if counts[one] > 3:
-                self._refine(motions.take(np.array([one])))
+                self._refine(every[one // block].take(np.array([one % block])))
 
     def _refine(self, motion: Motions) -> None:
         """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""
