@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends import cpu
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.explain.decide import TRUST
-from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.support import drop_unsupported, scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.base import Alternatives
@@ -23,18 +21,6 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
     """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
     alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
     return [float(value) for value in scores_of(alone, np.array(assignments))]
-
-
-def hyperedges_agree(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
-    """Whether any hyper-edge of an assignment agrees: of its points, in their order, each with those that follow."""
-    sampling = task.sampling_task
-    ordered = assignment[task.permutation]
-    matched = np.flatnonzero(ordered >= 0)
-    if len(matched) < sampling.order:
-        return False
-    source = matched[np.arange(len(matched) - sampling.order + 1)[:, None] + np.arange(sampling.order)]
-    residuals = cpu.residuals(sampling.tables, sampling.kind, source, ordered[source])
-    return bool((residuals <= sampling.affinity.gate).any())
 
 
 def supported(

@@ -20,7 +20,6 @@ from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
-from rootmatch.explain.pose_decision import decided_by_pose
 from rootmatch.explain.predicted_pose import match_predicted
 from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
 from rootmatch.explain.rig_copies import RigCopies, copies_task, is_rig
@@ -79,8 +78,6 @@ def _one_motion(task: MatchingTask) -> Finding:
     """Sampled hyper-edges, solved and judged; all of them where a quick search leaves no match to trust."""
     sampled = sample(task)
     by_image = is_modelled(task)
-    if not by_image and (decided := decided_by_pose(task, sampled)) is not None:
-        return decided
     if by_image and sampled.assignments is not None and len(sampled.assignments) and task.options.solver is None:
         found = judged_by_image(task, sampled)
     else:
