@@ -58,6 +58,11 @@ def connected(scheduler: str) -> Any:
             f"scheduler: {scheduler} needs certificates; name them in Dask's configuration, distributed.comm.tls"
         )
     try:
+        # a client that meets an unusable address waits for itself for 20 seconds when it is let go
+        if not scheduler.startswith("inproc:"):
+            _, port = distributed.comm.get_address_host_port(scheduler)
+            if not 0 < int(port) < 2**16:
+                raise ValueError(f"port {port}")
         client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"scheduler: {scheduler} does not answer ({error}); start one with `dask scheduler`") from None
