@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.problems.checks import repeated
+from rootmatch.problems.similarity.problem import distances
 
 Label = int | str
 
@@ -78,15 +82,35 @@ def twin_points(first: NDArray[np.float64], second: NDArray[np.float64], toleran
 
     Points correspond by their sorted distances to all others, and equal distances confirm it. None for bodies of
     different shape: beyond ``tolerance`` times the size of the first.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes.
     """
     if len(first) != len(second):
         return None
-    one, two = (np.linalg.norm(body[:, None] - body, axis=2) for body in (first, second))
-    profiles = np.sort(one, axis=1), np.sort(two, axis=1)
+    found = _twin_points(*(np.ascontiguousarray(body, np.float64).tobytes() for body in (first, second)), tolerance)
+    return None if found is None else found.copy()
+
+
+@lru_cache(maxsize=64)
+def _twin_points(first_bytes: bytes, second_bytes: bytes, tolerance: float) -> NDArray[np.int64] | None:
+    """`twin_points` of bodies by their values: every search asks for the same ones."""
+    one, two = (distances(np.frombuffer(body).reshape(-1, 3)) for body in (first_bytes, second_bytes))
     most = tolerance * float(one.max())
     if np.abs(np.sort(one, axis=None) - np.sort(two, axis=None)).max() > most:
         return None
+    profiles, others = np.sort(one, axis=1), np.sort(two, axis=1)
+    cost = np.empty(one.shape)
+    for row, profile in zip(cost, profiles, strict=True):
+        checkpoint()
+        apart = np.abs(profile - others)
+        if apart.max(axis=1).min() > most:  # no point is like this one
+            return None
+        row[:] = apart.sum(axis=1)
     from scipy.optimize import linear_sum_assignment  # slow to import
 
-    _, order = linear_sum_assignment(np.abs(profiles[0][:, None] - profiles[1]).sum(axis=2))
+    checkpoint(SECONDS_PER_STEP * cost.size * len(cost))
+    _, order = linear_sum_assignment(cost)
     return np.asarray(order, np.int64) if np.abs(one - two[np.ix_(order, order)]).max() <= most else None
