@@ -57,7 +57,7 @@ def test_a_file_without_rows_is_begun_anew(tmp_path: Path, there: bytes) -> None
     path = tmp_path / "m.csv"
     path.write_bytes(there)
     assert written(path) == set()
-    with pytest.raises(InputError, match="it is there already"):
+    with pytest.raises(InputError, match="it already exists"):
         written(path)
 
 

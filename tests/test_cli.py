@@ -142,7 +142,7 @@ class TestMatch:
             (("--poses", "poses.csv", "--pose-format", "euroc"), "give csv, json, tum, ros, openxr or colmap"),
             (("--pose-format", "tum"), "without --poses"),
             (("--photo", "image.csv"), "give --plot"),
-            (("--report", "report.pdf"), "name it .html"),
+            (("--report", "report.pdf"), "ends in .html"),
             (("--report", "image.csv"), "also an input"),
             (("--plot", "match.png", "--photo", "image.csv"), "cannot be read"),
             (("--plot", "match.png", "--photo", "none.png"), "cannot be read"),

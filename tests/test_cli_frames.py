@@ -279,9 +279,9 @@ def test_frames_that_cannot_be_read(folder: Path, tmp_path: Path, rows: list[lis
 @pytest.mark.parametrize(
     ("options", "image", "text"),
     [
-        (("--plot", "x.svg"), "frames.csv", "--plot: it is of one image"),
+        (("--plot", "x.svg"), "frames.csv", "--plot: it applies to one image"),
         (("--jobs", "2"), "image.csv", "--jobs: "),
-        (("--resume",), "frames.csv", "--resume: nothing is written"),
+        (("--resume",), "frames.csv", "--resume: there is no file"),
         (("--output", "x.txt"), "frames.csv", "--output x.txt: many frames are written as CSV"),
     ],
 )
@@ -371,7 +371,7 @@ def test_frames_without_detections_and_where_frames_end(tmp_path: Path) -> None:
         ("frame,time,x,y", [[1, 0.5, 1, 2], [2, 0.5, 1, 2]], "row 3: time 0.5 after time 0.5; frames are out of order"),
         ("frame,time,x,y", [[1, 0.5, 1, 2], [1, 0.6, 1, 2]], "row 3: frame 1 has two times, 0.5 and 0.6"),
         ("time,x,y", [["soon", 1, 2]], "row 2: time is 'soon'"),
-        ("frame,x,y", [[1, 1, 2], [], [1, 3, 4]], "row 4: frame 1 goes on after an empty line"),
+        ("frame,x,y", [[1, 1, 2], [], [1, 3, 4]], "row 4: frame 1 continues after an empty line"),
         ("frame,x,y,sigma", [[1, 1, 2, -1]], "row 2: sigma is '-1'; give a number of 0 or more"),
         ("x,y", [[1, 2]], "the column 'frame' is missing"),
     ],
@@ -403,7 +403,7 @@ def test_a_column_sigma_says_how_noisy_each_detection_is(folder: Path, tmp_path:
     for command, name in (("match", "sigma"), ("match", "frames"), ("track", "frames")):
         result = run(command, folder / "model.csv", files[name], *camera, "--noise", "0.2")
         assert result.exit_code == 2
-        assert "has a column sigma, which says it; leave one of them out" in result.stderr
+        assert "has a column sigma, which states the noise; leave one of them out" in result.stderr
 
 
 def test_columns_sigma_of_two_noisy_sets(tmp_path: Path) -> None:

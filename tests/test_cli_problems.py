@@ -111,7 +111,7 @@ def test_poses_of_a_plane_are_no_quaternions(tmp_path: Path) -> None:
     poses = tmp_path / "poses.tum"
     result = run("match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", poses)
     assert result.exit_code == 2
-    assert "of a plane; give csv or json" in " ".join(result.stderr.split())
+    assert "in a plane; give csv or json" in " ".join(result.stderr.split())
     assert not poses.exists()
     table = tmp_path / "poses.csv"
     assert run("match", *files, "--problem", "rigid", "--noise", "0.01,0.01", "--poses", table).exit_code == 0

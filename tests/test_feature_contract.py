@@ -260,7 +260,7 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("Rigid", "prior"): "prior: rigid has no camera",
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
-    ("rig", "auto noise"): "noise: a rig does not estimate it",
+    ("rig", "auto noise"): "noise: it is not estimated for a rig",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
     ("auto noise", "source_noise"): 'noise: "auto" is not estimated beside source_noise=',
@@ -415,7 +415,7 @@ def test_a_wrong_prior_of_one_body_is_told() -> None:
     assert match.bodies is not None
     assert match.bodies["head"].prior_holds is True
     assert match.bodies["left"].prior_holds is False
-    assert "the prior pose was wrong" in match.bodies["left"].advice
+    assert "the predicted pose was wrong" in match.bodies["left"].advice
 
 
 # A rig whose images end: what lies outside of one is no evidence against a pose, on every path.

@@ -165,7 +165,7 @@ def test_a_title_that_is_no_text_is_shown_as_its_escape(match: rm.Match, tmp_pat
 
 
 def test_what_is_no_page_is_refused(match: rm.Match, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"name it \.html"):
+    with pytest.raises(InputError, match=r"ends in \.html"):
         match.report(tmp_path / "report.pdf")
     with pytest.raises(InputError, match="does not exist"):
         match.report(tmp_path / "nowhere" / "report.html")

@@ -85,7 +85,7 @@ def test_flights_compile_nothing_after_a_warm_up(problem: str) -> None:
 
 
 def test_what_a_warm_up_refuses() -> None:
-    with pytest.raises(rm.InputError, match="warmup: normals, view_angle and bodies are of source points"):
+    with pytest.raises(rm.InputError, match="warmup: normals, view_angle and bodies describe source points"):
         rm.warmup(rm.P3P(rm.Camera(800.0, 780.0, 320.0, 240.0)), bodies=[0, 1])
     with pytest.raises(rm.InputError, match="problem"):
         rm.warmup("p3p")  # type: ignore[arg-type]

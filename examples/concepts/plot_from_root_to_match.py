@@ -2,9 +2,10 @@
 From a root to a match
 ======================
 
-Which image point belongs to which point in space? Three correspondences determine a camera pose up to a few solutions, the
-roots of a polynomial. So two triples of correspondences that are right, and share two of them, have polynomials that share
-a *root*. Everything in this library follows from that. No pose is estimated and no descriptor compared.
+Which image point belongs to which point in space? Three correspondences determine a camera pose up to a few solutions,
+the roots of a polynomial. Two triples of right correspondences that have two of them in common therefore have
+polynomials that share a *root*. The published method follows from that: it estimates no pose and compares no
+descriptors.
 """
 
 # %%
@@ -48,13 +49,10 @@ for ax, other, title in zip(axes, (right, wrong), ("four right correspondences",
     ax.legend()
 plt.show()
 
-# %%
-# How nearly do they share it?
-# ----------------------------
-# The resultant of two polynomials vanishes if they share a root. The published method takes its size, ∣R₂ₙ,₂ₙ∣ of a QR
-# factorisation of the Sylvester matrix. It has no unit, and what is small depends on the scene. The residuals
-# ``normalised`` and ``joint`` divide by what the noise of the pixels does to them, so they are numbers of standard
-# deviations, the same for every scene.
+# %% How nearly do they share it? ---------------------------- The resultant of two polynomials vanishes if they share a
+# root. The published method takes its size, ∣R₂ₙ,₂ₙ∣ of a QR factorisation of the Sylvester matrix. It has no unit, and
+# what counts as small depends on the scene. The residuals ``normalised`` and ``joint`` are divided by the effect of the
+# pixel noise on them, so they are numbers of standard deviations, comparable between scenes.
 rng = np.random.default_rng(0)
 tuples = np.array([rng.permutation(8)[:4] for _ in range(3000)])
 images_right = truth[tuples]
@@ -72,12 +70,10 @@ axes[1].set_xlabel("standard deviations (the last bin holds all beyond)")
 axes[1].legend()
 plt.show()
 
-# %%
-# A hypergraph, and its matching
-# ------------------------------
-# Four correspondences are a *hyper-edge*. The affinity exp(−r²/2) of its residual is one entry of a tensor of order four over
-# all correspondences (i, j). The assignment we want is the one-to-one set of correspondences with the largest total weight
-# inside it. Wrong hyper-edges agree now and then; but only the right ones agree with one another.
+# %% A hypergraph, and its matching ------------------------------ Four correspondences are a *hyper-edge*. The affinity
+# exp(−r²/2) of its residual is one entry of a tensor of order four over all correspondences (i, j). The assignment we
+# want is the one-to-one set of correspondences with the largest total weight inside it. A wrong hyper-edge may agree by
+# chance, but only the right ones agree with one another.
 match = rm.match(scene.source, scene.target, problem, noise=0.5)
 print(match.tensor)
 figure, axes = plt.subplots(1, 2, figsize=(7.5, 3.4), layout="constrained")

@@ -3,7 +3,7 @@ LEDs of a headset
 =================
 
 Thirty-two identical LEDs on a headset, half of them on the far side, seen by one calibrated camera among reflections.
-Nothing tells the blobs apart; the outward normals of the LEDs say which of them can be visible together.
+Nothing distinguishes the blobs; the outward normals of the LEDs say which of them can be visible together.
 """
 
 # %%
@@ -41,8 +41,7 @@ image = image[order]
 truth = np.full(32, -1)
 truth[visible] = np.argsort(order)[: len(visible)]
 
-# %%
-# Match. A :class:`rootmatch.Matcher` keeps what depends on the model alone, for the frames to come.
+# %% Match. A :class:`rootmatch.Matcher` keeps whatever depends only on the model for the next frames.
 matcher = rm.Matcher(model, rm.P3P(camera), noise=0.3, normals=normals)
 match = matcher.match(image)
 print(match.advice)

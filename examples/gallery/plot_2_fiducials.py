@@ -3,7 +3,7 @@ Surgical fiducials: points in space to points in space
 ======================================================
 
 Eight markers are known in a CT scan. A tracker reports seven points: six of the markers, in no particular order, and a
-stray one. Distances tell which is which, and the rigid motion follows.
+stray one. The distances between them show which is which, and the rigid motion follows.
 """
 
 # %%

@@ -2,8 +2,8 @@
 Retro-reflective targets through a wide lens
 ============================================
 
-Forty targets without codes on a test field, photographed with a lens that moves points by tens of pixels at the rim. The
-calibration comes from OpenCV; raw pixels go in as they were measured.
+Forty targets without codes on a test field, photographed with a lens that displaces points by tens of pixels near the
+edge of the image. The calibration comes from OpenCV; raw pixels are used as they were measured.
 """
 
 # %%

@@ -2,8 +2,8 @@
 Several objects that move
 =========================
 
-No transformation is estimated while matching, so nothing has to be shared by all points: hyper-edges agree within each
-rigid object, and a packing of groups tells the objects apart.
+Matching does not assume that all points share one transformation: hyper-edges agree within each rigid object, and a
+packing of groups separates the objects.
 """
 
 # %%

@@ -3,7 +3,8 @@ A problem of your own
 =====================
 
 State the equation that relates the measurements of a point; :func:`rootmatch.derive` eliminates the unknowns, finds the
-polynomial that minimal sets share, and compiles the residual. Here: a robot on a flat floor takes two pictures.
+polynomial that minimal sets share, and compiles the residual. In this example, a robot on a flat floor takes two
+pictures.
 """
 
 # %%

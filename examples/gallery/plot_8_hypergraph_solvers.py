@@ -2,8 +2,8 @@
 Hypergraph solvers on a tensor of your own
 ==========================================
 
-For research in graph matching: the affinity tensor is sparse, of any order, and every solver takes it. Here it comes from
-the angles of triangles, and a dense array of order 3 is turned into one.
+For research in graph matching, the affinity tensor is sparse and may have any order, and every solver accepts it. Here
+it comes from the angles of triangles; a dense array of order 3 is converted as well.
 """
 
 # %%

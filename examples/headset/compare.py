@@ -1,4 +1,4 @@
-"""Poses that were found against those that were simulated: ``python compare.py truth.csv poses.csv``."""
+"""Compare the poses found with the simulated ones: ``python compare.py truth.csv poses.csv``."""
 
 import csv
 import sys

@@ -3,7 +3,8 @@
     python examples/headset/make_recording.py recording            # a lens with OpenCV's distortion
     python examples/headset/make_recording.py recording --fisheye  # OpenCV's fisheye
 
-The projection is OpenCV's own (the extra ``test``): the recording owes nothing to the cameras that it is tracked with.
+The projection is OpenCV's own (the extra ``test``): the recording does not depend on the camera models that it is
+tracked with.
 """
 
 from __future__ import annotations

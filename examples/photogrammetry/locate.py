@@ -13,7 +13,7 @@ from rootmatch.report.colmap import write_colmap
 
 
 def main():
-    """Match each image to the points of the model, and write those that can be believed."""
+    """Match each image to the points of the model, and write those that can be trusted."""
     ask = argparse.ArgumentParser()
     ask.add_argument("model", type=Path)
     ask.add_argument("detections", type=Path, nargs="+")

@@ -1,4 +1,5 @@
-"""From unlabelled markers to a tool's tip in the plan, with its expected error: ``python navigate.py [--seed 1]``
+"""Find the tip of a tool in the plan from unlabelled markers, with its expected error: ``python navigate.py [--seed
+1]``
 
 A plan (CT) lists fiducials. A tracker reports 3D points without labels, millimetres: the fiducials, the markers of two
 tools, and strays. Not for clinical use.

@@ -1,4 +1,4 @@
-"""A controller before three cameras of a headset, over a socket: how many frames are right, and how long each takes.
+"""A controller in front of three headset cameras, over a socket: how many frames are right, and how long each takes.
 
 ``python round_trip.py [--frames 300] [--no-imu] [--rate 60]`` simulates the flight, starts the server of serve.py and
 asks it.

@@ -1,4 +1,4 @@
-"""Track over a socket: a line of JSON a frame comes in, a line goes back. ``python serve.py controller.json [PORT]``
+"""Track over a socket: one line of JSON in per frame, one line out. ``python serve.py controller.json [PORT]``
 
 In:  {"time": s, "pixels": [[x, y], …], "camera": [index, …], "imu": [qx, qy, qz, qw] or null}
 Out: {"time": s, "state": "tracking", "matched": n, "t": [x, y, z], "quaternion": [x, y, z, w]}, t null where unknown

@@ -113,60 +113,62 @@ def match(
     source : (n, 3) or (n, 2) array
         Points in space in any frame and unit, or pixels of the first image.
     target : (n', 2) array
-        Pixels, in any order, clutter among them. Of a `rootmatch.Rig` ``(pixels, index)`` or rows of x, y and the index
-        of the camera; of `rootmatch.Bearings` unit rays (n', 3).
+        Pixels (x right, y down), in any order, including clutter. For a `rootmatch.Rig`, ``(pixels, index)`` or rows of
+        x, y and the index of the camera; for `rootmatch.Bearings`, unit rays (n', 3); for two point sets, points (n',
+        2) or (n', 3).
     problem : Problem
         `P3P`, `UP2P`, `ThreePlusOne`, or another one.
     noise : float, (n',) array, pair or "auto"
         Standard deviation of a coordinate: in pixels in an image, in the unit of the points for two point sets. One
-        number for all points, or one for each of the target. Where both sets are noisy, as of two images and of two
-        point sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are
-        those of the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as
-        a number or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid` each may also be
-        σ of each axis, (m, k) for m points, or covariances (m, k, k); matches are then weighed with the mean of the
-        axes, and poses fitted with all of it. ``"auto"``: estimated from the match, in a few rounds.
+        number for all points, or one for each target point. Where both sets are noisy, as with two images or two point
+        sets (`ThreePlusOne`, `PlanarMotion`, `Similarity`, `Rigid`), one number holds for both, n' numbers are those of
+        the target with their root mean square for the source, and a pair ``(source, target)`` gives each, as a number
+        or one for each point: ``(0.0, 0.3)`` for an exact plan. For `Similarity` and `Rigid`, each may also be a σ for
+        each axis, (m, k) for m points, or covariances (m, k, k); matches are then weighed with the mean over the axes,
+        and poses are fitted with all of it. ``"auto"`` estimates it from the match, in a few rounds.
     normals : (n, 3) array, optional
         Outward normals of the source points: a point is visible only from its front. Zero rows for unknown.
     view_angle : float or (n,) array, optional
-        Angle from its normal within which a point is seen, radians in (0, π]; by default π/2, less likely beyond π/3.
-        Needs normals.
+        Largest angle from its normal at which a point is visible, in radians, in (0, π]; by default π/2, less likely
+        beyond π/3. Needs normals.
     detection_rate : float, optional
-        Probability that a visible point is detected: each one that a pose predicts and nothing shows counts against
-        that pose. By default as the best assignment has it.
+        Probability that a visible point is detected: each point that a pose predicts and that is not detected counts
+        against the pose. Estimated by default.
     min_probability : float, optional
-        Posterior probability from which a match is believed: its pose, and what is left of its matches without those
-        that are not sure. By default 0.95, and 0.9 between two views.
+        Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
+        doubtful ones are left out. By default 0.95, and 0.9 between two views.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional
-        Which rigid body each source point belongs to: each body moves for itself, hyper-edges are within a body, and no
-        detection is used twice. `Match.bodies` has the match of each; the whole is as trustworthy as the least of them.
+        The rigid body that each source point belongs to: bodies move independently, hyper-edges stay within a body, and
+        no detection is used twice. `Match.bodies` has the match of each body; the whole is as trustworthy as the least
+        trusted one.
     motions : int or "auto"
         Number of rigid motions to find.
     prior : Pose or dict, optional
         A predicted pose with its covariance, ``Pose(R, t, covariance)``: it narrows the candidates and enters the fit
-        as a Gaussian, so three visible points are enough. Where it decides, a match takes about a millisecond. Where it
-        does not, all is searched without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
-        ``bodies`` a dict from labels to poses.
+        as a Gaussian, so three visible points are enough. If it decides, a match takes about a millisecond. If not, a
+        full search runs without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
+        ``bodies``, a dict from labels to poses.
     source_noise : float, (n,), (n, 3) or (n, 3, 3) array, optional
-        Standard deviation of a coordinate of the source points, in their unit: of all, of each, or of each on each
-        axis; or the covariance of each. Exact by default. For P3P and UP2P, also of rigs; where both sets are noisy
-        anyway it takes the place of the first of the pair that ``noise`` may be.
+        Standard deviation of a coordinate of the source points, in their unit: one number for all, one for each point,
+        or one for each axis of each point; or the covariance of each point. Exact by default. For P3P and UP2P, also
+        with rigs; where both sets are noisy anyway, it replaces the first of the pair that ``noise`` may be.
     seed : int
         Random seed; the same seed gives the same match.
     max_seconds : float, optional
-        Time after which what was found until then is returned, with the status that it deserves, and
-        `Match.stopped_early`. It bounds every stage, to within a tenth and 5 ms once everything is compiled. What is
-        found in time depends on the machine.
+        Time limit: when it is reached, the best match so far is returned, with its own status and with
+        `Match.stopped_early` set. It holds to within a tenth plus 5 ms once everything is compiled. What is found in
+        time depends on the machine.
     progress : callable, optional
         Called with (done, total) between blocks.
     sampler : {"auto", "exhaustive", "random", "guided"} or Sampler
-        Which hyper-edges are evaluated: all, random ones, or those that a guided search finds. A sampler can be given
-        instead: `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own,
-        which takes a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` if there are more than two
-        million; for P3P and UP2P more than a hundred thousand, and up to two million all are evaluated after it if its
-        match is not trusted. With several motions it is ``"guided"`` beyond 200 million or, if the problem supports it,
-        all hyper-edges that agree are found by completing minimal sets.
+        Which hyper-edges are evaluated: all, random ones, or those that a guided search finds. You can also pass a
+        sampler: `rootmatch.Guided` with its options, `rootmatch.samplers.completion.Completion`, or one of your own,
+        which takes a `rootmatch.samplers.base.SamplingTask`. ``"auto"`` is ``"guided"`` above two million hyper-edges.
+        For P3P and UP2P it is so above a hundred thousand, and up to two million all of them are evaluated afterwards
+        if the match is not trusted. With several motions it is ``"guided"`` above 200 million or, if the problem
+        supports it, completes minimal sets to find all hyper-edges that agree.
     samples : int
         Number of random hyper-edges.
     residual : str or Residual
@@ -175,18 +177,18 @@ def match(
         `Problem.paper_rho`, or `Problem.paper_rho_of_exact_data` where σ is at most 0.01.
     solver : str or Solver
     preset : "paper", optional
-        The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration
-        with ℓ¹ rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is
-        better where n = n'. Default: all hyper-edges, joint residual, multi-start ascent.
+        The published method: random hyper-edges, ∣R₂ₙ,₂ₙ∣ of one pair, a ρ for each problem, power iteration with ℓ¹
+        rows; every point is matched. Other arguments override parts of it: ``solver="power-l1-balanced"`` is better if
+        n = n'. The default is all hyper-edges, the joint residual and the multi-start ascent.
     backend : {"auto", "cpu", "cuda", "cuda-float32"}
         Where hyper-edges are evaluated and the tensor is contracted: on the CPU, or on an NVIDIA GPU through numba-cuda
-        (the extra ``gpu``). ``"auto"`` is the GPU where there is one and 200 million hyper-edges or more are evaluated.
-        A guided search runs on the CPU; with ``"cuda"`` it is used only beyond a thousand million hyper-edges.
-        ``"cuda-float32"`` evaluates all hyper-edges in single precision and those that pass again in double: for
-        ``"joint"`` and ``"normalised"`` of P3P and up2p, where ``"auto"`` uses it on GPUs that are slow in double.
+        (the extra ``gpu``). ``"auto"`` is the GPU if there is one and at least 200 million hyper-edges are evaluated. A
+        guided search runs on the CPU; with ``"cuda"`` it is used only above 10⁹ hyper-edges. ``"cuda-float32"``
+        evaluates all hyper-edges in single precision and those that pass again in double: for ``"joint"`` and
+        ``"normalised"`` of P3P and up2p, where ``"auto"`` uses it on GPUs that are slow in double.
     scheduler : str, optional
-        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``, to whose workers blocks of hyper-edges
-        go, all of them or random ones. The tensor is bit-identical. The workers need this version of the package.
+        Address of a Dask scheduler (the extra ``cluster``), ``tcp://host:port``. Its workers, which need this version
+        of the package, evaluate the hyper-edges, all of them or random ones. The tensor is bit-identical.
     max_hyperedges : int
         Maximum number of hyper-edges kept, the strongest ones; 24 bytes each at order 4.
     max_evaluations : int, optional

@@ -43,9 +43,9 @@ from rootmatch.solvers import Solver
 class Matcher:
     """`rootmatch.match` for many images of the same source points.
 
-    The source is checked once, the enumerations of a small problem are kept from frame to frame, and nothing waits for
-    other threads where one is enough: five markers against eight detections take a few milliseconds. Kernels are
-    compiled when a frame first needs them: call `rootmatch.warmup` before the first frame where none may wait.
+    The source is checked once, and the enumerations of a small problem are kept from frame to frame: five markers
+    against eight detections take one to a few milliseconds. Kernels are compiled when a frame first needs them; if no
+    frame may wait, call `rootmatch.warmup` before the first one.
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ class Matcher:
         Points in space in any frame and unit, or pixels of the first image.
     problem : Problem
     noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels, unless `match` is given another.
+        Standard deviation of a pixel coordinate, in pixels; `match` can override it.
     normals, view_angle, detection_rate, min_probability, bodies, motions, source_noise
-        What is known of the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to a
-        frame: give them to `match`.
+        What is known about the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to
+        one frame: pass them to `match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, preset, backend, scheduler, \
 max_hyperedges, max_evaluations
         As for `rootmatch.match`.
@@ -142,11 +142,11 @@ max_hyperedges, max_evaluations
         Parameters
         ----------
         target : (n', 2) array
-            Pixels, in any order, clutter among them; n' may change from frame to frame.
+            Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame.
         noise : float, (n',) array or "auto", optional
             Of this frame.
         candidates : (n, n') array, optional
-            Possible correspondences or prior weights, say from the frame before.
+            Possible correspondences or prior weights, for example from the previous frame.
         prior : Pose or dict, optional
             Predicted pose of this frame, see `rootmatch.match`; `rootmatch.Tracker` makes them.
         max_seconds : float, optional
@@ -155,8 +155,9 @@ max_hyperedges, max_evaluations
         Returns
         -------
         Match
-            Empty, untrusted, and with the reason as its advice where there are too few detections for one hyper-edge,
-            one comes twice, or one lies where the lens model shows nothing: a loop over frames goes on.
+            Empty and untrusted, with the reason as its advice, if there are too few detections for one hyper-edge, if a
+            detection occurs twice, or if one lies where the lens model shows nothing. A loop over frames need not treat
+            such frames separately.
 
         Raises
         ------

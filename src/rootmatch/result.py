@@ -43,8 +43,8 @@ Floats = NDArray[np.float64]
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
-    A match is true in a condition only if it can be believed: ``if match:``. What is not told by `finding`, which is
-    the package's own, is computed when it is first read.
+    A match is true in a condition (``if match:``) only if it can be trusted. What `finding`, which is internal, does
+    not hold is computed when it is first read.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class Match:
     seconds : float
         Wall-clock time.
     stopped_early : bool
-        Whether ``max_seconds`` ended it before it was done.
+        Whether ``max_seconds`` ended the match before it was finished.
     sightings : Sightings or None
-        With a `rootmatch.Rig` what each camera sees; ``assignment`` then holds the sighting of the first camera that
-        has one, and ``poses`` the pose of the rig by all of them.
+        With a `rootmatch.Rig`, what each camera sees. ``assignment`` then holds, for each point, the detection of the
+        first camera that sees it, and ``poses`` the pose of the rig, fitted to all cameras.
     bodies : dict or None
-        With ``bodies=`` the match of each body by its label: its own points against all detections. Of the whole,
-        margin and status are those of the least trusted body, probability is the product, and ``motion_labels`` numbers
-        the bodies in the order in which their labels appear.
+        With ``bodies=``, the match of each body by its label: its own points against all detections. Margin and status
+        of the whole match are those of the least trusted body, its probability is the product, and ``motion_labels``
+        numbers the bodies in the order in which their labels appear.
     """
 
     finding: Finding
@@ -97,8 +97,8 @@ class Match:
     def score(self) -> float | None:
         """Total weight of the hyper-edges inside the assignment.
 
-        Of several bodies the sum, of several motions the evidence of the packing. None if a predicted pose decided and
-        no hyper-edge was evaluated.
+        For several bodies it is the sum, for several motions the evidence of the packing. None if a predicted pose
+        decided and no hyper-edge was evaluated.
         """
         return _score(self.finding.every_score[0])
 
@@ -144,7 +144,7 @@ class Match:
 
     @property
     def noise_factor(self) -> float | None:
-        """How many times larger than ``noise`` the noise looks, by the residuals about the best pose.
+        """Ratio of the noise that the residuals about the best pose suggest to the stated ``noise``.
 
         It is near 1 if σ is right; None if no pose was fitted.
         """
@@ -160,16 +160,16 @@ class Match:
 
     @property
     def fused_pose(self) -> Pose | None:
-        """Pose of the matches and the prior together, where that held."""
+        """Pose of the matches and the prior together; None if there is no prior or it did not hold."""
         return self.finding.fused_pose
 
     @cached_property
     def probability(self) -> float | None:
-        """Posterior probability that the assignment is right, every match of it.
+        """Posterior probability that the whole assignment is right.
 
-        For a camera pose and for two point sets it is that of a model of all that was observed, in which the object may
-        not be there (docs/model.md); between two views that one of the assignments considered is right is given. None
-        if the problem fits no poses, for the paper's residuals and with several motions.
+        For a camera pose and for two point sets it comes from a model of all observations, in which the object may also
+        be absent (docs/model.md). Between two views it assumes that one of the assignments considered is right. None if
+        the problem fits no poses, for the paper's residuals and with several motions.
         """
         if self.finding.probability is not None:
             return self.finding.probability
@@ -183,12 +183,12 @@ class Match:
 
     @cached_property
     def confidence(self) -> NDArray[np.float64]:
-        """Posterior probability (n,) that each point's match, or its being unmatched, is right.
+        """Posterior probability (n,) that each point's match is right or, if it is unmatched, that it has none.
 
         Summed over the poses that were weighed and their local changes (a point left out, moved to another detection or
-        exchanged with another point). If the status is MATCHED the pose is sure, and matches that are not are left out:
-        so many that what remains is right with ``min_probability``, but for a thousandth of the matches of a large
-        assignment. NaN if the problem fits no poses, and for the paper's residuals.
+        exchanged with another point). If the status is MATCHED, the pose is certain and doubtful matches are left out,
+        so many that the rest is right with ``min_probability`` (up to a thousandth of the matches of a large
+        assignment). NaN if the problem fits no poses, and for the paper's residuals.
         """
         if self.sightings is not None:
             return self.sightings.confidence
@@ -253,15 +253,15 @@ class Match:
     def poses(self) -> list[Pose | None]:
         """The most likely pose of each motion, with its covariance; see `Pose` for frames and units.
 
-        Fitted to all matches of the motion by maximum likelihood in the noise that was given, or estimated. None for a
-        motion with fewer matches than a pose needs (`Problem.least_for_pose`), and where no pose puts them before the
-        camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
+        Fitted to all matches of the motion by maximum likelihood, with the noise that was given or estimated. None for
+        a motion with fewer matches than a pose needs (`Problem.least_for_pose`), or if no pose puts them in front of
+        the camera. The covariance is that of the noise, given that the assignment is right; a prior that holds is part
         of the fit.
 
         Raises
         ------
         InputError
-            If the problem fits no poses: derived ones, whose equations do not say what a pose is.
+            If the problem fits no poses, as derived problems, whose equations do not say what a pose is.
         """
         if self.sightings is not None:
             return self.sightings.poses
@@ -280,20 +280,21 @@ class Match:
         Raises
         ------
         InputError
-            If it is none, and as `poses`.
+            If it is not an assignment, and as `poses`.
         """
         return poses_of(self.task, [check_assignment(assignment, self.task.shape)], self.motion_labels)[0]
 
     @property
     def pose(self) -> Pose | None:
-        """The pose of the only body; None if there is none. With several bodies or motions see `bodies` and `poses`."""
+        """The pose of the only body; None without one. With several bodies or motions, see `bodies` and `poses`."""
         poses = self.poses
         return poses[0] if len(poses) == 1 else None
 
     def diagnose(self, max_seconds: float = 20.0) -> Diagnosis:
-        """Try the usual mistakes, such as a mirrored y or inward normals, and weigh what each would explain.
+        """Try the usual mistakes, such as a mirrored y or inward normals, and report which would explain the points.
 
-        `Diagnosis.fits` names those with which the points match; ``print`` it. ``max_seconds`` is for all together.
+        `Diagnosis.fits` names the mistakes with which the points match; ``print`` the result. ``max_seconds`` limits
+        all trials together.
         """
         return diagnosed(self, lambda finding: report(finding, seconds=0.0), max_seconds)
 
@@ -312,9 +313,7 @@ class Match:
             If the extra is not installed.
         """
         if self.sightings is not None:
-            raise InputError(
-                "report: a rig has several images, which a page does not show; see `sightings` and `poses`"
-            )
+            raise InputError("report: a page cannot show the several images of a rig; see `sightings` and `poses`")
         from rootmatch.report.html import write_report  # plotly and jinja2 are needed here alone
 
         write_report(self, path, **options)

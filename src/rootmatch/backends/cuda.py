@@ -175,7 +175,7 @@ def launch(kernel: Any, *arguments: Any) -> None:
             raise
         kind = type(arguments[1]).__name__
         raise InputError(
-            f"backend: the residual {kind} of this problem does not run on a card "
+            f"backend: the residual {kind} of this problem does not run on a GPU "
             f'({str(error).strip().splitlines()[0]}); use backend="cpu"'
         ) from error
 

@@ -23,8 +23,8 @@ class Camera(CameraModel):
     """A calibrated camera: a pinhole, or one with a lens that distorts.
 
     The camera frame is x right, y down, z forward; without a lens a point ``(X, Y, Z)`` of that frame projects to the
-    pixel ``(fx X / Z + cx, fy Y / Z + cy)``. Where the centre of the upper left pixel lies is the calibration's affair
-    and must be the same for the detections: (0, 0) for OpenCV, (0.5, 0.5) for COLMAP.
+    pixel ``(fx X / Z + cx, fy Y / Z + cy)``. The calibration determines where the centre of the upper left pixel lies,
+    and the detections must use the same convention: (0, 0) for OpenCV, (0.5, 0.5) for COLMAP.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Camera(CameraModel):
     cx, cy : float
         Principal point in pixels.
     lens : Lens, optional
-        What it does to the image; see `from_opencv` and `from_opencv_fisheye`.
+        The lens model; see `from_opencv` and `from_opencv_fisheye`.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class Camera(CameraModel):
         Raises
         ------
         InputError
-            If the matrix is none of a camera, or the coefficients are not so many finite numbers.
+            If the matrix is not that of a camera, or the coefficients are not such a number of finite values.
         """
         camera = cls.from_matrix(K)
         if dist is None or (isinstance(dist, list | tuple | np.ndarray) and len(dist) == 0):
@@ -128,8 +128,8 @@ class Camera(CameraModel):
     def from_opencv_fisheye(cls, K: ArrayLike, D: ArrayLike) -> Camera:
         """Make a camera from the results of ``cv2.fisheye.calibrate``; COLMAP's OPENCV_FISHEYE is the same model.
 
-        Directions beside and behind the camera are seen too, as far as the model goes; OpenCV itself projects only
-        what lies in front.
+        Directions beside and behind the camera are covered too, as far as the model holds; OpenCV itself projects only
+        points in front of the camera.
 
         Parameters
         ----------
@@ -171,7 +171,7 @@ class Camera(CameraModel):
         Raises
         ------
         InputError
-            For a pixel beyond where the lens model folds over, which shows nothing.
+            For a pixel beyond the fold of the lens model, where no direction maps to.
         """
         rays = self._rays(pixels)
         unit: Floats = rays / np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
@@ -252,7 +252,7 @@ class Camera(CameraModel):
             raise UnseenPixelError(
                 f"camera: {int(beyond.sum())} pixels, the first at ({x:g}, {y:g}), lie where the lens model shows "
                 f"nothing: it folds over about {self.lens.radius * self.focal:.0f} px from the principal point; "
-                "remove such points, or calibrate up to the rim"
+                "remove such points, or calibrate up to the edge of the image"
             )
         return rays
 

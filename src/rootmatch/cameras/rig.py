@@ -24,20 +24,21 @@ class Rig(CameraModel):
     """Several cameras with fixed poses on one body.
 
     Its detections are rows of x, y and the index of the camera, or a pair ``(pixels, index)`` of arrays (n', 2) and
-    (n',). The pose that is found is that of the rig: ``x_rig = R X + t``, the frame in which its cameras are given.
+    (n',). The pose of a match takes the points into the frame of the rig, ``x_rig = R X + t``, in which its cameras are
+    given.
 
     Parameters
     ----------
     views : sequence of (camera, R, t)
         Each camera with its pose in the rig, ``x_camera = R x_rig + t``: R (3, 3), t (3,) in the unit of the points.
     sizes : sequence of (width, height), optional
-        Of the images, in pixels from (0, 0). A predicted pose then does not expect what lies outside of them; without,
-        every point before a camera counts as visible.
+        Sizes of the images, in pixels. A predicted pose then does not expect points outside the images; without sizes,
+        every point in front of a camera counts as visible.
 
     Raises
     ------
     InputError
-        If there is no camera, one of them is none whose detections are pixels, R is no rotation or t no vector; if
+        If there is no camera, if a camera's detections are not pixels, if R is not a rotation or t not a vector, or if
         sizes are not a pair of positive numbers for each camera.
     """
 
@@ -187,7 +188,7 @@ class Rig(CameraModel):
 
     def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Refused, as `project` is: a rig has several images."""
-        raise InputError("rig: each camera sees something else; ask Rig.cameras")
+        raise InputError("rig: each camera sees different points; ask Rig.cameras")
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """Refused, as `project` is: a rig has several images."""

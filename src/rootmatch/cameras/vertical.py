@@ -49,7 +49,7 @@ def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
 
 
 def common_direction(vector: ArrayLike, name: str, problem: str) -> tuple[float, ...]:
-    """The same of a direction that two images share, which is never taken for granted.
+    """The unit vector (3,) of a direction that two images share; it has no default.
 
     Raises
     ------
@@ -59,8 +59,8 @@ def common_direction(vector: ArrayLike, name: str, problem: str) -> tuple[float,
     if np.size(vector) == 0:
         raise InputError(
             f"{name}: none given; {problem} needs a direction that both images share, such as gravity from an "
-            "accelerometer, (0, 1, 0) for level cameras, or a vanishing point. Two images without one are not offered: "
-            "match descriptors and use a five-point solver (OpenCV's findEssentialMat, PoseLib)"
+            "accelerometer, (0, 1, 0) for level cameras, or a vanishing point. Two images without one are not "
+            "supported: match descriptors and use a five-point solver (OpenCV's findEssentialMat, PoseLib)"
         )
     return plain_direction(vector, name)
 

@@ -41,7 +41,7 @@ def benchmark(
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
     data: Annotated[Path | None, typer.Option(help="real, blind: folder of the data sets (.npz).")] = None,
     output: Annotated[
-        Path | None, typer.Option(help="real, blind: folder for rows and tables; a run there is resumed.")
+        Path | None, typer.Option(help="real, blind: folder for rows and tables; an interrupted run resumes.")
     ] = None,
     method: Annotated[
         list[str] | None,

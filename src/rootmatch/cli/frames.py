@@ -66,7 +66,7 @@ class FrameOutputs:
             if not sent_through(path):
                 check_output(path.with_name(path.name + SETTINGS_SUFFIX), option, taken)
         if self.resume and not self.paths:
-            raise InputError("--resume: nothing is written that could be continued; give --output or --poses")
+            raise InputError("--resume: there is no file to continue; give --output or --poses")
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,8 @@ def _results(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None
                 yield from _in_order(lambda chunk: workers.submit(_matched, packed, chunk), chunks, processes)
         except BrokenProcessPool:
             raise RootmatchError(
-                "a worker process died, of lack of memory perhaps; what was written is kept: go on with --resume, with "
-                "fewer --jobs if need be"
+                "a worker process died, perhaps for lack of memory; what was written is kept: continue with --resume, "
+                "with fewer --jobs if necessary"
             ) from None
 
 

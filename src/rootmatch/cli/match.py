@@ -68,12 +68,11 @@ def match(
 ) -> None:
     """Match points to image detections by geometry alone.
 
-    If the image file has a column frame, each frame is matched on its own and written as soon as it is known.
+    If the image file has a column frame, each frame is matched on its own and written as soon as it is done.
 
-    Image x points right and y down; points are raw pixels if the camera file has the lens. The camera looks along z.
+    Image x points right and y down; points are raw pixels if the camera file has a lens. The camera looks along +z.
 
-    Exit code 0: matched; 1: no trustworthy match, or an ambiguous one (the best one is printed all the same); 2: bad
-    input; 130: interrupted.
+    Exit code 0: matched; 1: untrusted or ambiguous (the best match is still printed); 2: bad input; 130: interrupted.
     """
     problem_options: dict[str, str | float | int | None] = {
         "camera": camera,
@@ -95,9 +94,11 @@ def match(
         lone |= {"prior": prior, "report": report}
         refused = [name for name, value in lone.items() if value is not None]
         if refused:
-            raise InputError(f"{flag(refused[0])}: it is of one image, and {image} has a column frame; leave it out")
+            raise InputError(
+                f"{flag(refused[0])}: it applies to one image, but {image} has a column frame; leave it out"
+            )
         if diagnose:
-            raise InputError(f"--diagnose: it is of one image, and {image} has a column frame; leave it out")
+            raise InputError(f"--diagnose: it applies to one image, but {image} has a column frame; leave it out")
         if str(image) == "-":
             raise InputError("-: standard input is read by `rootmatch track`; give a file")
     elif jobs is not None or resume:
@@ -116,9 +117,7 @@ def match(
     if rig_of(posed) is not None:
         for name, path in (("plot", plot), ("report", report)):
             if path is not None:
-                raise InputError(
-                    f"{flag(name)}: a rig has several images, which it does not show; use --json or --output"
-                )
+                raise InputError(f"{flag(name)}: it cannot show the several images of a rig; use --json or --output")
     # 0 where the points say it
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)

@@ -21,15 +21,15 @@ class PresetName(StrEnum):
 
 Model = Annotated[
     Path,
-    typer.Argument(metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar x,y of the first image."),
+    typer.Argument(
+        metavar="MODEL.csv", help="Points x,y,z in space; for 3p1 and planar, pixels x,y of the first image."
+    ),
 ]
 Image = Annotated[
     Path,
-    typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y of many images."),
+    typer.Argument(metavar="IMAGE.csv", help="Points x,y of the (second) image, in pixels; frame,x,y for many images."),
 ]
-Problem = Annotated[
-    ProblemName, typer.Option(help="The minimal problem: what is known of cameras and points.", rich_help_panel=INPUT)
-]
+Problem = Annotated[ProblemName, typer.Option(help="What is known about cameras and points.", rich_help_panel=INPUT)]
 Camera = Annotated[
     str | None,
     typer.Option(
@@ -42,7 +42,8 @@ Noise = Annotated[
     str | None,
     typer.Option(
         metavar="PX|SOURCE,TARGET|auto",
-        help="Standard deviation of a pixel coordinate (3p1, planar, similarity, rigid: of either set), or auto.",
+        help="Standard deviation of a coordinate, in pixels (similarity, rigid: in the points' unit), or auto. Two "
+        "numbers if both sets are noisy (3p1, planar, similarity, rigid).",
         show_default="1, or the columns sigma",
         rich_help_panel=INPUT,
     ),
@@ -59,20 +60,26 @@ SourceNoise = Annotated[
 VerticalCamera = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z", help="up2p, up2pf: down in the camera frame.", show_default="0,1,0", rich_help_panel=INPUT
+        metavar="X,Y,Z",
+        help="up2p, up2pf: the direction 'down' in the camera frame (x right, y down, z forward).",
+        show_default="0,1,0",
+        rich_help_panel=INPUT,
     ),
 ]
 VerticalWorld = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z", help="up2p, up2pf: down in the model's frame.", show_default="0,1,0", rich_help_panel=INPUT
+        metavar="X,Y,Z",
+        help="up2p, up2pf: the direction 'down' in the model's frame.",
+        show_default="0,1,0",
+        rich_help_panel=INPUT,
     ),
 ]
 VerticalNoise = Annotated[
     float | None,
     typer.Option(
         metavar="DEG",
-        help="up2p: standard deviation of the measured vertical.",
+        help="up2p: standard deviation of the measured vertical, in degrees on each of two axes.",
         show_default="0",
         rich_help_panel=INPUT,
     ),
@@ -90,7 +97,7 @@ Axis = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z",
-        help="3p1, planar: the common direction in the first camera.",
+        help="3p1, planar: the common direction in the first camera's frame.",
         show_default="none",
         rich_help_panel=INPUT,
     ),
@@ -99,7 +106,7 @@ Axis2 = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z",
-        help="3p1, planar: the same direction in the second camera.",
+        help="3p1, planar: the same direction in the second camera's frame.",
         show_default="planar: as the first",
         rich_help_panel=INPUT,
     ),
@@ -108,7 +115,7 @@ AxisNoise = Annotated[
     float | None,
     typer.Option(
         metavar="DEG",
-        help="3p1: standard deviation of the measured directions.",
+        help="3p1: standard deviation of the measured directions, in degrees on each of two axes.",
         show_default="0",
         rich_help_panel=INPUT,
     ),
@@ -130,7 +137,7 @@ ViewAngle = Annotated[
     float | None,
     typer.Option(
         metavar="DEG",
-        help="A point is seen within this angle of its normal.",
+        help="A point is visible up to this angle from its normal, in degrees.",
         show_default="90",
         rich_help_panel=INPUT,
     ),
@@ -139,7 +146,7 @@ MinProbability = Annotated[
     float | None,
     typer.Option(
         metavar="P",
-        help="Posterior probability from which a match is believed.",
+        help="Lowest posterior probability of a match that is trusted.",
         show_default="0.95, and 0.9 between two views",
         rich_help_panel=INPUT,
     ),
@@ -157,19 +164,23 @@ Prior = Annotated[
     Path | None,
     typer.Option(
         metavar="JSON",
-        help="p3p, up2p: predicted pose, R, t and covariance; with several bodies by label.",
+        help="p3p, up2p: predicted pose x_camera = R X + t with its covariance, as --poses writes it; with several "
+        "bodies, by label.",
         rich_help_panel=INPUT,
     ),
 ]
 Jobs = Annotated[
     int | None,
     typer.Option(
-        metavar="N", help="Many frames: processes, -1 for all cores.", show_default="1", rich_help_panel=METHOD
+        metavar="N",
+        help="Many frames: number of processes, -1 for all cores.",
+        show_default="1",
+        rich_help_panel=METHOD,
     ),
 ]
 Resume = Annotated[
     bool,
-    typer.Option("--resume", help="Many frames: continue the files of a run that stopped.", rich_help_panel=OUTPUT),
+    typer.Option("--resume", help="Many frames: continue the files of an interrupted run.", rich_help_panel=OUTPUT),
 ]
 Candidates = Annotated[
     Path | None,
@@ -205,14 +216,17 @@ Samples = Annotated[
 Residual = Annotated[
     str | None,
     typer.Option(
-        metavar="KIND", help="joint, normalised, svd, qr or qr-both.", show_default="joint", rich_help_panel=METHOD
+        metavar="KIND",
+        help="joint or normalised (in units of the noise), svd, qr or qr-both.",
+        show_default="joint",
+        rich_help_panel=METHOD,
     ),
 ]
 Rho = Annotated[
     float | None,
     typer.Option(
         metavar="R",
-        help="Spread of the affinity, in units of the residual.",
+        help="Spread ρ of the affinity, in units of the residual.",
         show_default="1 for joint and normalised, else per problem",
         rich_help_panel=METHOD,
     ),
@@ -221,7 +235,7 @@ Solver = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="ascent, power-l1, power-dense and others.",
+        help="ascent, power-l1, power-dense and others; an unknown name lists them all.",
         show_default="ascent",
         rich_help_panel=METHOD,
     ),
@@ -266,7 +280,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT; with many frames, match them there.",
+        help="Evaluate on the workers of a Dask scheduler, tcp://HOST:PORT; many frames are matched there.",
         rich_help_panel=METHOD,
     ),
 ]
@@ -277,15 +291,13 @@ Output = Annotated[
 ]
 Poses = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE", help="Write the pose of each motion with its covariance: .csv or .json.", rich_help_panel=OUTPUT
-    ),
+    typer.Option(metavar="FILE", help="Write the pose of each motion with its covariance.", rich_help_panel=OUTPUT),
 ]
 PoseFormat = Annotated[
     str | None,
     typer.Option(
-        metavar="csv|json|tum",
-        help="Format of --poses; tum: motion tx ty tz qx qy qz qw.",
+        metavar="csv|json|tum|ros|openxr|colmap",
+        help="Format of --poses; colmap writes a folder.",
         show_default="by the suffix",
         rich_help_panel=OUTPUT,
     ),
@@ -305,7 +317,11 @@ Report = Annotated[
 ]
 Diagnose = Annotated[
     bool,
-    typer.Option("--diagnose", help="Where nothing fits, try the usual mistakes.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--diagnose",
+        help="If the points are not matched, try the usual mistakes, for up to 20 s.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object instead of the table.", rich_help_panel=OUTPUT)
@@ -313,7 +329,7 @@ AsJson = Annotated[
 Truth = Annotated[
     Path | None,
     typer.Option(
-        metavar="CSV", help="Ground truth source,target, with which the matches are compared.", rich_help_panel=OUTPUT
+        metavar="CSV", help="Ground truth source,target; each match is marked right or wrong.", rich_help_panel=OUTPUT
     ),
 ]
 Progress = Annotated[

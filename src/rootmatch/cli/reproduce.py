@@ -26,9 +26,7 @@ def reproduce(
         Which,
         typer.Argument(help="One problem of the paper, all of them, or the public protocols of hypergraph matching."),
     ],
-    output: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; unfinished work in it is resumed.")
-    ],
+    output: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results; an interrupted run resumes.")],
     instances: Annotated[
         int | None, typer.Option(metavar="N", help="Scenes per setting; 100 by default, 4 with --quick.")
     ] = None,

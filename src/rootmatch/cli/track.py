@@ -38,7 +38,7 @@ Rate = Annotated[
     float | None,
     typer.Option(
         metavar="HZ",
-        help="Frames a second; missing frame numbers count as time.",
+        help="Frames per second; missing frame numbers count as elapsed time.",
         show_default="60, or the column time",
         rich_help_panel=option.INPUT,
     ),
@@ -47,7 +47,7 @@ Poses = Annotated[
     Path | None,
     typer.Option(
         metavar="CSV",
-        help="Write a row for each frame: status and pose with its covariance.",
+        help="Write one row per frame: status, and pose with its covariance.",
         show_default="standard output",
         rich_help_panel=option.OUTPUT,
     ),
@@ -83,13 +83,13 @@ def track(
     output: Matches = None,
     as_json: AsJson = False,
 ) -> None:
-    """Follow a body, or several, through the frames of a camera.
+    """Follow one or several bodies through the frames of a camera.
 
-    Each frame is predicted from those before. Every row is written as soon as its frame is complete, which is at an
-    empty line, or when the next one begins.
+    Each frame is predicted from the previous ones. Every row is written as soon as its frame is complete: at an empty
+    line, or when the next frame begins.
 
-    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, rows written so far are
-    kept.
+    Exit code 0: something was matched; 1: nothing in any frame; 2: bad input; 130: interrupted, and rows written so
+    far are kept.
     """
     given: dict[str, str | float | int | None] = {
         "camera": camera,

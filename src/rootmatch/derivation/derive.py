@@ -125,7 +125,9 @@ def derive(
         positive=positive,
     )
     if not statement.source.noise_dimensions + statement.target.noise_dimensions:
-        raise InputError("target: both sets are exact; noise must enter somewhere, say by Points(3, noisy=True)")
+        raise InputError(
+            "target: both sets are exact; noise must enter somewhere, for example by Points(3, noisy=True)"
+        )
     limits = _interval(interval)
     symbols = _symbols(statement)
     key = _key(statement, symbols, limits, constraints, sample is not None)
@@ -209,7 +211,7 @@ def _check_again(found: store.Generated, statement: Any, sample: Any, limits: An
     evaluator = Evaluator(found.plan, found.functions, statement.source, statement.target)
     judge = Judge(evaluator, instances(statement, sample, limits, rng, CASES_AGAIN))
     if not (judge.vanishes(judge.first) and judge.vanishes(judge.swept)):
-        raise RootmatchError("check: the generated code does not hold")
+        raise RootmatchError("check: the generated code fails the checks on exact instances")
 
 
 def _derive(

@@ -76,7 +76,7 @@ def system(equations: Sequence[Expr], generators: Sequence[Expr]) -> list[Any]:
         except sp.PolynomialError:
             raise InputError(
                 f"equations: {equation} is no polynomial in {', '.join(map(str, generators))}; write sines and cosines "
-                "by x = tan(θ/2), roots by an unknown of their own"
+                "in x = tan(θ/2), and roots as unknowns of their own"
             ) from None
         if any(coefficient.free_symbols & set(generators) for coefficient in polynomial.coeffs()):
             raise InputError(f"equations: {equation} is no polynomial in {', '.join(map(str, generators))}")
@@ -114,15 +114,13 @@ def eliminate(
         polynomials = [_without_monomial(p) for p in polynomials if not p.is_zero]
         unknowns = [symbol for symbol in unknowns if symbol not in gone and any(_has(p, symbol) for p in polynomials)]
         if max((len(_expanded_terms(p)) for p in polynomials), default=0) > TERMS:
-            raise InputError(
-                f"elimination: over {TERMS} terms; write fewer unknowns, or a system with the easy ones already gone"
-            )
+            raise InputError(f"elimination: over {TERMS} terms; state fewer unknowns, or eliminate the easy ones first")
     kept_set = set(kept)
     rest = [p for p in polynomials if not p.is_zero and kept_set & p.free_symbols]
     if not rest:
         raise InputError(
             "elimination: nothing is left to determine the shared variable; give as many independent equations as "
-            "unknowns, the shared one counted (a set of equations that are all homogeneous in some: one fewer)"
+            "unknowns, the shared one included (one fewer if all equations are homogeneous in some of them)"
         )
     return [sp.Poly(p.as_expr(), *kept) for p in rest]
 
@@ -269,7 +267,7 @@ def _resultants(polynomials: list[Any], unknowns: list[Expr], definitions: Defin
             best = cost, symbol, pivot
     if best is None:
         raise InputError(
-            f"elimination: {', '.join(map(str, unknowns))} occur in one equation each, which says nothing; "
+            f"elimination: {', '.join(map(str, unknowns))} occur in one equation each, which adds nothing; "
             "leave such equations out"
         )
     _, symbol, pivot = best

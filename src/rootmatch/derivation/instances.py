@@ -48,7 +48,7 @@ def sampled(sample: Sampler, statement: Statement, rng: np.random.Generator) -> 
     """
     given = tuple(sample(rng))
     if len(given) not in (2, 3):
-        raise InputError("sample: it must return source, target and perhaps the shared variable's value")
+        raise InputError("sample: it must return source, target and optionally the shared variable's value")
     count = statement.minimal + 1
     points = []
     for name, array, what in (("source", given[0], statement.source), ("target", given[1], statement.target)):

@@ -70,7 +70,7 @@ def _relation(statement: Statement, leaves: Leaves, base: Order) -> tuple[str, U
     polynomials = eliminate(system(abstracted, [*statement.unknowns, x, y]), statement.unknowns, [x, y], definitions)
     polynomials = [p for p in polynomials if p.degree(y) > 0]
     if not polynomials:
-        raise InputError("elimination: nothing is left that binds the two variables")
+        raise InputError("elimination: no equation is left that relates the two variables")
     program = Program(definitions.entries)
     outputs = [output for p in polynomials for output in (p.as_expr(), p.diff(y).as_expr())]
     inputs: set[Any] = set().union(*(program.inputs(output) for output in outputs))

@@ -83,7 +83,7 @@ class Statement:
         except Exception as error:
             raise InputError(
                 f"{name}: the function failed with {type(error).__name__} ({printable(str(error))[:200]}); points are "
-                "SymPy column vectors, so a number is added to an entry of one, and * is the product of matrices"
+                "SymPy column vectors: add numbers to single entries; * is the matrix product"
             ) from error
         return _flat(name, made)
 
@@ -100,12 +100,12 @@ class Statement:
         if strange:
             raise InputError(
                 f"equations: the symbols {', '.join(strange)} are neither measured nor unknown; name them in "
-                "eliminate= (or local=), or put numbers for them"
+                "eliminate= (or local=), or replace them by numbers"
             )
         strange = sorted({str(s) for e in conditions for s in e.free_symbols if s not in measured | {self.shared}})
         if strange:
             raise InputError(
-                f"positive: {', '.join(strange)} are neither measured nor the shared variable; put what they are in "
+                f"positive: {', '.join(strange)} are neither measured nor the shared variable; express them in "
                 "terms of these"
             )
         if not any(self.shared in e.free_symbols for e in built):

@@ -70,7 +70,7 @@ def reproduce(
     if instances < 1 or seed < 0 or seed + instances > SCAN_SEED:
         raise InputError(
             f"{instances} instances from seed {seed}: give at least one, with seeds from 0 to {SCAN_SEED - 1:,}; "
-            "those above are for the choice of ρ"
+            "higher seeds are reserved for choosing ρ"
         )
     check_jobs(jobs)
     ordered = tuple(problem for problem in PROBLEMS if problem in problems)

@@ -114,7 +114,7 @@ def run(
 def check_jobs(jobs: int) -> None:
     """Refuse an impossible number of processes."""
     if jobs == 0 or abs(jobs) > MOST_JOBS:
-        raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one a processor")
+        raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
 
 
 def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:
@@ -136,8 +136,8 @@ def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
             yield from parallel(joblib.delayed(_timed)(function, unit, os.getpid()) for unit in work)
         except BrokenProcessPool:
             raise RootmatchError(
-                "a worker process died, of lack of memory perhaps; what is done is kept and the same command goes on, "
-                "with fewer --jobs if need be"
+                "a worker process died, perhaps for lack of memory; finished work is kept: run the same command again, "
+                "with fewer --jobs if necessary"
             ) from None
 
 

@@ -54,7 +54,7 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
     if finding.status is Status.MATCHED and confidence is not None:
         unsure = int((confidence < TRUST.probability).sum())
         if unsure:
-            text += f"; whether {unsure} of the points have an image, or which, is not sure: see `confidence`"
+            text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:
-        text += "; the prior pose was wrong, this one was found without it"
-    return f"{text}; max_seconds ended it before it was done" if stopped_early else text
+        text += "; the predicted pose was wrong, this one was found without it"
+    return f"{text}; max_seconds ended it before it was finished" if stopped_early else text

@@ -39,7 +39,7 @@ def explain(task: MatchingTask) -> Finding:
     The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`.
     """
     if task.estimates_noise and is_rig(task):
-        raise InputError("noise: a rig does not estimate it; give a number of pixels")
+        raise InputError("noise: it is not estimated for a rig; give a number of pixels")
     with task.deadline.with_grace().enforced():
         return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 

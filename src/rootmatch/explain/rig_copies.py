@@ -209,4 +209,4 @@ def _check(task: MatchingTask) -> None:
     }
     for name, is_given in given.items():
         if is_given:
-            raise InputError(f"{name}: a rig does not take it; leave it out")
+            raise InputError(f"{name}: not supported for a rig; leave it out")

@@ -183,9 +183,7 @@ def _searched_first(task: MatchingTask) -> bool:
 def _for_workers(sampler: Any, backend: selection.Name) -> str:
     """Which hyper-edges go to a cluster's workers: all, or random ones."""
     if backend in selection.ON_CARD:
-        raise InputError(
-            f'scheduler: its workers compute on processors; leave backend="{backend}" out, or go without it'
-        )
+        raise InputError(f'scheduler: its workers compute on CPUs; leave backend="{backend}" out, or go without it')
     if sampler == "random":
         return "random"
     if sampler in ("auto", "exhaustive"):

@@ -62,7 +62,7 @@ def check_assignment(assignment: ArrayLike, shape: tuple[int, int]) -> NDArray[n
         raise InputError(f"assignment: {array.min()} to {array.max()} given; give −1, or 0 to {n_target - 1}")
     matched = array[array >= 0]
     if len(np.unique(matched)) < len(matched):
-        raise InputError("assignment: a target point is matched twice; match each once at most")
+        raise InputError("assignment: a target point is matched twice; match each at most once")
     return np.asarray(array, dtype=np.int64)
 
 

@@ -90,7 +90,7 @@ class AppendedTable:
             raise
         except OSError as error:
             raise InputError(
-                f"{self.path}: cannot be written ({error.strerror}); free room: the frames before are kept"
+                f"{self.path}: cannot be written ({error.strerror}); free some space: earlier frames are kept"
             ) from None
 
     def close(self) -> None:
@@ -129,7 +129,7 @@ class AppendedTable:
             stream.truncate()
             return
         if not resume:
-            raise InputError(f"{self.path}: it is there already; remove it, or add --resume to continue it")
+            raise InputError(f"{self.path}: it already exists; remove it, or add --resume to continue it")
         self._check_settings(_settings_file(place))
         stream.seek(0)
         end = self._end_of_whole_frames(stream)

@@ -112,7 +112,9 @@ class _Frames:
             self._check_order(where, *key)
             self.key, self.ended = key, False
         elif self.ended:
-            raise InputError(f"{where}: {self._name(*key)} goes on after an empty line, which ends a frame; remove it")
+            raise InputError(
+                f"{where}: {self._name(*key)} continues after an empty line, which ends a frame; remove it"
+            )
         given = [cells[axis] for axis in self.axes]
         if not any(given):
             return
@@ -177,7 +179,7 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame
         raise InputError(f"{path}: cannot be read ({error.strerror}); check that it is a file") from None
     if frames is None or frames.key is None:
         wanted = ",".join(("frame", *axes))
-        raise InputError(f"{path}: no row follows the header; give a header {wanted} and a row a detection")
+        raise InputError(f"{path}: no row follows the header; give a header {wanted} and one row per detection")
     yield from frames.end()
 
 

@@ -123,7 +123,7 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
         _write_text(path, json.dumps(records, allow_nan=False, indent=1) + "\n")
         return
     if form in ("tum", "ros", "openxr") and any(len(pose.R) == 2 for _, pose in known):
-        raise InputError(f"pose_format: {form} is of poses in space, and these are of a plane; give csv or json")
+        raise InputError(f"pose_format: {form} is for poses in space, but these are in a plane; give csv or json")
     if form in ("ros", "openxr"):
         record: Callable[[Pose], dict[str, Any]] = ros_record if form == "ros" else openxr_record
         others = [None if pose is None else record(pose) for pose in poses]

@@ -41,19 +41,19 @@ def warmup(
 ) -> None:
     """Compile the kernels that a `Matcher` or `Tracker` of a problem may need, so that no frame waits for a compiler.
 
-    What is compiled depends on the problem and on how a search goes, not on the points. So this matches and tracks a
-    few bodies that are made up, through all that may befall them: clutter, occlusion, a wrong prediction, few points, a
-    body that looks the same from two sides. Compiled code is kept on disk: the first call on a machine takes up to some
-    minutes where no kernels came with the package, every later one a few seconds a process.
+    What is compiled depends on the problem and on how a search proceeds, not on the points. This function therefore
+    matches and tracks a few made-up bodies through everything that can happen: clutter, occlusion, a wrong prediction,
+    few points, a body that looks the same from two sides. Compiled code is kept on disk: without prebuilt kernels, the
+    first call on a machine takes up to several minutes; later calls take a few seconds per process.
 
-    Call it before the first frame of anything that must not stop. `Matcher` and `Tracker` do not, as a process with one
-    image would wait for what it never needs.
+    Call it before the first frame of any application that must not pause. `Matcher` and `Tracker` do not call it,
+    because a process with a single image would wait for kernels that it never needs.
 
     Parameters
     ----------
     problem : Problem
     source : (n, 3) or (n, 2) array, optional
-        The points that will be matched, beside those made up. Needed with ``bodies`` or ``normals``.
+        The points that will be matched, in addition to the made-up ones. Needed with ``bodies`` or ``normals``.
     progress : callable, optional
         Called with (done, total) after each step.
     **options
@@ -62,12 +62,12 @@ def warmup(
     Raises
     ------
     InputError
-        If the arguments cannot be used, or there are no scenes of the problem, as of one of your own: match a few of
-        its images instead.
+        If the arguments cannot be used, or no scenes of the problem are known, as for a problem of your own: match a
+        few of its images instead.
     """
     check_problem(problem)
     if source is None and options.keys() & {"normals", "bodies", "view_angle"}:
-        raise InputError("warmup: normals, view_angle and bodies are of source points; give source as well")
+        raise InputError("warmup: normals, view_angle and bodies describe source points; give source as well")
     steps = list(_of_one_camera(problem, source, options) if problem.takes_prior else _of_scenes(problem, options))
     if progress is not None:
         progress(0, len(steps))

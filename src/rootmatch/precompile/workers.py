@@ -50,7 +50,7 @@ def prebuild(folder: Path, progress: Progress | None = None, workers: int | None
         On a processor that `rootmatch.jit.prebuilt.GENERIC` does not name, or if a step fails.
     """
     if prebuilt.architecture() not in prebuilt.GENERIC:
-        raise RootmatchError(f"no generic processor is named for {prebuilt.architecture()}; install without kernels")
+        raise RootmatchError(f"no generic processor is known for {prebuilt.architecture()}; install without kernels")
     processor, _ = prebuilt.GENERIC[prebuilt.architecture()]
     folder.mkdir(parents=True, exist_ok=True)
     generic = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": ""}

@@ -42,10 +42,10 @@ TURNS = 3
 class Tracker:
     """`rootmatch.match` for the frames of a sequence, each of which predicts the next.
 
-    The first frame is matched as by `rootmatch.Matcher`. From then on a constant velocity predicts a pose with its
-    covariance (a Kalman filter), which is the prior of the next match: a frame takes about a millisecond. A body that
-    is not found is predicted further for a while, then lost, and searched for. Kernels are compiled when a frame first
-    needs them: call `rootmatch.warmup` before the first frame where none may wait.
+    The first frame is matched as by `rootmatch.Matcher`. From then on, a constant-velocity Kalman filter predicts a
+    pose with its covariance, which is the prior of the next match: a frame takes about a millisecond. A body that is
+    not found is still predicted for a while; then it counts as lost and is searched for. Kernels are compiled when a
+    frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
 
     Parameters
     ----------
@@ -54,11 +54,11 @@ class Tracker:
     problem : Problem
         `P3P`, also of a `Rig`, or `UP2P`.
     noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels, unless `update` is given another.
+        Standard deviation of a pixel coordinate, in pixels; `update` can override it.
     tracking : TrackingOptions
-        Frame rate, patience, and how fast bodies may move.
+        Frame rate, how long a body may be missing, and how fast bodies may move.
     normals, view_angle, detection_rate, min_probability, bodies, source_noise
-        What is known of the scene in every frame, as for `rootmatch.match`.
+        What is known about the scene in every frame, as for `rootmatch.match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
 max_evaluations
         Of the searches, as for `rootmatch.match`.
@@ -66,7 +66,7 @@ max_evaluations
     Attributes
     ----------
     state : TrackingState
-        LOST, COASTING or TRACKING; with several bodies that of the best followed. `states` has all.
+        LOST, COASTING or TRACKING; with several bodies, the best of their states. `states` has all of them.
 
     Raises
     ------
@@ -101,7 +101,7 @@ max_evaluations
         max_evaluations: int | None = None,
     ) -> None:
         if isinstance(noise, str):
-            raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels, as Matcher may estimate it")
+            raise InputError(f"noise: {noise!r} given; a tracker needs a number of pixels; a Matcher can estimate it")
         self.matcher = Matcher(
             source,
             problem,
@@ -187,12 +187,12 @@ max_evaluations
         Parameters
         ----------
         target : (n', 2) array
-            Pixels, in any order, clutter among them; n' may change from frame to frame and may be 0. Of a `Rig`
-            ``(pixels, index)`` or rows of x, y and the index of the camera.
+            Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
+            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera.
         time : float, optional
-            Seconds, later than that of the frame before; by default one interval later.
+            Seconds, later than the previous frame; by default one interval later.
         prior : Pose or dict, optional
-            What is known better than by the tracker's own prediction, say from an inertial sensor.
+            A better prediction than the tracker's own, for example from an inertial sensor.
         noise : float or (n',) array, optional
             Of this frame.
         candidates : (n, n') array, optional
@@ -203,12 +203,12 @@ max_evaluations
         Returns
         -------
         Match
-            Untrusted where nothing is found. `Match.fused_pose` is the pose of detections and prediction together.
+            Untrusted if nothing is found. `Match.fused_pose` is the pose of detections and prediction together.
 
         Raises
         ------
         InputError
-            If the frame is not later than the one before, or as `rootmatch.Matcher.match`.
+            If the frame is not later than the previous one, or as `rootmatch.Matcher.match`.
         """
         started = perf_counter()
         when = self._time(time)

@@ -53,7 +53,7 @@ def read_rows(path: Path, fields: Fields = FIELDS) -> list[dict[str, Any]]:
         except (ValueError, TypeError, LookupError, RecursionError):
             whole = False
         if not whole:
-            raise InputError(f"{path}, line {number}: damaged; remove the file to measure anew")
+            raise InputError(f"{path}, line {number}: damaged; remove the file to measure again")
         rows.append(row)
     return rows
 
@@ -69,7 +69,7 @@ def append_row(path: Path, row: dict[str, Any]) -> None:
             file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror}); free room, and the same command goes on"
+            f"{path}: cannot be written ({error.strerror}); free some space and run the same command again"
         ) from None
 
 

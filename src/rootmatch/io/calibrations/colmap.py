@@ -94,7 +94,7 @@ def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
     """
     try:
         if model in COUNTS and len(values) != COUNTS[model]:
-            raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give so many")
+            raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")
         if not all(math.isfinite(value) for value in values):
             raise InputError("camera: a parameter is NaN or infinite; give finite ones")
         focals = 1 if model in COUNTS and (model.startswith("SIMPLE") or "RADIAL" in model) else 2

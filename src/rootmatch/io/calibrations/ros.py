@@ -34,7 +34,7 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     K = matrix(path, name, content[name])
     values = [] if dist is None else numbers(path, dist, content[dist])
     if model in COUNTS and values and len(values) != COUNTS[model]:
-        raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give so many")
+        raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give that many")
     try:
         if model in ("equidistant", "fisheye"):
             camera = Camera.from_opencv_fisheye(K, values)

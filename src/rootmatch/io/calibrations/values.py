@@ -129,7 +129,7 @@ def _written_out(node: Any, known: dict[int, int]) -> int:
     """
     size = known.get(id(node))
     if size == 0:
-        raise ValueError("an alias stands for a list or mapping that holds it")
+        raise ValueError("an alias refers to a list or mapping that contains it")
     if size is None:
         known[id(node)] = 0
         if isinstance(node.value, str):

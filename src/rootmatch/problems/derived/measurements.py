@@ -112,7 +112,7 @@ class Points(Measurement):
 class Bearings(Measurement, UnitRays):
     """Unit rays: those of pixels in a calibrated camera, or given as they are.
 
-    ``Bearings(camera)`` is a measurement for `rootmatch.derive`. ``Bearings()`` is that too, and a camera for every
+    ``Bearings(camera)`` is a measurement for `rootmatch.derive`. ``Bearings()`` is one too, and a camera for every
     problem that takes one: its detections are rays (m, 3) of the camera frame, anywhere about it, and their noise is in
     radians.
 

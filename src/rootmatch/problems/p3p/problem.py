@@ -37,11 +37,15 @@ class P3P(Problem):
     Parameters
     ----------
     camera : Camera
+        Or a `rootmatch.Rig`.
 
     Notes
     -----
+    The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the
+    camera frame (x right, y down, z forward), in their unit.
+
     Degenerate: all points on one line (refused by `prepare`); a triple on one line, or a camera on the cylinder
-    through a triple (a double root: the residual's variance grows and its weight fades by itself); D(x) = 0, where two
+    through a triple (a double root: the residual's variance grows, so its weight decreases); D(x) = 0, where two
     solutions share x. A mirrored ("inside-out") twin is a solution of the same polynomials: see `Match.alternatives`.
     """
 

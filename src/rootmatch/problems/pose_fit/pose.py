@@ -43,9 +43,10 @@ y left, z up, as REP 103 has a body's."""
 class Pose:
     """A rigid motion, or a similarity: x' = scale · R x + t. Unpacks as ``R, t = pose``.
 
-    What x and x' are depends on the problem. Points in space and their image: x in the frame of the points, x' in the
-    camera frame (x right, y down, z forward), lengths in the unit of the points. Two images: x in the first camera's
-    frame, x' in the second's, t of length 1. Two point sets: x a source point, x' a target point.
+    The frames of x and x' depend on the problem. For points in space and their image, x is in the frame of the points
+    and x' in the camera frame (x right, y down, z forward), with lengths in the unit of the points. For two images, x
+    is in the first camera's frame and x' in the second's, and t has length 1. For two point sets, x is a source point
+    and x' a target point.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class Pose:
     points : (m,) int array, optional
         Indices of the source points that were fitted, ascending.
     predicted : (m, k') array, optional
-        Where this pose predicts the target of each; between two images the nearest point of its epipolar line.
+        Where this pose predicts the target of each point; between two images, the nearest point of its epipolar line.
     residuals : (m,) array, optional
         Distance of each target from there.
     inliers : (m',) int array, optional
@@ -84,8 +85,8 @@ class Pose:
     Raises
     ------
     InputError
-        If shapes do not go together, R is no rotation, a number is not finite, or the covariance is not symmetric or
-        has a negative eigenvalue.
+        If the shapes do not fit together, R is not a rotation, a number is not finite, or the covariance is not
+        symmetric or has a negative eigenvalue.
     """
 
     R: Floats
@@ -129,7 +130,7 @@ class Pose:
         Raises
         ------
         InputError
-            If it is none, or as `Pose`.
+            If it is not such a matrix, or as `Pose`.
         """
         values = np.asarray(matrix, np.float64)
         if values.shape not in ((3, 3), (4, 4)) or not np.all(np.isfinite(values)):
@@ -171,8 +172,8 @@ class Pose:
         ----------
         quaternion, t, covariance : arrays
         order : {"xyzw", "wxyz"}
-            Which number is first: x for SciPy, ROS, OpenXR and TUM, w for COLMAP and Eigen's constructor. It has no
-            default, as the wrong one is a rotation too.
+            The number that comes first: x for SciPy, ROS, OpenXR and TUM, w for COLMAP and Eigen's constructor. There
+            is no default, because the wrong order is a rotation too.
 
         Raises
         ------
@@ -195,7 +196,7 @@ class Pose:
 
     @property
     def quaternion_wxyz(self) -> Floats:
-        """The same as (w, x, y, z): the order of COLMAP and of Eigen's constructor."""
+        """The rotation in space as a unit quaternion (w, x, y, z): the order of COLMAP and Eigen's constructor."""
         return np.roll(self.quaternion, 1)
 
     @property
@@ -208,13 +209,13 @@ class Pose:
 
         if self.mirrored or len(self.R) != 3:
             kind = "reflection" if self.mirrored else "rotation in a plane"
-            raise InputError(f"pose: a {kind} has no {name}; take its matrix")
+            raise InputError(f"pose: a {kind} has no {name}; use its matrix")
         return Rotation.from_matrix(self.R)
 
     def inverse(self) -> Pose:
-        """The motion back, from the target's frame to the source's, with its covariance to first order.
+        """The inverse motion, from the target's frame to the source's, with its covariance to first order.
 
-        What belongs to a fit, such as ``chi2`` and ``residuals``, is left out.
+        Attributes of a fit, such as ``chi2`` and ``residuals``, are left out.
         """
         back = self.R.T / self.scale
         covariance = None
@@ -246,7 +247,7 @@ class Pose:
         if not isinstance(other, Pose):
             return NotImplemented
         if len(self.R) != len(other.R):
-            raise InputError("pose: a motion in a plane and one in space do not follow each other")
+            raise InputError("pose: a motion in a plane and one in space cannot be composed")
         moved = self.scale * self.R @ other.t
         covariance = None
         if self.covariance is not None or other.covariance is not None:
@@ -290,7 +291,7 @@ class Pose:
         return np.asarray(self.scale * np.asarray(points, dtype=float) @ self.R.T + self.t)
 
     def in_axes(self, axes: Literal["opencv", "opengl", "openxr", "ros"]) -> Pose:
-        """The same pose with the camera's axes as another library has them, its covariance with them.
+        """The pose with the camera axes of another library; the covariance is converted too.
 
         Parameters
         ----------
@@ -307,15 +308,15 @@ class Pose:
         return Pose(AXES[axes], np.zeros(3)) @ self
 
     def tre(self, points: ArrayLike) -> RegistrationError:
-        """Target registration error: how far off this pose is expected to put points (…, k) of the source frame.
+        """Target registration error: the expected error of this pose at points (…, k) of the source frame.
 
-        It is the error of points that took no part in the fit, to first order, by the covariance; that of the fiducials
-        themselves is `fre`.
+        It holds for points that took no part in the fit, to first order, and follows from the covariance; `fre` is the
+        error of the fiducials themselves.
 
         Raises
         ------
         InputError
-            If the pose has no covariance, or the points are none of its source frame.
+            If the pose has no covariance, or the points do not have k coordinates.
         """
         return registration_error(self.R, self.scale, self.covariance, points)
 
@@ -323,7 +324,7 @@ class Pose:
     def fre(self) -> float:
         """Fiducial registration error of two point sets: root mean square distance of fitted points, after the fit.
 
-        It says little about `tre`: fewer fiducials fit better and register worse.
+        It says little about `tre`: fewer fiducials fit better but register worse.
 
         Raises
         ------
@@ -335,7 +336,7 @@ class Pose:
         if (
             self.rms is None or self.dof is None or self.dof + size != len(self.R) * count
         ):  # images have two coordinates
-            raise InputError("pose: FRE is of a pose fitted to two point sets; take rms, which is in pixels")
+            raise InputError("pose: FRE is defined for a pose fitted to two point sets; use rms, which is in pixels")
         return self.rms
 
 

@@ -35,7 +35,7 @@ def registration_error(R: Floats, scale: float, covariance: Floats | None, point
     k = len(R)
     x = np.asarray(points, dtype=float)
     if covariance is None:
-        raise InputError("pose: no covariance, so no error is known; take match.pose, or Pose(R, t, covariance)")
+        raise InputError("pose: no covariance, so no error is known; use match.pose, or Pose(R, t, covariance)")
     if x.shape[-1:] != (k,) or not np.all(np.isfinite(x)):
         raise InputError(f"pose: points of shape {x.shape} given; give finite numbers (…, {k})")
     turned = x @ R.T

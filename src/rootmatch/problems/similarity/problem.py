@@ -41,23 +41,23 @@ class Similarity(Problem):
 
     Notes
     -----
-    Noise is that of a coordinate, in the units of its own set. One number holds for both; n' numbers are those of the
-    target, and their root mean square that of the source; a pair gives source and target apart (a model is exact:
-    ``noise=(0.0, 0.1)``).
+    The noise is the standard deviation of a coordinate, in the unit of its own set. One number holds for both sets; n'
+    numbers are those of the target, and the source gets their root mean square; a pair gives source and target
+    separately (``noise=(0.0, 0.1)`` for an exact model).
 
     The pose is the most likely motion of the source onto the target. In space three points have no handedness, so the
     hyper-edges of a mirrored set agree; without ``mirror`` no pose fits it, and the match is not trusted.
 
-    Beyond two million hyper-edges the guided search takes triples of source points, finds the targets' triangles like
-    them and judges the motion of each by all points: 100 points against 100 take a quarter of a second.
+    Above two million hyper-edges, the guided search takes triples of source points, finds similar triangles in the
+    target and judges the motion of each by all points: 100 points against 100 take a quarter of a second.
 
-    Fiducials of a plan (CT), exact, against what a tracker reports with 0.2 mm, with missing markers and stray ones::
+    Exact fiducials of a plan (CT) against a tracker's points with 0.2 mm of noise, some missing and some stray::
 
         match = rm.match(plan, measured, rm.Rigid(), noise=(0.0, 0.2))
         (pose,) = match.poses  # R, t from plan to tracker, 6 × 6 covariance, RMS in mm
 
-    Degenerate: three points on a line (their three equations depend; a large residual: nothing is said), two points
-    nearer than the noise; symmetric sets, which match in several ways.
+    Degenerate: three points on a line (their equations are dependent, so they get a large residual and no weight); two
+    points closer than the noise; symmetric sets, which match in several ways.
     """
 
     dimension: int | None = None

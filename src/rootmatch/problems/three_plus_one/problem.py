@@ -42,7 +42,7 @@ class ThreePlusOne(Problem):
     axis, axis2 : three floats
         The common direction (gravity, a vanishing point) in the frame of the first and of the second camera. Any length
         but 0. There is no default; two images without a common direction would need five points, an order of 6, and
-        are not offered.
+        are not supported.
     axis_noise : float
         Standard deviation in radians of either direction on each of two axes; it enters the residuals' variance.
     small_baseline : float

@@ -39,13 +39,16 @@ class UP2P(Problem):
     ----------
     camera : Camera
     vertical_camera, vertical_world : three floats
-        The same direction (say down) in the camera frame and in the frame of the points; measured by an inertial sensor
-        or known by construction. Any length but 0.
+        The same direction (for example down) in the camera frame and in the frame of the points, measured by an
+        inertial sensor or known by construction. Any length but 0.
     vertical_noise : float
         Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
 
     Notes
     -----
+    The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the
+    camera frame (x right, y down, z forward), in their unit.
+
     Degenerate: both points on one vertical line (all coefficients vanish: such a pair says nothing and gets a large
     residual); both at the same height and imaged at the same height (θ and θ + π fit alike); θ = π puts x at infinity,
     which harms only ``"qr"``.

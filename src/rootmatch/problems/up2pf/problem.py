@@ -29,21 +29,24 @@ FORMULAS = Path(__file__).parent / "formulas.txt"
 class UP2PF(Problem):
     """Pose and focal length of an upright camera with square pixels and a known principal point.
 
-    With the vertical known a correspondence of a point X and a pixel gives two equations in the turn θ about the
-    vertical, the translation and the focal length f (compare Kukelova et al. 2010, who add radial distortion). Three
-    points determine the five unknowns and leave one constraint; a hyper-edge of four has three. Of each pair of points
-    the translation goes as in `UP2P`, which leaves an equation that is linear in f; f is eliminated between two such.
-    The unknown that all share is x = tan(θ/2).
+    If the vertical is known, the correspondence of a point X and a pixel gives two equations in the rotation angle θ
+    about the vertical, the translation and the focal length f (compare Kukelova et al. 2010, who add radial
+    distortion). Three points determine the five unknowns and leave one constraint; a hyper-edge of four has three. The
+    translation is eliminated from each pair of points as in `UP2P`, which leaves an equation that is linear in f; f is
+    eliminated between two of these. The unknown that all share is x = tan(θ/2).
 
     Parameters
     ----------
     centre : two floats
         Principal point in pixels.
     vertical_camera, vertical_world : three floats
-        The same direction (say down) in the camera frame and in the frame of the points. Any length but 0.
+        The same direction (for example down) in the camera frame and in the frame of the points. Any length but 0.
 
     Notes
     -----
+    The source is points (n, 3) in any frame and unit, the target pixels (n', 2) of an image without distortion. The
+    pose takes the points into the camera frame (x right, y down, z forward); `Pose.focal` is in pixels.
+
     Degenerate: no perspective, that is points at nearly one depth: focal length and distance trade places and only
     their ratio is determined, so residuals fade by themselves; two points of a minimal set on one vertical line; θ = π
     puts x at infinity. Both signs of f solve the equations; f > 0 is demanded.

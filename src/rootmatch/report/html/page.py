@@ -32,7 +32,7 @@ def check_report(path: Path) -> None:
         If the extra ``report`` is not installed.
     """
     if path.suffix.lower() not in SUFFIXES and not sent_through(path):
-        raise InputError(f"report {path}: it is written as a page for the browser; name it .html")
+        raise InputError(f"report {path}: a report is a page for the browser; give a name that ends in .html")
     _libraries()
 
 

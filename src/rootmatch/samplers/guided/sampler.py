@@ -43,7 +43,11 @@ def is_quick(task: SamplingTask) -> bool:
 
 @dataclass(frozen=True)
 class Guided(GuidedOptions):
-    """Guided search, a sampler for `rootmatch.match`; its options are those of `GuidedOptions`."""
+    """Guided search: a sampler for `rootmatch.match` that evaluates the hyper-edges which hypotheses support.
+
+    Its parameters are those of `rootmatch.samplers.guided.options.GuidedOptions`; a value outside its range raises
+    `InputError`. The search forms hypotheses from minimal sets and tests them on the other points.
+    """
 
     def __call__(self, task: SamplingTask) -> SampledTensor:
         """Tensor of the hyper-edges among the correspondences that hypotheses name.
