@@ -409,7 +409,7 @@ class TestBadInput:
             (["--preset", "magic"], ["--preset", "paper"]),
             (
                 ["--max-evaluations", "100"],
-                ["hyper-edges or minimal sets, above the limit of 100", "--sampler random", "--samples", "--max-evaluations"],
+                ["or minimal sets, above the limit of 100", "--sampler random", "--samples", "--max-evaluations"],
             ),
             (["--vertical-camera", "0,1,0"], ["--vertical-camera", "up2p"]),
             (["--axis", "0,1,0"], ["--axis", "3p1"]),

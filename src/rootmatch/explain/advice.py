@@ -1,4 +1,4 @@
-"""What to do about a match, as a sentence in the words of its problem."""
+"""The advice about a match: a sentence in the words of its problem."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ADVICE = {
         "or evaluate more hyper-edges"
     ),
 }
-"""What to do, with what a problem says should be checked and added."""
+"""Sentences with gaps for what the problem suggests to check and to add."""
 
 
 def advice_on(status: Status, problem: Problem) -> str:
@@ -35,7 +35,7 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
     ----------
     finding : Finding
     confidence : (n,) array, optional
-        In each match, if the status needed it.
+        Confidence in each match, if the status needed it.
     stopped_early : bool
         Whether the time limit ended the search.
     """

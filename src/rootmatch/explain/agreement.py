@@ -18,7 +18,7 @@ SUPPORTED = 0.5
 
 
 def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) -> list[float]:
-    """Scores of assignments by hyper-edges alone: what was likely before says nothing of whether the points agree."""
+    """Scores of assignments by hyper-edges alone, because prior weights do not say whether the points agree."""
     alone = AffinityTensor.unchecked(tensor.indices, tensor.weights, tensor.shape)
     return [float(value) for value in scores_of(alone, np.array(assignments))]
 
@@ -26,10 +26,10 @@ def agreement(tensor: AffinityTensor, assignments: Sequence[NDArray[np.int64]]) 
 def supported(
     assignment: NDArray[np.int64], alternatives: Alternatives, tensor: AffinityTensor, deadline: Deadline = NEVER
 ) -> tuple[NDArray[np.int64], float, Alternatives]:
-    """Assignments without the points that nothing supports, distinct, best first; those in time for the deadline."""
+    """Assignments without unsupported points, distinct, best first; as many as the deadline allows."""
     candidates = np.array([assignment, *(other for other, _ in alternatives)])
     pace = Pace(deadline.part(SUPPORTED))
-    # the first one whatever the time
+    # the first one in any case
     parts = [_supported(candidates[:1], tensor)] if deadline.is_set else []
     done = len(parts)
     while done < len(candidates) and (few := pace.block(len(candidates) - done)):
@@ -46,7 +46,7 @@ def supported(
 
 
 def _supported(candidates: NDArray[np.int64], tensor: AffinityTensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Assignments (K, n) without the points that nothing supports, and their scores (K,)."""
+    """Assignments (K, n) without unsupported points, and their scores (K,)."""
     kept, scores = drop_unsupported(tensor, candidates, TRUST.support)
     matched = (kept >= 0).sum(axis=1)
     last = (tensor.shape[0] - matched) * (tensor.shape[1] - matched) <= TRUST.last_pairs

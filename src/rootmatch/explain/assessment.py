@@ -1,4 +1,4 @@
-"""Assessment of a solution: unsupported points are unmatched, probability and margin found, the facts stated."""
+"""Assessment of a solution: unmatch unsupported points, find probability and margin, and state the facts."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from rootmatch.solvers.base import Solution
 
 
 def assess(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding:
-    """The solution without unsupported points, the most probable assignment near it, and whether to believe it.
+    """The most probable assignment near a solution, without unsupported points, and whether to trust it.
 
-    One whose time does not suffice for that is untrusted.
+    If there is no time for that, it is untrusted.
     """
     try:
         return _assessed(task, solution, sampled)
@@ -80,7 +80,7 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
             # a search need not have evaluated the hyper-edges of its best assignment: one as probable may speak for it
             likely = found.probabilities[: len(values)] >= 1.0 - TRUST.probability
             support = max(agreement(sampled.tensor, [assignment, *kept[: len(values)][likely]]))
-            # a fit of few and noisy points alone proves nothing: hyper-edges have to agree as well
+            # a fit of few noisy points proves nothing by itself: hyper-edges have to agree as well
             trusted = trusted and support > 0.0
     alarms = -math.inf if trusted else false_alarms(task, support, scores, sampled)
     if fault is not None and does_not_fit(fault):
@@ -111,13 +111,13 @@ def _assessed(task: MatchingTask, solution: Solution, sampled: SampledTensor) ->
 
 
 def sure_beyond_chance(found: Ranked) -> bool:
-    """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is sure."""
+    """Whether the first of some weighed assignments is beyond clutter, and its pose or a short list is certain."""
     sure = max(found.probability_of(1 + TRUST.listed), 0.0 if found.marginals is None else found.marginals.pose)
     return found.beyond_chance > TRUST.beyond_clutter and sure > TRUST.listed_probability
 
 
 def misfit_of_motion(task: MatchingTask, assignment: NDArray[np.int64]) -> Misfit | None:
-    """How much larger the noise looks about the motion of one point set onto another; None where a motion says nothing.
+    """Misfit of the motion of one point set onto another; None if too few points determine one.
 
     Three points of a set in space have no handedness, so all hyper-edges of a mirrored set agree without a motion.
     """
@@ -140,7 +140,7 @@ def does_not_fit(fault: Misfit) -> bool:
 def point_by_point(task: MatchingTask, assessed: Finding, found: Ranked, sampled: SampledTensor) -> Finding:
     """The finding with the confidence of each match.
 
-    Where the pose is sure and some of the matches are not, those are left out, and the rest is matched.
+    If the pose is certain but some matches are not, these are left out and the rest is called matched.
     """
     each = found.marginals
     if each is None:
@@ -169,14 +169,14 @@ def point_by_point(task: MatchingTask, assessed: Finding, found: Ranked, sampled
 
 
 def confidence_against_chance(found: Ranked, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Confidence (n,) in each match where all of them may be chance: then being unmatched is right."""
+    """Confidence (n,) in each match if all of them may be chance, in which case unmatched is right."""
     odds = found.beyond_chance if math.isfinite(found.beyond_chance) else 0.0
     real = 1.0 / (1.0 + math.exp(min(-odds - TRUST.present, 700.0)))
     return np.asarray(np.where(assignment >= 0, 0.0, 1.0 - real) + real * confidence_in(found, assignment))
 
 
 def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
-    """Whether an assignment has a probability: where the problem fits poses, and residuals are in units of σ."""
+    """Whether an assignment has a probability: the problem must fit poses, with residuals in units of σ."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     # a prior for views from one position is no part of the fits
     able = task.problem.fits_answers and in_noise and task.problem.small_baseline == 0.0
@@ -185,7 +185,7 @@ def fits(task: MatchingTask, assignment: NDArray[np.int64]) -> bool:
 
 
 def weighed(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> Ranked | None:
-    """Assignments and their neighbours by probability, where the status had no need of the fit of the first one.
+    """Assignments and their neighbours by probability, for a status that did not need the fit of the first one.
 
     None where there is no probability.
     """
@@ -196,7 +196,7 @@ def weighed(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> Ranked 
 
 
 def confidence_in(found: Ranked | None, assignment: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Confidence (n,) in each match of an assignment that was weighed; NaN where there is no probability."""
+    """Confidence (n,) in each match of a weighed assignment; NaN if there is no probability."""
     if found is None or found.marginals is None:
         return np.full(len(assignment), math.nan)
     if np.array_equal(found.assignments[0], assignment):
@@ -205,7 +205,7 @@ def confidence_in(found: Ranked | None, assignment: NDArray[np.int64]) -> NDArra
 
 
 def clear(assignment: NDArray[np.int64], lead: float, tensor: AffinityTensor) -> bool:
-    """Whether every match is well supported and no other one is, nor another assignment."""
+    """Whether every match is well supported, and neither another match nor another assignment is."""
     if lead < TRUST.clear_margin:
         return False
     support = tensor.contract(one_hot(assignment, tensor.shape[1]))

@@ -1,4 +1,4 @@
-"""Posterior probability of assignments of two views: each is fitted by one pose, and their neighbours as well."""
+"""Posterior probability of assignments between two views: each assignment and each neighbour is fitted by one pose."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ Integers = NDArray[np.int64]
 
 
 FITTED_FIRST = 8
-"""Assignments fitted at first where there is a deadline: that takes hardly longer than one."""
+"""Assignments fitted first if there is a deadline: they take hardly longer than one."""
 IMPOSSIBLE = -1e9
 """Log-odds in the place of −∞, so that differences stay numbers."""
 OUT_OF_THE_QUESTION = 40.0
-"""Log-odds against a change at which it adds nothing to a double."""
+"""Log-odds against a change beyond which it adds nothing in double precision."""
 
 
 class Misfit(NamedTuple):
-    """How much larger the noise looks than it was given, by the residuals of an assignment about its best pose."""
+    """Ratio of the noise that the residuals of an assignment about its best pose suggest to the stated noise."""
 
     variances: float
-    """Factor on the variances that is believed, infinite where no pose fits: the given σ counts for
+    """Estimated factor on the variances, infinite if no pose fits: the stated σ counts as
     `PosteriorOptions.noise_freedom` residuals."""
     sigma: float
     """Factor on σ by the residuals alone; NaN where a pose leaves none."""
@@ -58,7 +58,7 @@ class Misfit(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """How often residuals are as large as that where σ is right."""
+        """Probability of residuals at least as large if σ is right."""
         from scipy.special import gammaincc  # slow to import, rarely needed
 
         if not self.dof:
@@ -226,7 +226,7 @@ def _has_many(task: MatchingTask, assignment: Integers, options: PosteriorOption
 
 
 def misfit(task: MatchingTask, assignment: Integers, options: PosteriorOptions = DEFAULT_OPTIONS) -> Misfit:
-    """How much larger the noise looks by the residuals of an assignment about its best pose."""
+    """Misfit of the residuals of an assignment about its best pose."""
     return _misfit(task.problem.fitted(task.points, assignment[None]), 0, options)
 
 
@@ -235,7 +235,7 @@ def _misfit(fit: Fit, k: int, options: PosteriorOptions) -> Misfit:
 
 
 def _detected(task: MatchingTask, assignment: Integers) -> float:
-    """Probability that a point is detected: as given, or as an assignment has it."""
+    """Probability that a point is detected: as given, or as estimated from an assignment."""
     if task.options.detection_rate is not None:
         return min(task.options.detection_rate, HIGHEST_RATE)
     return (int(np.count_nonzero(assignment >= 0)) + HALF) / (len(assignment) + 1.0)
@@ -244,8 +244,8 @@ def _detected(task: MatchingTask, assignment: Integers) -> float:
 def _inflation(fits: list[tuple[RelativeFit, int]], options: PosteriorOptions) -> float:
     """Factor on the given variances that the best fitting assignment asks for; at least 1.
 
-    Only assignments count that match hardly fewer points than the first: the fewer, the better they fit. Bounded, so
-    that an assignment which no pose fits does not become probable by taking everything for noise.
+    Only assignments with hardly fewer matches than the first count, because fewer points fit better. It is bounded, so
+    that an assignment which no pose fits does not become probable by treating everything as noise.
     """
     least = int(fits[0][0].dof[fits[0][1]]) - options.freedom_slack if fits else 0
     fair = [_misfit(fit, k, options).variances for fit, k in fits if int(fit.dof[k]) >= least]
@@ -253,7 +253,7 @@ def _inflation(fits: list[tuple[RelativeFit, int]], options: PosteriorOptions) -
 
 
 class _Known(NamedTuple):
-    """Changes of a fitted assignment that are not out of the question, and what they were made of."""
+    """Changes of a fitted assignment that are worth considering, and the quantities they depend on."""
 
     number: int
     odds: NDArray[np.float64]

@@ -1,9 +1,8 @@
-"""Several known rigid bodies in one image: each is matched by itself, and no detection is used twice.
+"""Several known rigid bodies, matched one after another; no detection is used twice.
 
-Sure bodies go first. Each search that succeeds takes its detections away from those that follow, so that the bodies
-which show little are searched for among few detections: short searches for all come before longer ones for those that
-are left. A body that looks like another one, or like its mirror image, takes nothing before that other one was tried on
-the same detections.
+Certain bodies go first. A successful search removes its detections from the later ones, so bodies that show little are
+searched for among few detections: short searches for all bodies come before longer ones for the rest. A body that looks
+like another one, or like its mirror image, takes no detections before the other one has been tried on them.
 """
 
 from __future__ import annotations
@@ -38,11 +37,12 @@ BODY = 0.5
 """Share of the time left at a deadline for the search for one body."""
 LATE = "max_seconds were over before it was searched for"
 LISTED = 5
-"""Alternatives of a doubtful match that another body may rule out by taking their detections. A round value."""
+"""Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
+value."""
 AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
-"""No neighbours of assignments are looked at."""
+"""Options without a search for neighbours of assignments."""
 ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
-"""Statuses in the order in which bodies that are not sure get their detections."""
+"""Statuses in the order in which uncertain bodies get their detections."""
 
 
 @dataclass(eq=False)
@@ -66,7 +66,7 @@ class _Body:
 
     @property
     def detections(self) -> Integers:
-        """Those that its assignment uses."""
+        """Detections that its assignment uses."""
         assert self.match is not None
         return self.match.assignment[self.match.assignment >= 0]
 
@@ -78,7 +78,7 @@ class _Body:
         return 1.0 if known is None else known
 
     def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
-        """Whether a search among the free detections with such a budget may find what the last one did not."""
+        """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled:
             return False
         if self.match is None:
@@ -182,8 +182,8 @@ def searched_among(
 def _keep_trusted(body: _Body, before: Finding | None) -> None:
     """Leave a match ambiguous that was so among more detections.
 
-    Those of other bodies are gone; what was beyond chance among them is no accident without them, though it looks like
-    a larger share of what is left.
+    The detections of other bodies are gone. What was beyond chance among them is no accident without them, even if it
+    now looks like a larger share of the rest.
     """
     if before is None or body.match is None or before.status is not Status.AMBIGUOUS:
         return
@@ -194,7 +194,8 @@ def _keep_trusted(body: _Body, before: Finding | None) -> None:
 def _confirm(task: MatchingTask, body: _Body, solve: Solve, options: BodyOptions) -> int:
     """Match a sure body whose search was cut short before it looked for other poses with the same detections.
 
-    Elsewhere are other bodies, but these detections have one owner: they alone are searched. Returns the evaluations.
+    Other bodies may be elsewhere, but these detections have one owner, so only they are searched. Returns the number of
+    evaluations.
     """
     found = body.match
     assert found is not None
@@ -217,7 +218,7 @@ def _check_rivals(task: MatchingTask, body: _Body, others: list[_Body], options:
 
 
 def _shared(found: Finding, lead: float) -> Finding:
-    """A body's match that has such odds against another body on its detections: ambiguous, and as likely as those."""
+    """A body's match made ambiguous by another body on its detections, with the probability that these odds give it."""
     share = 1.0 / (1.0 + math.exp(min(-lead, 700.0)))
     known = 1.0 if found.probability is None else found.probability
     confidence = found.confidence
@@ -229,11 +230,11 @@ def _shared(found: Finding, lead: float) -> Finding:
 def _make_exclusive(
     task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, budget: int
 ) -> None:
-    """Give the free detections to the bodies that are not sure, those first whose matches are least likely chance."""
+    """Give the free detections to the uncertain bodies, first to those whose matches are least likely to be chance."""
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)
     evidence = {body.number: _evidence(task, body) for body in waiting}
-    doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may as well be elsewhere
+    doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may also be elsewhere
     while waiting:
         waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
         body = waiting.pop(0)
@@ -248,7 +249,7 @@ def _make_exclusive(
 
 
 def _contest(waiting: list[_Body]) -> None:
-    """Call matches ambiguous whose detections another body may have as well, as none of them is sure."""
+    """Call matches ambiguous if another uncertain body may own their detections as well."""
     trusted = [body for body in waiting if body.match is not None and body.match.status is not Status.UNTRUSTED]
     used = [body.detections for body in trusted]
     for k, body in enumerate(trusted):

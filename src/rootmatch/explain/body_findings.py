@@ -1,4 +1,4 @@
-"""Findings of several bodies: of one among some detections as one among all, and of all of them as one."""
+"""Findings of several bodies: from some detections to all of them, and from single bodies to the whole."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class BodyLabels:
     names : tuple of int or str
         The labels, in the order in which they appear.
     index : (n,) int64
-        Which of them each source point has.
+        Position in ``names`` of each source point's label.
     """
 
     names: tuple[Label, ...]
@@ -44,8 +44,8 @@ def check_bodies(labels: Any, source: NDArray[np.float64], least: int) -> BodyLa
     Raises
     ------
     InputError
-        If they are neither whole numbers nor strings, not one for each point, or too few points share one; if two
-        points of one body are the same.
+        If the labels are neither whole numbers nor strings, if there is not one for each point, if too few points share
+        one, or if two points of one body are the same.
     """
     count = len(source)
     expected = f"give a whole number or a name for each of {count} source points"

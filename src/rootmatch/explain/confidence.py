@@ -1,8 +1,8 @@
-"""Confidence: the posterior probability that each point's match, or its being unmatched, is right.
+"""Confidence: the posterior probability that each point's match is right or, if unmatched, that it has none.
 
-A posterior over whole assignments says little of a large one: with fifty points there are thousands of assignments that
-differ in one doubtful point, and each has a small share. So local changes, which leave the pose as it is, are summed
-point by point, as if they were independent of each other, and only assignments of another pose compete as a whole.
+A posterior over whole assignments says little about large ones: with fifty points, thousands of assignments differ in
+one doubtful point, and each has a small share. So local changes, which leave the pose as it is, are summed point by
+point, as if they were independent of each other, and only assignments of another pose compete as a whole.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 POSE = 0.9
-"""Least probability of a pose that is sure: that of a matched assignment."""
+"""Least probability of a pose that counts as certain: that of a matched assignment."""
 SHARED = 0.5
 """Fraction of its matches that an assignment of the same pose has in common with the most probable one; assignments of
 another pose, or of a symmetric relabelling, have hardly any. A round value, not tuned."""
 FITTED = 256
-"""Most probable local changes whose own fit is looked up; the others count to first order. Changes hardly anything."""
+"""Number of local changes whose own fit is looked up, the most probable ones; the others count to first order. It
+changes hardly anything."""
 
 
 @dataclass(frozen=True)
 class Marginals:
-    """What is known of the points of the most probable assignment, one by one."""
+    """Posterior of the points of the most probable assignment, one by one."""
 
     each: Floats
     """(n,) posterior probability that the point's match, or its being unmatched, is right."""
@@ -38,7 +39,7 @@ class Marginals:
     """Posterior probability of the pose, whatever its matches: no other pose, nor a symmetric relabelling."""
 
     def without_unsure(self, assignment: Integers, least: float, doubt: float) -> Integers | None:
-        """The assignment without the matches that are least sure, so that few of those left are wrong.
+        """The assignment without its least certain matches, so that few of the remaining ones are wrong.
 
         Parameters
         ----------
@@ -51,7 +52,7 @@ class Marginals:
         Returns
         -------
         (n,) int64 array or None
-            None where the pose is not sure, or fewer matches are left than that.
+            None if the pose is not certain, or if fewer than ``least`` matches remain.
         """
         matched = np.flatnonzero(assignment >= 0)
         order = matched[np.argsort(-self.each[matched], kind="stable")]
@@ -64,7 +65,7 @@ class Marginals:
 
 
 def of_one_pose(first: Integers, others: Integers) -> NDArray[np.bool_]:
-    """Whether other assignments (..., n) have so many of the matches of the first (n,) that their pose is the same."""
+    """Whether other assignments (..., n) share so many matches with the first (n,) that their pose is the same."""
     agree = ((others == first) & (first >= 0)).sum(axis=-1)
     return np.asarray(agree >= SHARED * max(int((first >= 0).sum()), 1))
 

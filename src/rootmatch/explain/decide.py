@@ -1,4 +1,4 @@
-"""The decision: whether a match can be believed, by one rule from named facts.
+"""The decision: whether a match can be trusted, by one rule from named facts.
 
 Stages of the pipeline state facts about what they found. `decide` is the only function that makes a `Status` of them.
 """
@@ -18,46 +18,46 @@ class TrustOptions:
     Parameters
     ----------
     probability : float
-        Least probability of a matched assignment: of those above, 99 in 100 are right (`benchmarks/reliability.py`).
+        Least probability of a matched assignment: above it, 99 in 100 are right (`benchmarks/reliability.py`).
     margin : float
-        Least lead in score of a matched assignment where no probability is known.
+        Least lead in score of a matched assignment if no probability is known.
     false_alarms : float
         Decimal logarithm of the expected number of false alarms up to which an assignment is trusted.
     beyond_clutter : float
         Logarithm of the odds against clutter alone from which an assignment of two views is trusted, whatever its
         score.
     present : float
-        Log-odds, before anything is seen, that two views show the same: they enter the confidence of what is not
-        trusted, not the status. On development seeds (`benchmarks/constellations.py`,
-        `benchmarks/accuracy.py`) 9 of 10 matches of untrusted assignments were right whose odds against chance were
-        even, and odds above −6 never came of unrelated points.
+        Prior log-odds that two views show the same points: they enter the confidence of untrusted matches, not the
+        status. On tuning seeds (`benchmarks/constellations.py`, `benchmarks/accuracy.py`) 9 of 10 matches of untrusted
+        assignments with even odds against chance were right, and unrelated points never had odds above −6.
     listed, listed_probability : int, float
-        … if the right one is among it and so many alternatives, or the pose is right, with that probability.
+        Such an assignment is trusted if, with that probability, the right one is among it and so many alternatives, or
+        its pose is right.
     wrong : float
         Fraction of its matches that may be expected to be wrong in a matched assignment of many points. A round value.
     missed : float
         Probability of having missed another pose that explains as much, beyond which an assignment is ambiguous: the
         search was cut short before it looked for one. A round value; searches that end by themselves are below 0.05.
     kept : float
-        Least fraction of its matches that is left where those that are not sure are left out of an assignment, to
-        call it matched; else it is ambiguous. A round value.
+        Least fraction of matches that must remain when doubtful ones are left out for an assignment to be called
+        matched rather than ambiguous. A round value.
     noise_factor, noise_chance : float
-        Factor on σ, as the residuals about the best pose ask for it, from which an assignment is not trusted if
-        residuals as large as that are rarer than this chance where σ is right: it was stated too small, and points may
-        be missing. Where σ was 1.5 times too small no match is wrong, where it was four times, some are.
+        Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
+        residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
+        1.5 times too small no match is wrong; with four times, some are.
     most_named : float
         Factor up to which the advice blames the noise rather than the match. A round value.
     alternatives : int
-        Most alternatives that are kept.
+        Largest number of alternatives kept.
     support : float
-        Share of the median support below which a matched point is left unmatched: true ones seldom have less than 0.3,
-        and those that meet clutter by accident seldom more than 0.2.
+        Share of the median support below which a matched point is left unmatched: true matches seldom have less than
+        0.3, accidental ones seldom more than 0.2.
     last_support, last_pairs : float, int
-        That share where at most so many pairs would remain, too few for an accident to select from.
+        The same share if at most so many pairs would remain, which leaves little room for accidents.
     clear_margin, clear_support, clear_rival : float
         Lead in score, least support of a matched point and most support of any other match, both over the median
-        support, with which an assignment is clear and its neighbours are not fitted: of 2050 such on the development
-        seeds none was wrong.
+        support, with which an assignment is clear and its neighbours are not fitted: none of 2050 such assignments on
+        the tuning seeds was wrong.
     """
 
     probability: float = 0.9
@@ -84,16 +84,16 @@ class TrustOptions:
 
 TRUST = TrustOptions()
 MIN_PROBABILITY = 0.95
-"""Least probability of what a model of the image, or of two point sets, is believed with. On seeds from 1000 of
-benchmarks/evidence.py 0.9 believed 5 wrong ones of 480 controllers with 4 and 5 LEDs, 0.95 none."""
+"""Least probability of a match that is trusted by a model of the image or of two point sets. On seeds from 1000 of
+benchmarks/evidence.py, 0.9 trusted 5 wrong matches of 480 controllers with 4 and 5 LEDs, and 0.95 none."""
 
 
 class Status(Enum):
     """Whether to believe a match; `rootmatch.Match.advice` says what to do about it in the words of its problem.
 
-    `decide` derives it. UNTRUSTED: what is looked for may not be there, or no pose fits the assignment. AMBIGUOUS: it
-    is there, but not sure; the probability of every pose is below `min_probability` or, if none is known, the margin is
-    below 0.2. MATCHED otherwise.
+    `decide` derives it. UNTRUSTED: the object may not be there, or no pose fits the assignment. AMBIGUOUS: the object
+    is there, but its pose is not certain: no pose has the probability `min_probability` or, if none is known, the
+    margin is below 0.2. MATCHED otherwise.
     """
 
     MATCHED = "matched"
@@ -101,7 +101,7 @@ class Status(Enum):
     UNTRUSTED = "untrusted"
 
     def __bool__(self) -> bool:
-        """Only a match that can be believed is true."""
+        """Only MATCHED is true."""
         return self is Status.MATCHED
 
     def __str__(self) -> str:
@@ -110,7 +110,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What is known of an assignment when its status is decided. A default speaks neither for it nor against it."""
+    """The facts from which the status of an assignment is decided. A default speaks neither for it nor against it."""
 
     support: float = math.inf
     """Score of the hyper-edges that agree with it; infinite if its pose is beyond clutter by itself."""
@@ -121,21 +121,21 @@ class Facts:
     probability: float | None = None
     """Posterior probability of the assignment, given that one of those considered is right."""
     present: float | None = None
-    """Posterior probability that there is anything to be found, if a model of all that was observed tells it."""
+    """Posterior probability that the object is there, if a model of all observations gives one."""
     min_probability: float = TRUST.probability
-    """Least probability of what is believed."""
+    """Least probability of a match that is trusted."""
     missed: float = 0.0
     """Probability that a pose which explains as much was never met."""
     confirmed: bool = True
-    """False for what a predicted pose gathered if it was not beyond chance."""
+    """False for an assignment about a predicted pose that is not beyond chance."""
     was_ambiguous: bool = False
-    """It was ambiguous, not chance, among more detections: those that are gone were other bodies'."""
+    """Whether it was ambiguous among more detections, some of which other bodies have taken since."""
     contested: bool = False
-    """Another body, which explains its detections as well, or another followed pose may be the right one."""
+    """Whether another body that explains its detections as well, or another followed pose, may be the right one."""
     sure_of_the_rest: bool = False
-    """Its pose is sure, and the matches that are not were left out."""
+    """Whether its pose is certain and its doubtful matches were left out."""
     sure_of_its_detections: bool = False
-    """A search among its own detections alone found it again, without a rival."""
+    """Whether a search among its own detections alone found it again, without a rival."""
 
 
 def decide(facts: Facts) -> Status:
@@ -155,5 +155,5 @@ def decide(facts: Facts) -> Status:
 
 
 def least_trusted(statuses: Iterable[Status]) -> Status:
-    """The status of a whole by those of its parts: that of the least trusted one."""
+    """The status of a whole: that of its least trusted part."""
     return max(statuses, key=list(Status).index)

@@ -1,4 +1,4 @@
-"""Odds of detections against clutter, prior to and after a fit, and the options of the posterior they enter."""
+"""Odds of detections against clutter, before and after a fit, and the options of the posterior that uses them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class PosteriorOptions(Options):
-    """How far the neighbourhoods of assignments are searched, and how much a given σ is trusted."""
+    """Extent of the neighbourhood search of assignments, and trust in the stated σ."""
 
     negligible_odds: float = option(6.0, above=0.0)
     """Log-odds against an assignment at which it is dropped: e⁻⁶ is 0.25 %. A round value, not tuned."""
@@ -25,14 +25,14 @@ class PosteriorOptions(Options):
     """Log-odds, to first order, at which a change is not even fitted: twice `negligible_odds`, as a new pose may gain
     as much again. Not tuned."""
     most_inflation: float = option(4.0, least=1.0)
-    """Largest factor on the given variances: where the best fit asks for more than twice the given σ, the assignment is
-    not believed. A round value; what it refuses: the unrelated points of benchmarks/constellations.py."""
+    """Largest factor on the stated variances: if the best fit asks for more than twice the stated σ, the assignment is
+    not trusted. A round value; it rejects the unrelated points of benchmarks/constellations.py."""
     noise_freedom: float = option(20.0, above=0.0)
     """Degrees of freedom that the given σ counts for when the residuals say that it is larger. A round value; its
     effect is measured in benchmarks/accuracy.py and benchmarks/reliability.py."""
     agreed: float = option(0.5, least=0.0, most=1.0)
-    """Probability of an assignment below which the one with the most matches expected to be right is reported instead:
-    from where it is more probably wrong than right. What that gains: benchmarks/two_views.py."""
+    """Probability below which, instead of an assignment that is more likely wrong than right, the one with the most
+    matches expected to be right is reported. The gain: benchmarks/two_views.py."""
     freedom_slack: int = option(2, least=0)
     """Degrees of freedom that an assignment may lack and still estimate σ: one point. By construction."""
     rounds: int = option(4, least=0)
@@ -58,7 +58,7 @@ HALF = 0.5
 def log_odds(task: MatchingTask, assignment: Integers) -> NDArray[np.float64]:
     """Log prior odds of each correspondence (n, n') of a detected point against clutter, times pixel².
 
-    Clutter is as dense as the detections that ``assignment`` leaves.
+    The density of clutter is that of the detections which ``assignment`` leaves.
     """
     n, n_target = task.shape
     matched = int(np.count_nonzero(assignment >= 0))

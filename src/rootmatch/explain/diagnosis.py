@@ -1,4 +1,4 @@
-"""What may be wrong with the input where nothing fits: the usual mistakes, each tried and weighed by its evidence."""
+"""Diagnosis of an input that does not match: the usual mistakes, each tried and weighed by its evidence."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.similarity import Rigid, Similarity
 
 FACTORS = (3.0, 10.0)
-"""By which σ may have been stated too small. Round values."""
+"""Factors by which σ may have been stated too small. Round values."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One thing that may be wrong, and what a match says once it is put right.
+    """One possible mistake, and the match after correcting it.
 
     Parameters
     ----------
     mistake : str
-        What would have been wrong; empty for the input as it was given.
+        The mistake; empty for the input as given.
     remedy : str
         What to change.
     status : Status
     matched : int
         Number of matches.
     log_odds : float or None
-        Of the match against clutter alone, see `rootmatch.Match.log_odds`.
+        Log-odds of the match against clutter alone, see `rootmatch.Match.log_odds`.
     probability : float or None
-        That this is what is wrong, among all that was tried, the input as it was given, and that nothing is to be
-        found; each mistake is as likely as any other beforehand, and the input as given as likely as all of them.
+        Probability that this is the mistake, among all that were tried, the input as given, and the absence of the
+        object. All mistakes have the same prior probability, and together that of the input as given.
     """
 
     mistake: str
@@ -62,7 +62,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was tried, the best explanation first.
+    """The trials, the best explanation first.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Diagnosis:
 
     @property
     def fits(self) -> tuple[Trial, ...]:
-        """Mistakes that would explain the points: their match can be believed, and is more probable than as given."""
+        """Mistakes that would explain the points: their match is trusted and more probable than the input as given."""
         before = -math.inf if self.given.log_odds is None else self.given.log_odds
         return tuple(
             one
@@ -97,23 +97,23 @@ class Diagnosis:
 
 
 def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -> Diagnosis:
-    """Try what people get wrong; see `rootmatch.Match.diagnose`.
+    """Try the usual mistakes; see `rootmatch.Match.diagnose`.
 
     Parameters
     ----------
     match : rootmatch.Match
         Of the input as it was given.
     judge : callable
-        The match of a finding; this package is below it.
+        Makes the match of a finding; passed in because this package is a layer below.
     max_seconds : float
-        For all of them together.
+        Time limit for all trials together.
     """
     given = _trial("", "", match)
     task = replace(match.task, prior_pose=None, prior_poses={})
     mistakes = list(_mistakes(task))
     deadline, trials = Deadline(max_seconds), []
     for k, (mistake, remedy, change) in enumerate(mistakes):
-        seconds = deadline.left() / (len(mistakes) - k)  # what one leaves is for the others
+        seconds = deadline.left() / (len(mistakes) - k)  # time that one leaves is for the others
         if seconds <= 0.0:
             break
         options = replace(task.options, max_seconds=seconds, progress=None)
@@ -129,7 +129,7 @@ def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -
 
 def _trial(mistake: str, remedy: str, match: Any) -> Trial:
     matched = int((match.assignment >= 0).sum())
-    # of what is not trusted they may take longer to compute than the match took
+    # for an untrusted match, they may take longer to compute than the match did
     known = match.finding.log_odds if match.status is Status.UNTRUSTED else match.log_odds
     return Trial(mistake, remedy, match.status, matched, known if matched else None)
 
@@ -152,7 +152,7 @@ Mistake = tuple[str, str, Change]
 
 
 def _mistakes(task: MatchingTask) -> Iterator[Mistake]:
-    """What may be wrong, what to change, and the task with that changed; the commonest first."""
+    """Possible mistakes, each with its remedy and the corrected task; the commonest first."""
     problem, points = task.problem, task.points
 
     def pointed(**changes: Any) -> Change:
@@ -264,7 +264,7 @@ def _of_lenses(cameras: dict[str, Any], filmed: Callable[[Callable[[Camera], Cam
 
 
 def _changed(camera: Any, change: Callable[[Camera], Camera]) -> Any:
-    """A camera, or each of a rig, changed; what is none of `Camera` stays."""
+    """A camera, or each camera of a rig, with a change; anything but a `Camera` stays as it is."""
     if isinstance(camera, Rig):
         return Rig([(_changed(own, change), R, t) for own, R, t in camera.views], camera.sizes)
     return change(camera) if isinstance(camera, Camera) else camera
@@ -275,7 +275,7 @@ def _with_camera(task: MatchingTask, camera: Any) -> MatchingTask:
 
 
 def _centre(camera: Any, task: MatchingTask) -> tuple[float, float]:
-    """Principal point; of rays the origin, of a camera whose focal length is sought what its problem says."""
+    """Principal point; the origin for rays, and the problem's centre for a camera of unknown focal length."""
     if isinstance(camera, Camera):
         return camera.cx, camera.cy
     x, y = getattr(task.problem, "centre", (0.0, 0.0))

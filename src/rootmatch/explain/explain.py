@@ -1,8 +1,8 @@
 """`explain`: what a task's detections are, from the caller's points to a finding.
 
-The road depends on what is known: a rig's cameras are searched one by one and verified together, several bodies are
-explained in turn, a predicted pose narrows the candidates. Otherwise hyper-edges are sampled into a tensor, the tensor
-is solved and the solution assessed.
+The route depends on what is known: a rig's cameras are searched one by one and verified together, several bodies are
+explained in turn, and a predicted pose narrows the candidates. Otherwise hyper-edges are sampled into a tensor, the
+tensor is solved and the solution assessed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SOLVED = 0.6
 
 
 def explain(task: MatchingTask) -> Finding:
-    """What was found of a task, its noise estimated first where that is asked for.
+    """The finding of a task; its noise is estimated first if requested.
 
     The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`.
     """
@@ -45,7 +45,7 @@ def explain(task: MatchingTask) -> Finding:
 
 
 def _explained(task: MatchingTask) -> Finding:
-    """What was found of a task whose noise is known; nothing if its time does not suffice for anything."""
+    """The finding of a task whose noise is known; an empty one if there is no time for anything."""
     if is_rig(task):
         task = copies_task(task)
     try:
@@ -55,7 +55,7 @@ def _explained(task: MatchingTask) -> Finding:
 
 
 def _found(task: MatchingTask) -> Finding:
-    """What was found of a task whose noise is known, by what else is known of it."""
+    """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
         together = match_bodies_in_image if is_modelled(task.body(0)) else match_bodies
         return together(task, _explained)
@@ -75,7 +75,7 @@ def _several_motions(task: MatchingTask) -> Finding:
 
 
 def _one_motion(task: MatchingTask) -> Finding:
-    """Sampled hyper-edges, solved and judged; all of them where a quick search leaves no match to trust."""
+    """Sampled hyper-edges, solved and judged; all of them if a quick search finds no match to trust."""
     sampled = sample(task)
     by_image = is_modelled(task)
     if by_image and sampled.assignments is not None and len(sampled.assignments) and task.options.solver is None:

@@ -1,4 +1,4 @@
-"""False alarms: how many assignments with such a score are expected by accident, behind "no trustworthy match"."""
+"""False alarms: the expected number of accidental assignments with such a score, behind "no trustworthy match"."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TRUE_WEIGHT = {degrees: math.sqrt(0.5**degrees) for degrees in range(1, 9)}
 def supported_points(score: float, order: int, true_weight: float) -> float:
     """Number of points, all of one motion and all right, that would give this score: C(m, order) · true_weight = score.
 
-    Between whole numbers C(m, d) is continued as m (m − 1) … (m − d + 1) / d!. Below the order: the order itself.
+    Between whole numbers, C(m, d) is continued as m (m − 1) … (m − d + 1) / d!. The result is at least the order.
     """
     wanted = score / true_weight
 

@@ -1,4 +1,4 @@
-"""What a stage of the pipeline has found: an assignment, the facts that decide whether to believe it, and its origin.
+"""The finding of a stage: an assignment, the facts that decide whether to trust it, and its origin.
 
 Stages exchange findings, which are plain values. `rootmatch.result.report` makes the public `Match` of the last one.
 """
@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Finding:
-    """An assignment and what is known of it; see `rootmatch.Match` for what the attributes mean to a caller.
+    """An assignment and what is known about it; `rootmatch.Match` explains what the attributes mean to a caller.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Finding:
         From which `status` follows.
     tensor : AffinityTensor
     scores : sequence of float, optional
-        Of the assignment and of the others, where they are known already; see `every_score`.
+        Scores of the assignment and of the others, if already known; see `every_score`.
     soft : (n, n') float64, optional
         Soft assignment of a solver; None if none ran.
     labels : (n,) int64, optional
@@ -86,7 +86,7 @@ class Finding:
 
     @cached_property
     def status(self) -> Status:
-        """By the facts; of several bodies that of the least trusted one."""
+        """Status from the facts; with several bodies, that of the least trusted one."""
         if self.parts is not None:
             return least_trusted(part.status for part in self.parts.values())
         return decide(self.facts)

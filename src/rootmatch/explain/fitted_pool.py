@@ -25,7 +25,7 @@ class FittedPool:
     assignments : list of (n,) int64 arrays
         In the order in which they came.
     fits : list of (RelativeFit, int)
-        Of the first so many, and their rows.
+        Fits of the first assignments, each with its row.
     """
 
     task: MatchingTask
@@ -38,18 +38,18 @@ class FittedPool:
     _images: Integers = field(default_factory=lambda: np.empty((0, 0), np.int64))
 
     def add(self, assignment: Integers) -> None:
-        """Add an assignment, unless it is there or too small."""
+        """Add an assignment, unless the pool has it or it is too small."""
         key = assignment.tobytes()
         if key not in self._known and np.count_nonzero(assignment >= 0) >= self.least:
             self._known.add(key)
             self.assignments.append(assignment)
 
     def holds(self, assignment: Integers) -> bool:
-        """Whether an assignment is there."""
+        """Whether the pool has an assignment."""
         return assignment.tobytes() in self._known
 
     def fit(self, pace: Pace) -> None:
-        """Fit those that are not fitted yet; the first of them where time is up."""
+        """Fit the assignments that are not fitted yet, as many as time allows."""
         while len(self.fits) < len(self.assignments) and (few := pace.block(len(self.assignments) - len(self.fits))):
             some = np.array(self.assignments[len(self.fits) : len(self.fits) + few])
             fit = self.task.problem.fitted(self.task.points, some)

@@ -1,8 +1,8 @@
-"""Several known rigid bodies in one image: each is searched for by itself, and all are weighed together.
+"""Several known rigid bodies in one image: searched for one by one, and weighed together.
 
-A body that the joint posterior is sure of takes its detections, so that those which show little are searched for among
-few: short searches for all come before longer ones for those that are left. What is told in the end is the posterior of
-everything that any of the searches proposed, look-alikes of other bodies among it.
+A body that is certain in the joint posterior takes its detections, so bodies that show little are searched for among
+few: short searches for all come before longer ones for the rest. The result is the posterior over everything that any
+of the searches proposed, including look-alikes of other bodies.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from rootmatch.model.proposals import Proposals
 Integers = NDArray[np.int64]
 
 IN_VIEW, DOUBTED = 0.95, 0.9
-"""Probability that a body is in view, and of its pose, between which a longer search would say no more: it has poses
-that explain as much. Round values."""
+"""Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
+would add nothing, because several poses explain as much. Round values."""
 
 
 @dataclass(eq=False)
@@ -49,11 +49,11 @@ class _Body:
     proposed: dict[bytes, Integers] = field(default_factory=dict)
     """Assignments that searches found, by their bytes."""
     alike: list[int] = field(default_factory=list)
-    """Numbers of the bodies of the same shape, and of its mirror image."""
+    """Numbers of the bodies of the same or the mirrored shape."""
     predicted: Proposals | None = None
     settled: bool = False
     enough: bool = False
-    """Whether what its prediction explains leaves nothing to search for."""
+    """Whether its prediction explains so much that no search is needed."""
     budget: int = 0
     """Of the last search for it."""
     cut: bool = False
@@ -76,11 +76,11 @@ class _Body:
 
     @property
     def is_known(self) -> bool:
-        """Whether it was searched for, or its prediction leaves nothing to search for."""
+        """Whether it was searched for, or its prediction makes a search unnecessary."""
         return self.among >= 0 or self.enough
 
     def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
-        """Whether a search among the free detections with such a budget may find what the last one did not."""
+        """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled or (self.among < 0 and self.enough):
             return False
         fewer = self.among < 0 or int(free.sum()) < self.among
@@ -132,7 +132,7 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
 
 
 def _body(task: MatchingTask, number: int) -> _Body:
-    """A body of which nothing is known yet."""
+    """A body for which nothing has been found yet."""
     assert task.bodies is not None
     own = task.body(number)
     nothing = nothing_found(own, LATE)
@@ -140,7 +140,7 @@ def _body(task: MatchingTask, number: int) -> _Body:
 
 
 def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
-    """Search for each of the bodies, until nothing more is to be expected."""
+    """Search for each body until nothing more can be expected."""
     free = np.ones(task.shape[1], np.bool_)
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         for body in bodies:
@@ -170,7 +170,7 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
         body.told, body.settled = told, False
         body.enough = body.task.prior_pose is not None and is_enough(body.candidate, told)
     for body in bodies:
-        # what a body of the same shape would make of these detections has to be known as well
+        # a body of the same shape has to be tried on these detections as well
         known = all(bodies[k].is_known for k in (body.number, *body.alike))
         if body.pose >= options.sure and known:
             body.settled = True

@@ -1,8 +1,8 @@
-"""From what was found of a task to what the model of its image says of it, and to the facts of a status.
+"""The judgement of findings by the model of the image: assignment, confidence, and the facts of a status.
 
-One rule for every task with a pose of its camera, and for several bodies together: a body is believed if its pose is
-probable enough, less what is not sure of its matches; it is ambiguous if it is in view with that probability but not
-which pose it has; else nothing is trusted.
+One rule for every task with a pose of its camera, and for several bodies together: a body is trusted if its pose is
+probable enough, without its doubtful matches. It is ambiguous if it is in view with that probability but its pose is
+not certain. Otherwise nothing is trusted.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from rootmatch.solvers.base import Solution
 Integers = NDArray[np.int64]
 
 KEPT = 0.8
-"""Part of its matches that has to remain of a body that is believed: a pose that is sure with fewer is called
-ambiguous, as too much of what it shows is not known. A round value."""
+"""Part of its matches that has to remain of a trusted body: a pose that is certain with fewer is called ambiguous,
+because too much of what it shows is unknown. A round value."""
 
 
 def is_modelled(task: MatchingTask) -> bool:
@@ -45,7 +45,7 @@ def is_modelled(task: MatchingTask) -> bool:
 
 
 def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None) -> Finding:
-    """The finding of what a search named, or a solver: judged by the model of the image."""
+    """The finding of what a search or a solver proposed, judged by the model of the image."""
     named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
     named += [] if sampled.assignments is None else list(sampled.assignments)
     named += [] if sampled.consensus is None else [sampled.consensus]
@@ -70,7 +70,7 @@ def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
 def told_by(
     base: Finding, told: Posterior, body: Candidate, *, missed: float = 0.0, taken: NDArray[np.bool_] | None = None
 ) -> Finding:
-    """A finding with the assignment, its facts and its confidence as a posterior tells them.
+    """A finding with the assignment, facts and confidence that a posterior gives.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ def told_by(
         Of the same task.
     told : Posterior
     body : Candidate
-        Of which it is one.
+        The body of that posterior.
     missed : float
         Probability that a pose which explains as much was never met.
     taken : (n',) bool array, optional
-        Detections that are another body's: a mode that has none of them is told, or nothing.
+        Detections of other bodies: the result is a mode without any of them, or nothing.
     """
     n, modes, prior = base.task.shape[0], told.modes, body.model.prior
     count = len(told.probabilities)
@@ -125,7 +125,7 @@ def told_by(
         probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
         confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
         first = sure
-    # an assignment that merely leaves some of the points out is no other one
+    # an assignment that merely leaves out some of the points is not a different one
     others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
     believed = found.status is not Status.UNTRUSTED
     found = replace(
@@ -146,7 +146,7 @@ def told_by(
 
 
 def _without_hyperedges(found: Finding) -> Finding:
-    """A finding that no hyper-edge speaks for: it has no scores, and its lead is that of its odds."""
+    """A finding without hyper-edges: it has no scores, and its lead follows from its odds."""
     probability = found.probability or 0.0
     lead = max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
     matched, soft = np.flatnonzero(found.assignment >= 0), np.zeros(found.task.shape)
@@ -156,7 +156,7 @@ def _without_hyperedges(found: Finding) -> Finding:
 
 
 def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
-    """How large the residuals of the detections are about one of the modes; a prediction may be off without any."""
+    """Misfit of the detections about one of the modes; the deviation from a prediction does not count."""
     modes, model = told.modes, body.model
     at = model.linearised(modes.rotation[[k]], modes.position[[k]])
     squared = squared_deviations(model, modes.assignments[[k]], at)
@@ -174,7 +174,7 @@ def confidence_of_motions(
 ) -> NDArray[np.float64]:
     """Confidence (n,) in each match of several motions, each with the points and detections that the others leave.
 
-    Being unmatched is right as often as for the least sure of the motions.
+    For an unmatched point it is that of the least certain motion.
     """
     confidence = np.full(len(assignment), math.nan)
     alone = replace(task, options=replace(task.options, motions=1), deadline=NEVER)

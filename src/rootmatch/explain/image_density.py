@@ -1,4 +1,4 @@
-"""How dense detections lie in an image, or in those of a rig, each of which may hold but one or two of them."""
+"""Density of detections in an image, or in the images of a rig, some of which may hold only one or two."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def normal_density(target: Floats, variance: Floats, pixels: Floats, spread: Flo
 def squared_deviations(target: Floats, variance: Floats, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
     """χ² and determinant of spread + variance · 1, in terms that are none of them negative.
 
-    A spread of rank one, far wider than the variance, has a determinant of rounding alone, of either sign.
+    The determinant of a spread of rank one, far wider than the variance, is pure rounding error of either sign.
     """
     x = target[:, 0] - pixels[..., 0, None]
     y = target[:, 1] - pixels[..., 1, None]

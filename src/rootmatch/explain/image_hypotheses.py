@@ -1,8 +1,8 @@
 """A body that may be in an image: its model, and the poses that are proposed for it.
 
-Proposed are the fitted poses of assignments that a search found, what is assigned about a predicted pose, and what
-nothing in an image excludes: all poses of few matches, the same after near symmetries of the body, and look-alikes of
-other bodies.
+The proposals are the fitted poses of assignments that a search found, assignments about a predicted pose, and poses
+that nothing in an image excludes: all poses of few matches, their images under near symmetries of the body, and
+look-alikes of other bodies.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from rootmatch.problems.up2p import UP2P
 Integers = NDArray[np.int64]
 
 TWINS = 4
-"""First poses of a body whose near-symmetric ones, and look-alikes of another body, are proposed. A round value."""
+"""Number of a body's first poses for which near-symmetric poses and look-alikes of another body are proposed. A round
+value."""
 DOUBT = 0.01
 """Probability that a predicted pose is wrong by more than its covariance says. A round value."""
 PREDICTION = 0.05
-"""Seconds that a prediction may take whatever the deadline: it is better than nothing. It takes milliseconds unless
+"""Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
@@ -54,7 +55,7 @@ class Candidate:
 
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
-        """By the assignments that were found, and by what a prediction proposes."""
+        """The candidate by the assignments that were found and by what a prediction proposes."""
         return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments, predicted)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
@@ -65,7 +66,7 @@ class Candidate:
         return replace(self, modes=modes_of(self.model, proposals))
 
     def alone(self) -> Posterior:
-        """Its posterior if the image shows no other known body."""
+        """The body's posterior if the image shows no other known body."""
         (told,) = competing([self])
         return told
 
@@ -86,10 +87,10 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
 
 
 def is_enough(body: Candidate, told: Posterior) -> bool:
-    """Whether what a predicted pose explains is more than any pose elsewhere may, so that no search is needed.
+    """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
-    That has at most as many matches as there are unexplained detections, or visible points, each worth as much as
-    those found; three of them fix it.
+    A pose elsewhere has at most as many matches as there are unexplained detections or visible points, each worth as
+    much as those found; three of them determine it.
     """
     modes = told.modes
     if not len(modes.log_mass):
@@ -101,7 +102,7 @@ def is_enough(body: Candidate, told: Posterior) -> bool:
 
 
 def proposals_by_prediction(task: MatchingTask) -> Proposals | None:
-    """What is assigned about a predicted pose, with the poses that those assignments lead to; None without any."""
+    """Assignments about a predicted pose, with the poses that they lead to; None if there are none."""
     found = match_with_prior(task, prior_of(task))
     if found is None:
         return None
@@ -161,7 +162,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
 
 
 def _symmetries(task: MatchingTask) -> list[Integers]:
-    """Point at the place of each, or sighting, after motions that leave a body nearly as it is."""
+    """Index of the point, or sighting, at the place of each after motions that nearly map a body onto itself."""
     problem, normals = task.problem, task.points.normals
     if not isinstance(problem, RigCopies):
         return [found.image for found in symmetries_of(task.points.source, normals)]

@@ -23,7 +23,7 @@ from rootmatch.solvers import MultiStartAscent, Solver, get_solver
 
 SamplerName = Literal["auto", "exhaustive", "random", "guided"]
 AFTER_SEARCH = MultiStartAscent(starts=24, agreement=4, rivals=4)
-"""Default solver of the hyper-edges among a search's hypotheses, which are assessed themselves. Round values; the
+"""Default solver for the hyper-edges among a search's hypotheses, which are also assessed directly. Round values; the
 accuracy with them: benchmarks/constellations.py and benchmarks/matches.py."""
 SAMPLER_NAMES: tuple[SamplerName, ...] = ("auto", "exhaustive", "random", "guided")
 
@@ -37,7 +37,7 @@ class MatchOptions:
     Raises
     ------
     InputError
-        For an option that is none of the choices, or that does not go with another.
+        For an option that is not one of the choices, or that cannot be combined with another.
     """
 
     seed: int = 0
@@ -82,12 +82,12 @@ class MatchOptions:
         get_solver("ascent" if self.solver is None else self.solver)
 
     def least_probability(self, default: float) -> float:
-        """Probability from which a match is believed: as given, or this default."""
+        """Probability from which a match is trusted: as given, or this default."""
         return default if self.min_probability is None else self.min_probability
 
     @property
     def is_paper(self) -> bool:
-        """Whether the paper's preset is the default of what is not given."""
+        """Whether the paper's preset is the default for options that are not given."""
         return self.preset == "paper"
 
     @property
@@ -101,7 +101,7 @@ class MatchOptions:
         return get_solver(self.solver if self.solver is not None else "power-l1" if self.is_paper else "ascent")
 
     def solver_after(self, searched: bool) -> Solver:
-        """The solver; fewer starts of the default one where a search has named the assignments worth starting from."""
+        """The solver; the default one has fewer starts if a search has named the assignments worth starting from."""
         return AFTER_SEARCH if searched and self.solver is None and not self.is_paper else self.chosen_solver
 
     @property
@@ -110,7 +110,7 @@ class MatchOptions:
         return self.motions != 1 and self.solver is None and not self.is_paper
 
     def affinity(self, problem: Problem, exact: bool = False) -> Affinity:
-        """From a hyper-edge's residual to its weight, for a problem and data with or without noise."""
+        """The map from a hyper-edge's residual to its weight, for a problem and data with or without noise."""
         residual = self.residual or ("qr" if self.is_paper else "joint")
         in_noise = (residual.kind if isinstance(residual, Residual) else residual) in NOISE_KINDS
         paper_rho = problem.paper_rho_of_exact_data if exact else problem.paper_rho

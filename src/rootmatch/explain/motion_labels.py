@@ -1,9 +1,8 @@
 """Motion labels: which rigid motion each matched point belongs to.
 
-The rule: a solver that finds groups has decided itself, and its groups are the labels; packing, the default for several
-motions, is such a solver. The other solvers maximise one score over all points and know no groups. Only for those, and
-only where several motions are asked for, the assignment is clustered afterwards: points that no hyper-edge joins are
-moved apart.
+The rule: if a solver finds groups, its groups are the labels; packing, the default for several motions, is such a
+solver. The other solvers maximise one score over all points and know no groups. Only for these, and only if several
+motions are requested, the assignment is clustered afterwards: points that no hyper-edge joins get different labels.
 """
 
 from __future__ import annotations
@@ -106,7 +105,7 @@ def _refined(
 ) -> NDArray[np.int64]:
     """Groups after each point has moved to where its hyper-edges exceed their expected weight most.
 
-    Average linkage sometimes leaves a point alone that belongs to a group, or ties it to its second best.
+    Average linkage sometimes isolates a point that belongs to a group, or puts it into its second-best group.
     """
     groups = groups.copy()
     for _ in range(len(groups)):

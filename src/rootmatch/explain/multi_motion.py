@@ -32,8 +32,8 @@ FIRST_PACKING = 0.5
 def pack_motions(task: MatchingTask, sampled: SampledTensor) -> tuple[Solution, SampledTensor]:
     """Groups of one motion each, and the tensor that they were found in.
 
-    A guided search may never have proposed a small motion. Where it leaves points and detections unexplained, all
-    hyper-edges among those are evaluated and the packing is made again.
+    A guided search may miss a small motion. If points and detections remain unexplained, all hyper-edges among those
+    are evaluated and packed again.
     """
     solution = _packed(task, sampled, task.deadline.part(FIRST_PACKING))
     if not sampled.partial or solution.groups is None or task.deadline.passed():
@@ -91,7 +91,7 @@ def _packed(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> S
 
 
 def _group_fit(task: MatchingTask) -> GroupFit | None:
-    """How well whole groups fit one motion, where the problem can fit them."""
+    """The fit of whole groups by one motion; None if the problem has none."""
     if not task.problem.fits_groups:
         return None
     tables = task.tables_as_given
@@ -112,6 +112,6 @@ def _group_fit(task: MatchingTask) -> GroupFit | None:
 
 
 def _distinct(tensor: AffinityTensor) -> AffinityTensor:
-    """Each hyper-edge once, with the weight that it had first."""
+    """Each hyper-edge once, with its first weight."""
     first = np.sort(first_rows(sorted_rows(tensor.indices), math.prod(tensor.shape)))
     return AffinityTensor.unchecked(tensor.indices[first], tensor.weights[first], tensor.shape, tensor.unary)

@@ -1,7 +1,7 @@
-"""Near symmetries of a body: rotations that put many of its points onto others of it, as half a turn does a headset's.
+"""Near symmetries of a body: rotations that map many of its points onto others, as a half-turn of a headset does.
 
-From some side a pose and the same pose after such a motion show nearly the same image. A search that is cut short may
-find either alone; knowing the motions, the other one is asked for.
+From some side, a pose and the same pose after such a motion give nearly the same image. A search that is cut short may
+find only one of them; the motions propose the other.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ TOLERANCE = 0.01
 """Distance between a point's image and another point, over the body's radius, up to which they are the same. A round
 value: the radius of a headset is 10 cm, and the halves of the one in benchmarks/tracking.py differ by 0.22 mm."""
 LEAST, SHARE = 6, 0.25
-"""Points that have to be mapped, and part of all: with fewer hardly a side shows nothing else. Round values."""
+"""Number of points that have to be mapped, and share of all: with fewer, hardly any side shows only mapped points.
+Round values."""
 ANGLE = 0.2
 """Least angle, in radians, of a motion that is not the identity. A round value."""
 FACING = 0.8
-"""Least cosine between the normals of a point's image and of the point there. A round value."""
+"""Least cosine between the normals of a mapped point and of the point at its place. A round value."""
 WIDE, HIGH = 0.5, 0.25
 """Least side of a triple that is laid onto others, and its least height, over the body's radius. Round values."""
 TRIPLES, DRAWN = 256, 4096
@@ -41,14 +42,14 @@ MOST = 4
 ROUGH = 2.0
 """Factor on the distance before a motion is fitted to more than a triple. A round value."""
 REFINED = 4
-"""Different motions that are fitted for each that is returned, as the number of mapped points may change."""
+"""Number of motions fitted for each one returned, because the number of mapped points may change."""
 ROUNDS = 3
-"""Most fits of a motion, each with the points that the one before maps."""
+"""Largest number of fits of a motion, each to the points that the previous one maps."""
 STEPS = 16
 """Steps of the tolerance in which distances are compared: the largest that there can be, √(2 n) / `TOLERANCE`
 tolerances, is 18,100 of them, and a word of 16 bits holds twice that."""
 MOST_POINTS = 64
-"""Points beyond which none are sought: bits of the words in which third points are noted."""
+"""Number of points beyond which no symmetries are sought: the bits of the words that record third points."""
 
 
 def body_radius(source: Floats) -> float:
@@ -79,7 +80,7 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
 
 
 def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry, ...]:
-    """The near symmetries of a body, those that map most points first; found once for each body.
+    """The near symmetries of a body, those that map most points first; computed once for each body.
 
     Triples of points, at most `TRIPLES`, are laid onto all triples of the same sides; the points that such a motion
     maps are counted, and it is fitted to them.
@@ -88,7 +89,7 @@ def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry,
     ----------
     source : (n, 3) array
     normals : (n, 3) array, optional
-        A point is mapped onto one that faces alike only; zero where unknown.
+        Outward normals: a point is mapped only onto one that faces the same way; zero if unknown.
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
@@ -218,7 +219,7 @@ def _counts(source: Floats, unit: Floats | None, motions: tuple[Floats, Floats],
 
 
 def _refined(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], near: float) -> NearSymmetry:
-    """A motion fitted to the points that it maps, and once more to those that it maps then."""
+    """A motion fitted to the points that it maps, and again to those that it maps after the fit."""
     found = NearSymmetry(*motion, _image(source, unit, motion, near=ROUGH * near))
     for _ in range(ROUNDS):
         own = np.flatnonzero(found.image >= 0)
@@ -252,5 +253,5 @@ def _unknown(unit: Floats) -> NDArray[np.bool_]:
 
 
 def _alike(first: Floats, second: Floats) -> NDArray[np.bool_]:
-    """Whether rotations (..., 3, 3) are hardly different."""
+    """Whether rotations (..., 3, 3) are nearly the same."""
     return np.asarray((first * second).sum(axis=(-2, -1)) > 1.0 + 2.0 * math.cos(ANGLE))

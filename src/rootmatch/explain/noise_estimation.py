@@ -32,17 +32,17 @@ SETTLED, ROUNDS = 1.15, 5
 ROUND = 0.5
 """Share of the time left at a deadline for each of those matches."""
 LEAST = 1e-3
-"""Least σ over the first guess: exact data have none."""
+"""Smallest σ relative to the first guess: exact data have none."""
 
 
 def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
-    """What is found at a σ consistent with its own residuals.
+    """The finding at a σ that is consistent with its own residuals.
 
     Parameters
     ----------
     task : MatchingTask
     solve : callable
-        What is found of a task whose noise is known.
+        The finding of a task whose noise is known.
     """
     guess = first = first_guess(task.image[0])
     match = solve(_round(task, guess))
@@ -61,7 +61,7 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
 
 
 def _round(task: MatchingTask, sigma: float) -> MatchingTask:
-    """The task with a guess of σ, and a part of the time that is left."""
+    """The task with a guess of σ and a part of the remaining time."""
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
@@ -71,10 +71,10 @@ def first_guess(target: NDArray[np.float64]) -> float:
 
 
 def estimated_noise(match: Finding, sigma: float) -> float:
-    """σ from the residuals inside an assignment that was found with ``sigma``, NaN where there are too few.
+    """σ from the residuals inside an assignment that was found with ``sigma``; NaN if there are too few.
 
-    By χ² of the points of each motion about their best pose, where the problem fits poses. Else it is the scale at
-    which the squared residuals of the hyper-edges among them, cut off at 9, have the mean of their law.
+    If the problem fits poses, σ follows from χ² of the points of each motion about their best pose. Otherwise it is the
+    scale at which the squared residuals of their hyper-edges, cut off at 9, have the mean of their distribution.
     """
     problem = match.task.problem
     squares, freedom = [], []
@@ -93,14 +93,14 @@ def estimated_noise(match: Finding, sigma: float) -> float:
 
 
 def _scale(match: Finding, members: NDArray[np.int64]) -> float:
-    """Square of the true σ over the assumed one, by one group."""
+    """Square of the ratio of the true σ to the assumed one, estimated from one group."""
     problem, points = match.task.problem, match.task.points
     if problem.fits_answers:
         alone = np.full_like(match.assignment, -1)
         alone[members] = match.assignment[members]
         assignments = [alone]
         if len(members) == (match.assignment >= 0).sum():
-            # with σ far too large a wrong assignment can seem as good as the right one, which fits far better
+            # if σ is far too large, a wrong assignment can seem as good as the right one, which fits far better
             assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
         fit = problem.fitted(points, np.array(assignments))
         scale = np.maximum(fit.chi2 / fit.dof, LEAST**2)

@@ -26,13 +26,13 @@ from rootmatch.solvers.base import Solution
 Integers = NDArray[np.int64]
 
 LEAST = 3
-"""Matches that tell a motion."""
+"""Fewest matches that determine a motion."""
 LEADING = 4
-"""Labellings of a search of which the self-motions of the source make others. A round value."""
+"""Number of labellings of a search to which the self-motions of the source are applied. A round value."""
 
 
 def model_of(task: MatchingTask) -> PointSetModel | None:
-    """The model of a task of two point sets of one space and one motion; None for every other one."""
+    """The model of a task with two point sets of one space and one motion; None for any other task."""
     clouds = task.problem.point_clouds(task.points)
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     if clouds is None or not in_noise or task.options.motions != 1 or task.options.is_paper:
@@ -48,7 +48,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
 
 
 def decided_by_model(task: MatchingTask) -> Finding | None:
-    """The finding of a task with default options; None for what the model does not do."""
+    """The finding of a task with default options; None if the model does not cover the task."""
     options = task.options
     model = model_of(task)
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
@@ -66,7 +66,7 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
-    """The finding of what a caller's own sampler or solver found; None for what the model does not do."""
+    """The finding for the result of a caller's own sampler or solver; None if the model does not cover the task."""
     model = model_of(task)
     if model is None:
         return None
@@ -79,7 +79,7 @@ def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTe
 
 
 def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:
-    """Labellings (K, n) of large sets: those of a search, what self-motions of the source make of them, and others."""
+    """Labellings (K, n) of large sets: those of a search, those that self-motions make of them, and named ones."""
     every = [*([] if sampled.assignments is None else sampled.assignments), *named]
     if not every:
         return np.empty((0, task.shape[0]), np.int64)
@@ -92,7 +92,7 @@ def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, n
 def lead_over_others(task: MatchingTask, assignment: Integers, others: list[MatchingTask]) -> float | None:
     """Log-odds of a body's labelling against the best one of another body with half of its targets or more.
 
-    Infinite where no other body explains them, None for what the model does not do. All tasks have the same targets.
+    Infinite if no other body explains them, None if the model does not cover the task. All tasks have the same targets.
     """
     model = model_of(task)
     if model is None or (assignment >= 0).sum() < LEAST:

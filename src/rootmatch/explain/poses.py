@@ -22,12 +22,13 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
     assignments : list of (n,) int arrays
         −1 where unmatched. All are fitted at once.
     motions : (n,) int array
-        Motion of each source point; what is matched but of none is left out, unless there is but one.
+        Motion of each source point; matched points without a motion are left out, unless there is only one motion.
 
     Returns
     -------
     list of list of Pose or None
-        None where a motion has fewer matches than the problem's pose needs, or no pose puts them before the camera.
+        None if a motion has fewer matches than the problem's pose needs, or if no pose puts them in front of the
+        camera.
 
     Raises
     ------
@@ -46,5 +47,5 @@ def poses_of(task: MatchingTask, assignments: list[Integers], motions: Integers)
 
 
 def _predicts(pose: Pose) -> bool:
-    """Whether a pose says where each of its points is seen: none of them is beside the camera."""
+    """Whether a pose predicts an image of each of its points: none of them is beside the camera."""
     return pose.predicted is None or bool(np.all(np.isfinite(pose.predicted)))

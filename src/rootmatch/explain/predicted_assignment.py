@@ -1,9 +1,9 @@
-"""Matching with a predicted pose: candidates from its covariance, one-to-one assignment, and a fit with it (NumPy).
+"""Matching with a predicted pose: candidates from its covariance, a one-to-one assignment, and a fit with it (NumPy).
 
-A good prediction leaves one detection or two for each point. Those are assigned and fitted at once. Where gates hold
+A good prediction leaves one detection or two for each point. Those are assigned and fitted at once. If gates hold
 several detections, single correspondences are tried first: each moves the whole prediction and narrows all other gates
-(a Kalman update), and the assignments that explain most are fitted. The prediction is a Gaussian in every fit. No
-minimal sets are solved and nothing is compiled: a frame takes about a millisecond.
+(a Kalman update). The assignments that explain most are fitted. The prediction is a Gaussian in every fit. No minimal
+sets are solved and nothing is compiled: a frame takes about a millisecond.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rootmatch.problems.up2p import UP2P
 
 @dataclass(frozen=True)
 class PriorOptions(Options):
-    """How a predicted pose is used; what it finds and costs: benchmarks/tracking.py."""
+    """Options for the use of a predicted pose; what it finds and costs: benchmarks/tracking.py."""
 
     gate: float = option(4.0, above=0.0)
     """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
@@ -42,24 +42,25 @@ class PriorOptions(Options):
     beams: int = option(4, least=1)
     """Hypotheses that are fitted: four find as much as eight (benchmarks/tracking.py, six flights, seeds from 1000)."""
     complete: float = option(0.8, above=0.0, most=1.0)
-    """Part of the visible points from which the first assignment is taken without trying others, if it also fits."""
+    """Share of the visible points from which the first assignment is accepted without trying others, if it also
+    fits."""
     fitting: float = option(2.5, above=0.0)
-    """χ² over its degrees of freedom up to which it does."""
+    """χ² over its degrees of freedom up to which it fits."""
     changes: int = option(3, least=0)
-    """Single changes of the best assignment that are tried one after another where one is the more likely, as a point
-    beyond the gate may be. A round value."""
+    """Number of single changes of the best assignment that are tried in turn if one is more likely, as for a point
+    beyond the gate. A round value."""
     least: int = option(3, least=1)
-    """Matches of an assignment that is believed."""
+    """Fewest matches of an assignment that is accepted."""
     beyond_chance: float = option(4.6, least=0.0)
-    """Log-odds against clutter alone, less the logarithm of the hypotheses tried, from which it is believed: e⁴·⁶ is
+    """Log-odds against clutter alone, minus the logarithm of the hypotheses tried, from which it is accepted: e⁴·⁶ is
     100."""
     contradicted: float = option(45.0, above=0.0)
-    """χ² of a pose about the prior, of six degrees of freedom, from which the prior was wrong: less than one in 10⁷ of
-    right ones."""
+    """χ² of a pose about the prior, with six degrees of freedom, from which the prior counts as wrong: fewer than one
+    in 10⁷ right priors."""
     undoubted: float = option(0.95, above=0.0, most=1.0)
     """Probability of an assignment below which the next one is fitted as well. A round value."""
     most_misfit: float = option(4.0, above=1.0)
-    """Factor on the given variances beyond which no assignment is believed, as in `PosteriorOptions`."""
+    """Factor on the stated variances beyond which no assignment is accepted, as in `PosteriorOptions`."""
 
 
 DEFAULT_PRIOR = PriorOptions()
@@ -69,7 +70,7 @@ LEAST_TILT = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was found with a prior.
+    """The result of a match with a prior.
 
     Attributes
     ----------
@@ -89,13 +90,13 @@ class Found:
     tested : int
         Hypotheses that were tried.
     beyond_chance : float
-        Log-odds against clutter that crowds as the detections do, less the logarithm of ``tested``.
+        Log-odds against clutter that crowds as the detections do, minus the logarithm of ``tested``.
     visibility : float
-        Part of ``log_odds`` that the visible points tell: which of them are matched.
+        Part of ``log_odds`` that depends on which of the visible points are matched.
     expected : float
         Visible points.
     runner_up : PriorFit or None
-        The next probable assignment, fitted, where the first is in doubt.
+        The next most probable assignment, fitted, if the first is in doubt.
     fits : list of PriorFit
         Of the assignment and of the alternatives.
     """
@@ -121,12 +122,12 @@ class Found:
 
 
 def match_with_prior(task: MatchingTask, prior: Pose, options: PriorOptions = DEFAULT_PRIOR) -> Found | None:
-    """What a predicted pose finds; None where it leaves too many candidates, or none.
+    """The match about a predicted pose; None if it has no candidates, or too many.
 
     Parameters
     ----------
     task : MatchingTask
-        Of a problem with a camera pose; too few detections for a hyper-edge do no harm.
+        Of a problem with a camera pose; there may be fewer detections than a hyper-edge needs.
     prior : Pose
         With a covariance.
     options : PriorOptions
@@ -236,7 +237,7 @@ def _settled(
 def _narrowed(
     frame: PriorFrame, first: Projected, candidates: NDArray[np.bool_], options: PriorOptions
 ) -> list[tuple[Floats, Floats, Floats]]:
-    """Poses and covariances after one correspondence each, those that explain most; two where one is not enough."""
+    """Poses and covariances after one correspondence each, those that explain most; after two if one is not enough."""
     beams = [(0.0, np.zeros(6), frame.covariance)]
     for _ in range(2):
         steps, covariances, scores = [], [], []
@@ -273,7 +274,7 @@ def _updates(
     near = candidates & (squared <= options.gate**2)
     counts = near.sum(axis=1)
     vague = np.trace(spread, axis1=1, axis2=2)
-    # points that are still vague tell most; few candidates cost least
+    # vague points are the most informative, and few candidates the cheapest
     order = np.argsort(np.where(counts > 0, counts - vague / (vague.max() + 1e-300), np.inf), kind="stable")
     order = order[counts[order] > 0]
     taken = order[np.cumsum(counts[order]) <= options.tried]
@@ -301,7 +302,7 @@ def _updates(
 
 
 def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
-    """A prediction and a measured vertical together.
+    """The prediction combined with a measured vertical.
 
     Parameters
     ----------
@@ -326,7 +327,7 @@ def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> P
 
 
 def prior_of(task: MatchingTask) -> Pose:
-    """The prediction of a task, with the vertical where that is measured."""
+    """The prediction of a task, combined with the vertical if that is measured."""
     assert task.prior_pose is not None
     problem = task.problem
     if isinstance(problem, UP2P):

@@ -27,9 +27,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 EXACT = 1e-12
-"""Least eigenvalue of a prior's correlations: what is known exactly is known very well."""
+"""Least eigenvalue of a prior's correlations: a parameter that is known exactly gets this instead of zero."""
 STEPS = 8
-"""Most steps of a fit; two or three are usual from a prediction."""
+"""Largest number of steps of a fit; two or three are usual from a prediction."""
 SETTLED = 1e-4
 """Fall of χ² over 1 + χ², expected or seen, that ends a fit: the step before it was 0.01 σ, and the next would be its
 square."""
@@ -41,11 +41,11 @@ VIEW_EDGE = 0.1
 """Width of the edge of a given view angle, in cosines, over which a point fades: poses and normals are not exact. Five
 degrees at 70°. A round value."""
 EDGE = 4.0
-"""How much wider the edge of a view angle is, in standard deviations of the camera's direction: two on each side."""
+"""Widening of the edge of a view angle, in standard deviations of the camera's direction: two on each side."""
 VAGUE_ANGLE, VAGUE_LENGTH = 3.0, 10.0
 """Standard deviations of a prior that says nothing: radians, and lengths over the distance."""
 USUAL_DETECTION = 0.9
-"""Detection rate before an assignment tells it."""
+"""Detection rate assumed before there is an assignment to estimate it from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class PriorFit:
     log_odds: float
     """Against clutter alone, the pose integrated out."""
     visibility: float
-    """Part of it that the visible points tell: which of them are matched."""
+    """Part of the log-odds that depends on which visible points are matched."""
 
     @cached_property
     def matched(self) -> int:
@@ -93,7 +93,7 @@ class PriorFrame:
     """
 
     HIDDEN: ClassVar[float] = 0.1
-    """How visible a point must be to have candidates."""
+    """Least visibility of a point with candidates."""
 
     def __init__(self, task: MatchingTask, prior: Pose) -> None:
         assert prior.covariance is not None
@@ -126,7 +126,7 @@ class PriorFrame:
         return one_rotation_matrix(step[:3]) @ self.R, self.t + step[3:]
 
     def projected(self, R: Floats, t: Floats) -> Projected:
-        """Where a pose puts the source points, and how that changes with it."""
+        """Images of the source points in a pose, and their derivatives by it."""
         rotated = self.source @ R.T
         positions = rotated + t
         with np.errstate(all="ignore"):
@@ -174,7 +174,7 @@ class PriorFrame:
         return squared, determinant
 
     def assigned(self, at: Projected, covariance: Floats, gate: float) -> Integers:
-        """The most probable one-to-one assignment about a pose, each pair for itself."""
+        """The most probable one-to-one assignment about a pose, with independent pairs."""
         from scipy.optimize import linear_sum_assignment  # slow to import
 
         squared, determinant = self.squared(at.pixels, at.spread(covariance))
@@ -275,7 +275,7 @@ class PriorFrame:
         matched = assignment >= 0
         image = np.maximum(assignment, 0)
         spread = at.of_pose(fit.covariance)
-        # without its own match a prediction moves away from it and is less certain, by the hat matrix
+        # without its own match, a prediction moves away from it and is less certain (hat matrix)
         noise = self.variance[image] + at.mean_of_points
         hat = np.where(matched[:, None, None], spread / noise[:, None, None], 0.0)
         away = np.linalg.inv((1.0 + 1e-9) * np.eye(2) - hat)
@@ -313,7 +313,7 @@ class PriorFrame:
         return total, best
 
     def against_clutter(self, fit: PriorFit) -> float:
-        """Log-odds of a fit against clutter that crowds as the detections do, each about itself."""
+        """Log-odds of a fit against clutter with the local density of the detections."""
         used = fit.assignment[fit.assignment >= 0]
         density = crowded_density(self.target, math.sqrt(float(np.median(self.variance))), self.area, self.images)
         free = len(self.target) - len(used)

@@ -1,4 +1,4 @@
-"""Matching with a predicted pose: at once where the prediction decides, otherwise without it, and it is then judged."""
+"""Matching with a predicted pose: directly if the prediction decides, otherwise also without it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ UNCONFIRMED = "the prior pose is not confirmed"
 def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]) -> Finding:
     """The match of a task with a predicted pose.
 
-    Where what is assigned about the prediction leaves a doubt, all is searched without it; what is told is the
-    posterior of both, under a prediction that may be wrong. `Match.prior_holds` says what came of it.
+    If the assignment about the prediction leaves a doubt, a full search runs without it. The result is the posterior of
+    both, with a prediction that may be wrong; `Match.prior_holds` says whether it held.
     """
     searchable = task.shape[1] >= task.problem.order
     predicted, body = None, Candidate.of(task, [])
@@ -54,7 +54,7 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
 
 
 def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
-    """What a prediction finds, and its match: untrusted where it is not believed, empty where nothing is found."""
+    """The result of a prediction, and its match: untrusted if it is not accepted, empty if nothing is found."""
     found = match_with_prior(task, prior_of(task))
     if found is None:
         return nothing_found(task, UNCONFIRMED), None
@@ -65,7 +65,7 @@ def tried(task: MatchingTask) -> tuple[Finding, Found | None]:
 
 
 def match_of(task: MatchingTask, found: Found) -> Finding:
-    """What a prediction found, as if it is believed."""
+    """The finding of a prediction's result, as if it were accepted."""
     matched = found.assignment >= 0
     soft = np.zeros(task.shape)
     soft[matched, found.assignment[matched]] = found.probability
@@ -102,7 +102,7 @@ def _poses(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[tup
 
 
 def free_pose(match: Finding) -> Pose:
-    """The pose of a match with its covariance, without a prior, or that with it where only that is known."""
+    """The pose of a match with its covariance, without the prior if possible."""
     fused = match.fused_pose
     if (match.assignment >= 0).sum() <= match.task.problem.minimal and fused is not None:
         return fused
@@ -113,9 +113,9 @@ def free_pose(match: Finding) -> Pose:
 
 
 def free_fits(task: MatchingTask, assignments: list[NDArray[np.int64]]) -> list[PriorFit]:
-    """Assignments fitted with a prior that says nothing, the same for all of them.
+    """Assignments fitted with the same uninformative prior.
 
-    Of a rig those are left out that have too few matches in every camera.
+    For a rig, assignments with too few matches in every camera are left out.
     """
     known = [
         (one, R, t) for one, (R, t) in zip(assignments, _poses(task, assignments), strict=True) if np.isfinite(t).all()

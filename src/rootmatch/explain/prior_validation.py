@@ -1,4 +1,4 @@
-"""What a prior may be: a pose in space with a covariance, or one of each body."""
+"""Validation of priors: a pose in space with a covariance, or one for each body."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 
 
 def check_predicted(prior: object, labels: BodyLabels | None) -> None:
-    """Refuse anything but one pose with a covariance, or with several bodies some of theirs by label."""
+    """Refuse anything but one pose with a covariance or, with several bodies, poses of some of them by label."""
     if labels is None:
         check_prior(prior)
         return

@@ -1,4 +1,4 @@
-"""Where a predicted pose puts the points of a body, and how sure it is of that."""
+"""Images of a body's points in a predicted pose, with their covariances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Where a pose puts the source points.
+    """Images of the source points in a pose.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Projected:
     jacobian : (n, 2, 6) float64
         By rotations about the camera's axes and by translations.
     visible : (n,) float64
-        How visible each point is, 0 behind the camera.
+        Visibility of each point, 0 behind the camera.
     of_points : (n, 2, 2) float64, optional
         Covariances of the pixels by those of the points.
     """

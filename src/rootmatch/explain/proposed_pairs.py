@@ -1,9 +1,9 @@
-"""Several motions among proposed pairs: few correspondences a point, many of them false, as a learned matcher gives.
+"""Several motions among proposed pairs: few correspondences per point, many of them false, as from a learned matcher.
 
-Where each point has a few candidates only, the minimal sets of the pairs that there are are drawn, instead of all sets
-of points with all images, nearly all of which are excluded. Neighbours in space share a motion more often than points
-drawn anywhere, so sets are drawn among neighbours. The pose that most pairs agree with is fitted to them, its pairs are
-taken out, and the next one is sought among the rest (sequential RANSAC; Vincent and Laganière 2001).
+If each point has only a few candidates, minimal sets are drawn from the existing pairs instead of from all sets of
+points with all images, nearly all of which are excluded. Neighbours in space share a motion more often than points
+drawn anywhere, so sets are drawn among neighbours. The pose with which most pairs agree is fitted to them, its pairs
+are removed, and the next one is sought among the rest (sequential RANSAC; Vincent and Laganière 2001).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 KNOWN = ("p3p", "up2p")
-"""Problems of one calibrated camera and points in space; the vertical of an upright one counts in the fits alone."""
+"""Problems of one calibrated camera and points in space; the vertical of an upright camera enters only the fits."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class ProposedPairsOptions(Options):
     """How poses are sought among proposed pairs; measured in benchmarks/candidates.py."""
 
     pairs_per_point: float = option(3.0, above=0.0)
-    """Mean candidates of a point up to which pairs are enumerated. A round value."""
+    """Mean number of candidates per point up to which pairs are enumerated. A round value."""
     least_pairs: int = option(60, least=4)
-    """Pairs below which the usual search is as quick. A round value."""
+    """Number of pairs below which the usual search is as quick. A round value."""
     neighbours: int = option(100, least=2)
     """Pairs nearest in space to the first one of a set, among which the others are drawn. A round value."""
     sets: int = option(4_000, least=1)
@@ -204,7 +204,7 @@ class _Search:
         return group
 
     def _evidence(self, agreeing: int, pairs: int, chance: float) -> float:
-        """Logarithm of the odds that so many of the pairs agree with a pose, over what chance and trying make of it.
+        """Log-odds of so many pairs agreeing with a pose, against chance and the number of trials.
 
         A bound of the binomial tail (Chernoff 1952).
         """

@@ -1,7 +1,7 @@
-"""The task of a rig's copies: every camera has a copy of every point, and what holds for one camera holds for all.
+"""The task of a rig's copies: every camera has a copy of every point, so the methods of one camera serve all.
 
 A copy has one image, in its camera, so its assignment is one number. Copies share one pose of the rig; the detections
-of all cameras lie side by side in one plane. Bodies, predictions and the posterior take such a task as any other.
+of all cameras lie side by side in one plane. Bodies, predictions and the posterior treat such a task like any other.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def copies_task(task: MatchingTask) -> MatchingTask:
     Raises
     ------
     InputError
-        For an option that rigs do not take.
+        For an option that rigs do not support.
     """
     _check(task)
     rig: Rig = task.problem.camera  # type: ignore[attr-defined]
@@ -135,7 +135,7 @@ def copies_task(task: MatchingTask) -> MatchingTask:
 
 
 def of_points(finding: Finding, task: MatchingTask | None = None) -> Finding:
-    """The finding of a rig's points by that of their copies: one detection for each point.
+    """The finding of a rig's points, made from that of their copies: one detection for each point.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def twin_of(first: MatchingTask, second: MatchingTask, tolerance: float) -> Inte
 
 
 def _check(task: MatchingTask) -> None:
-    """Refuse what rigs do not take."""
+    """Refuse options that rigs do not support."""
     options = task.options
     if task.problem.name != "p3p":
         raise InputError(f"rig: {task.problem.name} takes one camera; use P3P(rig)")

@@ -1,9 +1,9 @@
 """Matches of a rig: several cameras see one body at once.
 
 Hypotheses come from minimal sets within one camera. Each is a pose of the rig, which predicts the detections of all
-cameras; what it gathers there is fitted, gathered again, and ranked by its posterior probability with all cameras.
-All of that is of the points' copies (`rootmatch.explain.rig_copies`), and so are predictions and bodies: `shown` makes
-the match of the points of it.
+cameras. The detections that it gathers are fitted, gathered again, and ranked by their posterior probability in all
+cameras. All of this works on copies of the points (`rootmatch.explain.rig_copies`), as do predictions and bodies;
+`rig_copies.of_points` makes the finding of the points.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RigOptions(Options):
-    """How hypotheses of single cameras are verified with all of them; what it finds and costs: benchmarks/rigs.py."""
+    """Options for verifying hypotheses of single cameras in all cameras; results and cost: benchmarks/rigs.py."""
 
     hypotheses: int = option(100, least=1)
     """Of each camera, those of the highest evidence. A round value: with 30 as many of the benchmark's scenes are
@@ -81,7 +81,8 @@ def _searched(
 ) -> tuple[SampledTensor, list[Integers], bool]:
     """Hyper-edges within the cameras, and assignments of copies that hypotheses of single cameras name.
 
-    And whether every camera's search ended before its budget. What one camera's search would have met was not missed.
+    The last value says whether every camera's search ended before its budget. A pose that one camera's search would
+    have met was not missed.
     """
     copies, points = problem.copies, problem.task
     n, n_target = points.shape
@@ -148,7 +149,7 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
 def _gathered(
     fit: AbsoluteFit, k: int, copies: Copies, allowed: NDArray[np.bool_], *, density: float, options: RigOptions
 ) -> tuple[Integers, float]:
-    """What the pose of assignment k predicts, and its log-odds against clutter of some density.
+    """Detections that the pose of assignment k predicts, and their log-odds against clutter of some density.
 
     Within each camera the one-to-one assignment of least χ².
     """

@@ -1,4 +1,4 @@
-"""Sampling: which hyper-edges of a task are evaluated, on which backend, into the affinity tensor."""
+"""Sampling: select the hyper-edges of a task, evaluate them on a backend, and make the affinity tensor."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from rootmatch.samplers.random import random_tensor
 PAPER_SAMPLES = 100_000
 """Random hyper-edges drawn unless said otherwise, as in the paper."""
 INDEXED = 0.5
-"""Share of a solver's deadline for what it does once with each hyper-edge."""
+"""Share of a solver's deadline for its pass over all hyper-edges."""
 SECONDS_PER_HYPEREDGE = 1e-6
 """Of that, at most (benchmarks/solvers.py)."""
 
@@ -67,14 +67,14 @@ def sample(task: MatchingTask) -> SampledTensor:
 
 
 def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
-    """The task with all hyper-edges, where a match that is not trusted comes of a quick search; else None."""
+    """The task with all hyper-edges, if a quick search led to an untrusted match; otherwise None."""
     if not sampled.partial or not _searched_first(task) or task.deadline.passed():
         return None
     return replace(task, options=replace(task.options, sampler="exhaustive"))
 
 
 def affordable(tensor: AffinityTensor, deadline: Deadline) -> AffinityTensor:
-    """The strongest hyper-edges of a tensor, as many as a solver can take in by its deadline."""
+    """The strongest hyper-edges of a tensor, as many as a solver can process by its deadline."""
     size = deadline.part(INDEXED).cut(tensor.size, SECONDS_PER_HYPEREDGE)
     if size >= tensor.size:
         return tensor
@@ -117,7 +117,7 @@ def _sampled(task: MatchingTask) -> tuple[SampledTensor, Any]:
             progress=sampling.progress,
             deadline=sampling.deadline,
         )
-        # what was not drawn is not taken to agree: a score is worth what was found
+        # hyper-edges that were not drawn are not assumed to agree: a score counts as found
         return SampledTensor(tensor, evaluated), backend
     backend = _backend(task, sampling.sweep_cost, single)
     most = LIMITS.exhaustive_on_device if selection.is_device(backend) else LIMITS.exhaustive
@@ -140,7 +140,7 @@ def _sizes(sampling: SamplingTask) -> tuple[Any, residual_kinds.Kind, Affinity, 
 
 
 def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
-    """The sampler of a task, "exhaustive" and "random" by name, and whether all are evaluated if it finds nothing."""
+    """The sampler of a task, "exhaustive" and "random" by name, and whether a sweep follows if it finds nothing."""
     options, sampling = task.options, task.sampling_task
     sampler: Any = options.chosen_sampler
     if options.scheduler is not None:
@@ -173,7 +173,7 @@ def _guided(budget: int | None) -> Guided:
 
 
 def _searched_first(task: MatchingTask) -> bool:
-    """Whether a quick search comes before a sweep that is cheap itself: where poses judge what it finds."""
+    """Whether a quick search precedes a sweep that is itself cheap: yes if poses judge the result."""
     options = task.options
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
     in_noise = task.affinity.residual.kind in NOISE_KINDS
@@ -192,7 +192,7 @@ def _for_workers(sampler: Any, backend: selection.Name) -> str:
 
 
 def _backend(task: MatchingTask, count: float, single: bool) -> Any:
-    """What evaluates so many hyper-edges."""
+    """The backend for so many hyper-edges."""
     if task.options.scheduler is None:
         return selection.chosen(task.options.backend, count, single)
     return Cluster(task.options.scheduler, partial(task.problem.tables, task.ordered_points))

@@ -1,4 +1,4 @@
-"""The solution where the best hypothesis of a search holds most of the weight that there is: no solver is needed."""
+"""The solution of a search whose best hypothesis holds most of the weight, so that no solver is needed."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ ROUNDS = 4
 
 
 def searched_solution(task: MatchingTask, sampled: SampledTensor) -> Solution | None:
-    """The best assignment that a search named, completed by what its hyper-edges support; None where it may not do.
+    """The best assignment of a search, completed by what its hyper-edges support; None if a solver is needed.
 
-    It does for the default solver, where the search was conclusive, a pose can be fitted to judge the assignment, and
-    nothing else can score nearly as much.
+    No solver is needed if the default one would be used, the search was conclusive, a pose can be fitted to judge the
+    assignment, and nothing else can score nearly as much.
     """
     tensor, named, options = sampled.tensor, sampled.assignments, task.options
     if named is None or not len(named) or not sampled.conclusive or sampled.missed > TRUST.missed:
@@ -49,7 +49,7 @@ def searched_solution(task: MatchingTask, sampled: SampledTensor) -> Solution | 
 
 
 def completed(tensor: AffinityTensor, assignment: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """An assignment with the free points and detections that its own support, and the gain (n, n') of every match."""
+    """An assignment with the free points and detections that its matches support, and the gain (n, n') of each."""
     assignment = assignment.copy()
     for turn in range(ROUNDS + 1):
         gains = np.maximum(tensor.contract(one_hot(assignment, tensor.shape[1])), 0.0)

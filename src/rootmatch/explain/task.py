@@ -1,4 +1,4 @@
-"""The matching task: what the caller gave, validated once, handed from stage to stage of the pipeline."""
+"""The matching task: the caller's arguments, validated once and passed from stage to stage."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import SamplingTask
 
 EXACT = 0.01
-"""σ of a coordinate in pixels up to which data count as exact: rounding then, not noise, makes the residuals."""
+"""σ of a coordinate in pixels up to which data count as exact: residuals then come from rounding, not from noise."""
 EXACT_RADIANS = 1e-5
-"""The same where detections are unit rays: that of a pixel where the focal length is 1000."""
+"""σ in radians up to which unit rays count as exact: `EXACT` pixels at a focal length of 1000."""
 SAMPLED, RESERVE = 0.7, 0.5
 """Share of the time left at a deadline that sampling may take, and seconds that always suffice for the rest."""
 
@@ -49,7 +49,7 @@ class MatchingTask:
     noise : float, array or pair
         Standard deviation as it was given, or as it was estimated.
     estimates_noise : bool
-        Whether the noise is to be estimated: that of ``points`` says nothing then.
+        Whether the noise is to be estimated; the noise of ``points`` is then meaningless.
     allowed : (n, n') bool, optional
         Correspondences that are possible.
     weights : (n, n') float64, optional
@@ -59,7 +59,7 @@ class MatchingTask:
     prior_pose : Pose, optional
         A predicted pose with its covariance.
     prior_poses : dict
-        Those of several bodies, by label.
+        Predicted poses of several bodies, by label.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     deadline : Deadline
@@ -160,7 +160,7 @@ class MatchingTask:
 
     @cached_property
     def image_area(self) -> float:
-        """Area that clutter fills there: the bounding box of n' uniform points, corrected for being too small."""
+        """Area that clutter fills there: that of the bounding box, corrected for the bias of n' uniform points."""
         image, n_target = self.image[0], self.shape[1]
         sides = image.max(axis=0) - image.min(axis=0)
         return max(float(sides.prod()) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
@@ -169,8 +169,8 @@ class MatchingTask:
     def permutation(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
-        The order decides which resultant a hyper-edge has that is not drawn in an order of its own. The paper prefers
-        none, so its preset takes the points as they are given, unless a search takes their place.
+        The order decides which resultant a hyper-edge has, unless it is drawn in an order of its own. The paper does
+        not choose one, so its preset takes the points as given, unless it searches.
         """
         if self.options.is_paper and self.options.chosen_sampler in ("random", "exhaustive"):
             return np.arange(self.shape[0])

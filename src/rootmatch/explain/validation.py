@@ -13,7 +13,8 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import as_floats
 
 LARGEST_PRIOR = 1e9
-"""Of a correspondence: it is added to weights of hyper-edges, up to 1 each, of which rounding then takes 1e-7."""
+"""Largest prior weight of a correspondence: it is added to weights of hyper-edges, at most 1 each, which then lose 1e-7
+to rounding."""
 
 
 def split_candidates(
@@ -83,7 +84,7 @@ def check_problem(problem: Any) -> None:
 
 
 def check_choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    """Refuse a value that is none of the choices."""
+    """Refuse a value that is not one of the choices."""
     if value not in choices:
         raise InputError(f"{name}: {value!r} given; one of {', '.join(choices)} expected")
 

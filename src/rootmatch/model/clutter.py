@@ -1,4 +1,4 @@
-"""Clutter: how densely it lies about each detection of an image, estimated from that image alone."""
+"""The density of clutter about each detection of an image, estimated from that image alone."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FEW = 3
-"""Detections from which an image tells its own area: fewer span none. By construction."""
+"""Smallest number of detections that determine the area of their image: fewer span none. By construction."""
 SCALES = 6
 """Widths of crowds, each half as wide as the one before; the first is a quarter of the image. A round value."""
 PSEUDO = 1.0
-"""Detections that each share of the mixture is given beforehand; the uniform share as many as all crowds together."""
+"""Pseudo-count of each crowd's share of the mixture; the uniform share has as many as all crowds together."""
 MOST = 256
-"""Detections about which others may crowd, drawn at random from more. A round value; it bounds time and memory."""
+"""Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
+bounds time and memory."""
 STEPS = 30
 """Steps of expectation and maximisation. The shares hardly change after ten."""
 WHOLE = 3.0
@@ -28,18 +29,18 @@ WHOLE = 3.0
 
 
 def clutter_areas(target: Floats, sigma: Floats, images: Sequence[Integers] = (), focal: float = 1.0) -> Floats:
-    """Area (C,) that clutter fills in each image, in px², as the detections tell it.
+    """Area (C,) that clutter fills in each image, in px², estimated from the detections.
 
-    That of their bounding box, corrected for being too small if they are uniform.
+    It is the area of their bounding box, corrected for the bias that uniform detections would have.
 
     Parameters
     ----------
     target, sigma : (n', 2) and (n',) arrays
         Detections with their σ.
     images : sequence of int arrays
-        Which of them lie in each of several images; one that holds too few is as large as the others are in the mean.
+        Which of them lie in each of several images; an image with too few detections gets the mean area of the others.
     focal : float
-        Mean focal length, whose square is the area of such an image if all hold too few: it is 50° wide.
+        Mean focal length, whose square is the area of each image if all have too few: that of an image 50° wide.
     """
     if not images:
         if len(target) == 0:
@@ -54,21 +55,20 @@ def clutter_areas(target: Floats, sigma: Floats, images: Sequence[Integers] = ()
 
 @dataclass(frozen=True, eq=False)
 class Clutter:
-    """How clutter lies in an image: uniformly, or in crowds about other detections.
+    """The distribution of clutter in an image: uniform, or in crowds about other detections.
 
-    A kernel estimate: a clutter point is anywhere in the image, or about another one with one of several widths. The
-    shares of these are those under which the image is most probable, each detection predicted by all others.
-    Detections of a body crowd too, so that crowding as such is no evidence for a pose.
+    A kernel estimate: a clutter point lies anywhere in the image, or about another detection with one of several
+    widths. The shares of these are the most probable ones, with each detection predicted from all others. Detections of
+    a body crowd too, so crowding as such is no evidence for a pose.
 
     Attributes
     ----------
     about : (n', c) float64
-        Density per px² of a member of a crowd at each detection if it crowds about one of the centres; zero about
-        itself.
+        Density per px² at each detection of a member of a crowd about each centre; zero about itself.
     centres : (c,) int64
         Detections about which others may crowd: all, or `MOST` of them.
     uniform : (n',) float64
-        Density per px² of a point that is anywhere in the image of each detection.
+        Density per px² of a point that lies anywhere in the image of each detection.
     alone : float
         Share of those.
     """
@@ -85,10 +85,11 @@ class Clutter:
         return np.asarray(np.log(self.alone * self.uniform + others))
 
     def log_first(self, taken: NDArray[np.bool_]) -> Floats:
-        """What the densities given all others owe to detections (K, n') that are taken away together, (K,).
+        """Correction (K,) of the log-densities for detections (K, n') that are taken away together.
 
-        Of a crowd that is taken whole, the first member was not to be expected there: it is given the rest alone, or
-        begins a crowd anywhere. Which of them came first does not matter, so that this is a mean.
+        If a whole crowd is taken, its first member was not predicted by the others: it is predicted by the remaining
+        detections, or begins a crowd anywhere. Which member came first does not matter, so this is a mean over all of
+        them.
         """
         rest = ~taken[:, self.centres]
         left = rest.sum(axis=1, keepdims=True)
@@ -99,7 +100,7 @@ class Clutter:
 
 
 def clutter_of(target: Floats, sigma: Floats, areas: Floats, images: Sequence[Integers] = ()) -> Clutter:
-    """The clutter of an image; found once for all bodies and searches that look at it.
+    """The clutter of an image, computed once for all bodies and searches in it.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Bodies that compete for the detections of an image: the posterior over one pose of each, or none, together.
+"""The joint posterior of bodies that compete for the detections of an image: one pose of each, or none.
 
-Every detection has one owner. A hypothesis of all bodies is a mode of each, or that the image does not show it, which
-take no detection twice; its odds against clutter alone are the product of theirs. So no body is believed on detections
-that another one explains as well, and one that another leaves nothing for is not missed.
+Every detection has one owner. A joint hypothesis consists of one mode of each body, or its absence, such that no
+detection is used twice. Its odds against clutter alone are the product of theirs. So no body is trusted on detections
+that another explains as well, and a body is not taken to be absent merely because another takes its detections.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ def joint_posterior(
     every: Sequence[Modes],
     options: PosteriorOptions = DEFAULT_POSTERIOR,
 ) -> list[Posterior]:
-    """The posterior of each of several bodies in one image, weighed together.
+    """The marginal posteriors of several bodies in one image.
 
     Parameters
     ----------
     models : sequence of DetectionModel
         Of the bodies, with the same detections.
     every : sequence of Modes
-        Of each, proposed without regard to the others.
+        The modes of each body, proposed without regard to the others.
     options : PosteriorOptions
 
     Returns
@@ -82,7 +82,7 @@ def _uses(modes: Modes, count: int) -> Bools:
 
 
 def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]) -> Modes:
-    """The best modes of a body, and what is left of them if others take the detections that both want."""
+    """The best modes of a body, and what remains of them if others take shared detections."""
     count = models[k].shape[1]
     modes = every[k].take(np.arange(min(KEPT, len(every[k].log_mass))))
     known = {one.tobytes() for one in modes.assignments}

@@ -1,11 +1,11 @@
 """The image of a body: what is known of its points, of the detections, of clutter, and where a pose puts the points.
 
 Point i is visible in pose T with v_i(T), a visible point is detected with rate δ, at y ~ N(π(T X_i), S_j + J Σ_i Jᵀ).
-All else is clutter, a Poisson process whose density about each detection is estimated from the image
+All other detections are clutter, a Poisson process whose density about each detection is estimated from the image
 (`rootmatch.model.clutter`). What is not known exactly is integrated out: δ under a Beta distribution, a factor on all
 variances under an inverse gamma distribution, the number of clutter points under Jeffreys' prior.
 
-A rig of cameras is no other model: its points are sightings, camera by camera, and its camera model projects each by
+A rig of cameras uses the same model: its points are sightings, camera by camera, and its camera model projects each by
 its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
 """
 
@@ -38,13 +38,15 @@ class ModelOptions(Options):
     """Priors of what is not known exactly; their effects are measured in docs/model.md."""
 
     rate_prior: tuple[float, ...] = option((9.0, 1.0), above=0.0)
-    """Beta distribution of the rate at which a visible point is detected, where normals tell which are: nine of ten."""
+    """Beta distribution of the rate at which a visible point is detected if normals tell which are visible: nine in
+    ten."""
     rate_prior_without_normals: tuple[float, ...] = option((1.0, 1.0), above=0.0)
-    """The same without normals: the rate then also stands for how much of the body hides the rest of it."""
+    """Beta distribution of that rate without normals: it then also covers how much of the body hides the rest."""
     rate_nodes: int = option(10, least=1)
     """Nodes of the quadrature over the rate, exact for twice as many points."""
     noise_freedom: float = option(20.0, above=0.0)
-    """Residuals that the given σ counts for: those of a body say by how much it was stated too small. A round value."""
+    """Number of residuals that the stated σ is worth as evidence of its own scale: the residuals of a body say by how
+    much it is too small. A round value."""
 
 
 DEFAULT_MODEL = ModelOptions()
@@ -52,7 +54,7 @@ DEFAULT_MODEL = ModelOptions()
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Where K poses put the points of a body, to first order.
+    """Images of a body's points in K poses, to first order.
 
     Attributes
     ----------
@@ -112,9 +114,9 @@ class DetectionModel:
     source_covariance : (n, 3, 3) array, optional
         Of the model points, in the caller's unit squared.
     rate : float, optional
-        At which a visible point is detected; integrated over if not given.
+        Rate at which a visible point is detected; integrated over if not given.
     prior : PosePrior
-        Of the pose; a broad one if not given.
+        Prior of the pose; a broad one if not given.
     allowed : (n, n') bool array, optional
         Possible correspondences.
     log_weights : (n, n') array, optional
@@ -145,7 +147,7 @@ class DetectionModel:
 
     @cached_property
     def centre(self) -> Floats:
-        """Mean (3,) of the points: positions and rotations are of and about it."""
+        """Mean (3,) of the points, to which positions refer and about which rotations turn."""
         return np.asarray(self.points.mean(axis=0))
 
     @cached_property
@@ -155,7 +157,7 @@ class DetectionModel:
 
     @cached_property
     def areas(self) -> Floats:
-        """Area (C,) of each image in which clutter may lie, px², as its size or the camera's centre tells it."""
+        """Area (C,) in px² of each image in which clutter may lie, from the image size or the principal point."""
         if self.size is not None:
             return np.array([np.prod(self.size)], float)
         known = self.camera.image_areas(self.target)
@@ -163,12 +165,12 @@ class DetectionModel:
 
     @cached_property
     def clutter(self) -> Clutter:
-        """How clutter lies in the image."""
+        """Distribution of clutter in the image."""
         return clutter_of(self.target, self.sigma, self.areas, self.images)
 
     @cached_property
     def image_of(self) -> Integers:
-        """Which of several images each detection (n',) lies in; 0 for all of one."""
+        """Image that each detection (n',) lies in; 0 if there is only one."""
         out = np.zeros(self.shape[1], np.int64)
         for k, own in enumerate(self.images):
             out[own] = k
@@ -193,7 +195,7 @@ class DetectionModel:
         return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
 
     def log_count_of_one(self, assignment: Integers) -> Floats:
-        """By how much each detection (n',) changes that as the last of an assignment (n,)."""
+        """Change of `log_counts` by each detection (n',) as the last one of an assignment (n,)."""
         used = assignment[assignment >= 0]
         matches = np.maximum(np.bincount(self.image_of[used], minlength=len(self._log_counts)), 1)
         image = np.arange(len(matches))
@@ -214,7 +216,7 @@ class DetectionModel:
         return R, t + R @ self.centre
 
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
-        """Where poses (K, 3, 3) with the body's centre at (K, 3) put the points."""
+        """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
         rotated = (self.points - self.centre) @ rotation.swapaxes(-1, -2)
         places = rotated + position[:, None]
         with np.errstate(all="ignore"):
@@ -233,7 +235,7 @@ class DetectionModel:
         return Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
-        """How visible each point is in each pose, (K, n); ``tilt`` (K,): standard deviation of its direction, rad."""
+        """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
         shown = at.seen * visible(at.cosine, self.view_cosine, tilt)
         shown = shown * self.camera.in_image(at.pixels)
         if self.size is not None:

@@ -8,7 +8,7 @@ For K hypotheses, each an owner map a and a pose T near which the integral is ta
 
 with f the density of clutter, k matches, S_ij = S_j + J Σ_i Jᵀ, A = Σ JᵀS⁻¹J + P the precision of the pose, Q the least
 squared deviation of detections and prior to first order, and L the logarithm of e^(−Q/2) with a factor on all variances
-integrated out. Poses need not be fitted: the least of Q is found to first order, and `Evidence.step` leads to it.
+integrated out. Poses need not be fitted: the minimum of Q is found to first order, and `Evidence.step` leads to it.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ Integers = NDArray[np.int64]
 
 LOG_2PI = math.log(2.0 * math.pi)
 STEEP = 0.5
-"""Longest step, over the distance of the body and in radians, of a pose that is settled. A round value."""
+"""Longest step of a settled pose, in radians and relative to the distance of the body. A round value."""
 NO_CHANGE = 1e-4
-"""Decrease of Q from which a step is worth another evaluation: of it the evidence is known already, but for what is of
-second order. A round value."""
+"""Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order. A
+round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,9 @@ class Evidence:
     freedom : (K,) float64
         Degrees of freedom of that: two for each match, less the parameters that the detections determine.
     visible : (K, n) float64
-        How visible each point is.
+        Visibility of each point, 0 to 1.
     decrement : (K,) float64
-        By how much the step makes Q less.
+        Decrease of Q by the step.
     """
 
     log_odds: Floats
@@ -115,9 +115,9 @@ def about(
 def settled(
     model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, steps: int = 2
 ) -> tuple[Evidence, Linearised]:
-    """Evidence after a few steps of Gauss and Newton to the best poses, from that about the poses as they are.
+    """Evidence after a few Gauss–Newton steps to the best poses, starting from that about the given poses.
 
-    There are no more steps once none of them changes a fit.
+    The steps end when none of them changes a fit.
     """
     for _ in range(steps):
         if float(found.decrement.max(initial=0.0)) < NO_CHANGE:
@@ -128,7 +128,7 @@ def settled(
 
 
 def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
-    """Rotations (K, 3, 3) and positions (K, 3) after each step, or as much of it as first order may be good for."""
+    """Rotations (K, 3, 3) and positions (K, 3) after each step, which is shortened to where first order may hold."""
     length = np.maximum(
         np.linalg.norm(found.step[:, :3], axis=1),
         np.linalg.norm(found.step[:, 3:], axis=1) / np.maximum(np.linalg.norm(at.position, axis=1), 1e-300),
@@ -138,7 +138,7 @@ def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
 
 
 def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats) -> Floats:
-    """Logarithm (K,) of the probability that just these points (K, n) are detected, the rate integrated out."""
+    """Logarithm (K,) of the probability that exactly these points (K, n) are detected, the rate integrated out."""
     rates, log_weights = model.rates
     with np.errstate(divide="ignore"):
         owned = np.where(used, np.log(visible), 0.0).sum(axis=1)
@@ -152,9 +152,10 @@ def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats
 
 
 def log_scaled(squared: Floats, freedom: Floats, given: float) -> Floats:
-    """Logarithm of ∫ IG(s²; ν/2, ν/2) s^(−f) e^(−Q/2s²) ds²: of a squared deviation whose unit is not quite known.
+    """Logarithm of ∫ IG(s²; ν/2, ν/2) s^(−f) e^(−Q/2s²) ds²: likelihood of a squared deviation of uncertain unit.
 
-    ``squared`` Q and ``freedom`` f (K,), ``given`` ν: residuals that the stated σ counts for; −Q/2 if it is infinite.
+    ``squared`` Q and ``freedom`` f are (K,); ``given`` ν is the number of residuals that the stated σ is worth. The
+    result is −Q/2 if ν is infinite.
     """
     if math.isinf(given):
         return -0.5 * squared
@@ -198,7 +199,7 @@ def _whitened(
 
 
 def _inverse(precision: Floats) -> tuple[Floats, Floats]:
-    """Inverses and log-determinants of (K, 6, 6), scaled to a unit diagonal, as angles and lengths differ in unit."""
+    """Inverses and log-determinants of matrices (K, 6, 6), scaled to a unit diagonal, as units differ."""
     scale = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
     unit = precision / (scale[:, :, None] * scale[:, None])
     unit = unit + 1e-13 * np.eye(6)
@@ -207,7 +208,7 @@ def _inverse(precision: Floats) -> tuple[Floats, Floats]:
 
 
 def _taken(assignments: Integers, count: int) -> NDArray[np.bool_]:
-    """Which of so many detections each assignment (K, n) takes, (K, n')."""
+    """Mask (K, n') of the detections that each assignment (K, n) uses."""
     taken = np.zeros((len(assignments), count + 1), np.bool_)
     taken[np.arange(len(assignments))[:, None], assignments] = True  # −1 is the last place
     return taken[:, :count]

@@ -1,8 +1,9 @@
-"""The search for the modes of a posterior: proposed poses are settled, grown by their best changes, and summed.
+"""The search for the modes of a posterior: proposed poses are fitted, grown by their best changes, and summed.
 
 A mode is a pose with its best assignment and the changes of it that leave the pose as it is: a point left out, added,
 or moved to another detection, or two points with exchanged detections. Changes of different points are taken to be
-independent, so that a mode's mass is its evidence times a product, and what a point's match is worth is a share of it.
+independent, so a mode's mass is its evidence times a product, and the probability of a point's match is a share of that
+mass.
 """
 
 from __future__ import annotations
@@ -26,37 +27,36 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LEAST = 3
-"""Matches of a mode: with fewer a pose is not determined, and a body that shows no more is not told from clutter."""
+"""Fewest matches of a mode: with fewer, a pose is not determined, and a body is not told from clutter."""
 IMPOSSIBLE = -1e9
-"""Log-odds in the place of −∞, so that differences stay numbers."""
+"""Log-odds used in place of −∞, so that differences stay finite."""
 
 
 @dataclass(frozen=True)
 class PosteriorOptions(Options):
-    """Priors over the hypotheses as wholes, and how far their neighbourhoods are searched."""
+    """Priors of whole hypotheses, and how far their neighbourhoods are searched."""
 
     present: float = option(0.8, above=0.0, most=1.0)
-    """Probability, before the image is seen, that it shows the body: that of one which somebody asks for."""
+    """Prior probability that the image shows the body, given that somebody asks for it."""
     wrong_model: float = option(1e-3, least=0.0, most=1.0)
-    """Probability that nothing of the model holds (another body, a wrong calibration): no result is surer. A stated
-    floor, not measured."""
+    """Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain
+    than that. A stated floor, not measured."""
     grown: int = option(6, least=0)
-    """Modes that grow by their best changes and whose changes are summed. A round value."""
+    """Number of modes that grow by their best changes and whose changes are summed. A round value."""
     rounds: int = option(6, least=0)
-    """Changes by which a mode grows, at most. A round value."""
+    """Largest number of changes by which a mode grows. A round value."""
     weighed: int = option(32, least=1)
-    """Changes of a mode that are weighed with the pose that they lead to; the others count to first order. A round
+    """Number of changes of a mode that are weighed with the pose they lead to; the others count to first order. A round
     value."""
     independent: int = option(9, least=1)
-    """Matches from which changes of different points hardly move the pose, so that they are independent; with fewer,
-    only single changes are summed. Two minimal sets beyond one: a round value."""
+    """Number of matches from which changes of different points hardly move the pose and are therefore independent; with
+    fewer, only single changes are summed. A round value: two minimal sets more than one."""
     negligible: float = option(9.0, above=0.0)
-    """Log-odds against a change, or a mode, at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
+    """Log-odds against a change or a mode at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
     hopeless: float = option(30.0, above=0.0)
-    """Log-odds against a proposal, to first order about a pose that need not be fitted, at which it is not fitted. A
-    round value."""
+    """Log-odds against a proposal at which it is not fitted, to first order about its given pose. A round value."""
     same_pose: float = option(5.0, above=0.0)
-    """Standard deviations of the difference up to which two poses are one. A round value."""
+    """Difference in standard deviations up to which two poses count as one. A round value."""
 
 
 DEFAULT_POSTERIOR = PosteriorOptions()
@@ -68,7 +68,7 @@ def modes_of(
     known: Modes | None = None,
     options: PosteriorOptions = DEFAULT_POSTERIOR,
 ) -> Modes:
-    """The different poses among some proposals, grown and with the sums of their changes.
+    """The distinct poses among some proposals, grown, with the sums over their changes.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def modes_of(
 def _with(
     kept: list[_Mode], mode: _Mode, model: DetectionModel, at: Linearised, *, options: PosteriorOptions
 ) -> list[_Mode]:
-    """Modes with another one, about whose pose ``at`` is, if it is none of them; grown if it may count."""
+    """Modes with another one, grown if it may count, unless it is one of them; ``at`` is linearised about its pose."""
     if any(_is_part(mode, other, options) for other in kept):
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
@@ -111,7 +111,7 @@ def _with(
 def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, options: PosteriorOptions
 ) -> tuple[Integers, Evidence, Linearised]:
-    """The proposals that may be worth a fit, with their evidence to first order about the poses as they are."""
+    """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
     rough, at = about(model, *proposals)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     (worth,) = np.nonzero(rough.log_odds > best - options.hopeless)
@@ -147,7 +147,7 @@ class _Mode:
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
-        """A mode of one of some weighed proposals, after the step that its pose still lacks."""
+        """The mode of one of several weighed proposals, after the remaining step of its pose."""
         place = np.array([k])
         (rotation,), (position,) = stepped(found.take(place), at.take(place))
         return cls(
@@ -166,7 +166,7 @@ class _Mode:
 
 
 def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
-    """Whether a mode is the pose of another one, or a change of its assignment that was weighed there."""
+    """Whether a mode has the pose of another one, or is a change of its assignment that was weighed there."""
     if mode is other:
         return False
     value = other.changes.get(mode.assignment.tobytes())
@@ -186,7 +186,7 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
 
 
 def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions) -> _Mode:
-    """A mode after its best changes, with the sum of the others."""
+    """A mode after its best changes, with the sum over the others."""
     for turn in range(options.rounds + 1):
         checkpoint()
         changes, gains = _first_order(model, mode, at, options)
@@ -237,7 +237,7 @@ def _first_order(
         by_point = at.by_position[0] @ at.rotation[0]
         of_point = by_point @ model.source_covariance @ by_point.swapaxes(1, 2)
     noise = of_point + (model.sigma[image] ** 2)[:, None, None] * np.eye(2)
-    # a point's own match does not predict itself: without it the prediction moves away and is less certain
+    # a point's own match must not predict itself: without it, the prediction moves away and is less certain
     hat = np.where(matched[:, None, None], spread @ np.linalg.inv(noise), 0.0)
     away = np.linalg.inv((1.0 + 1e-9) * np.eye(2) - hat)
     residual = model.target[image] - at.pixels[0]

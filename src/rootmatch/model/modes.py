@@ -23,11 +23,11 @@ class Modes:
         Of the body and its centre in the camera frame.
     covariance : (M, 6, 6) float64
     log_odds : (M,) float64
-        Of each assignment with its pose, against clutter alone.
+        Log-odds of each assignment with its pose against clutter alone.
     log_mass : (M,) float64
-        The same with all changes that leave the pose as it is.
+        Log-odds summed over all changes that leave the pose unchanged.
     local : (M, n) float64
-        Probability that a point's match, or its being unmatched, is right, given the mode.
+        Probability, given the mode, that a point's match is right or, if it is unmatched, that it has none.
     freedom : (M,) float64
         Of the fit, see `Evidence`.
     visible : (M, n) float64
@@ -51,16 +51,16 @@ class Modes:
     near: NDArray[np.object_]
 
     def take(self, which: Integers) -> Modes:
-        """Some of them."""
+        """A subset of the modes."""
         return Modes(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def and_(self, others: Modes) -> Modes:
-        """These and others."""
+        """These modes, followed by others."""
         return Modes(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
 
 
 def no_modes(n: int) -> Modes:
-    """None of a body of so many points."""
+    """Empty modes of a body with ``n`` points."""
     none = np.empty(0)
     return Modes(
         assignments=np.empty((0, n), np.int64),
@@ -78,12 +78,12 @@ def no_modes(n: int) -> Modes:
 
 
 def none_near(count: int, n: int) -> NDArray[np.object_]:
-    """`Modes.near` of so many modes without weighed changes."""
+    """`Modes.near` for modes without weighed changes."""
     return as_objects([(np.empty((0, n), np.int64), np.empty(0))] * count)
 
 
 def as_objects(some: list[Any]) -> NDArray[np.object_]:
-    """An array with one element for each, whatever they are."""
+    """An object array with one element for each item."""
     out = np.empty(len(some), object)
     for k, one in enumerate(some):
         out[k] = one

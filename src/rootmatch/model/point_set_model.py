@@ -9,14 +9,14 @@ hypothesis that all targets are clutter, a labelling of m of n points by n' targ
 - δ is given, or integrated under a flat prior: every m is as probable, and each subset of m points.
 - λ is integrated under Jeffreys' prior λ^(−½): the second factor, about (V/n')^m.
 - dT / (V vol) is the prior of the motion: every rotation, a translation that puts the object into V, and a scale that
-  is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). How vaguely a labelling tells the
-  motion, and how many motions there are to be met by chance, is in it, as is, by the second factor, the number of
-  labellings.
+  is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
+  labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
+  number of labellings.
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
 
-What is approximated: a rotation of space by Laplace's method (exact curvature), the factor of σ outside of it; what is
-not: translations, rotations of a plane.
+Two parts are approximated: rotations in space, by Laplace's method with exact curvature, and the factor of σ, outside
+of it. Translations and rotations of a plane are exact.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NOISE_FREEDOM = 20.0
 
 @dataclass(frozen=True, eq=False)
 class PointSetModel:
-    """Two point sets, and what is known of them.
+    """Two point sets and what is known about them.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class PointSetModel:
     allowed : (n, n') bool array, optional
         Possible correspondences.
     weights : (n, n') array, optional
-        How probable correspondences are before anything is seen, up to a factor.
+        Prior probabilities of the correspondences, up to a common factor.
     detection_rate : float, optional
         Probability that a point of the source is among the targets; unknown by default.
     """
@@ -87,7 +87,7 @@ class PointSetModel:
         matched = int((fit.assignments[k] >= 0).sum())
         n, n_target = len(self.clouds.source), len(self.clouds.target)
         counts, own = self._log_counts, fit.assignments[k] >= 0
-        # what is added is the last of m + 1 matches, what is there the last of m
+        # an added match is the last of m + 1, an existing one the last of m
         more = counts[min(matched + 1, n, n_target)] - counts[min(matched, n - 1, n_target - 1)]
         gains = fit.densities(k) + np.where(own, counts[matched] - counts[matched - 1], more)[:, None]
         if self.weights is not None:
@@ -136,7 +136,7 @@ def student(chi2: Floats, freedom: Floats, nu: float) -> Floats:
 
 
 def spanned(points: Floats, variance: Floats) -> Floats:
-    """Extents (k,) of the box about points (n, k) along their principal axes, as large as n uniform points tell it.
+    """Extents (k,) of the box that points (n, k) fill along their principal axes, corrected for n uniform points.
 
     Whatever the axes of the frame, points of a plane span a thin box; it is as thick as the noise.
     """

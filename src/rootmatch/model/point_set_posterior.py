@@ -18,28 +18,28 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 PRESENT = 0.5
-"""Probability that the object is among the targets, before anything is seen. A round value."""
+"""Prior probability that the object is among the targets. A round value."""
 MIRRORED = 0.01
-"""Probability that the targets are a mirror image of the object, by an axis that points the other way or a left-handed
-frame, where no reflection is asked for. It explains them then, and nothing is trusted. A round value."""
+"""Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
+left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
 WRONG_MODEL = 1e-3
-"""Chance that all of it is wrong, whatever the evidence: probabilities never exceed 1 less that. A round value."""
+"""Probability that the model is wrong, whatever the evidence: no probability exceeds 1 minus this. A round value."""
 KEPT = 64
-"""Most hypotheses whose share is summed. A round value."""
+"""Largest number of hypotheses whose shares are summed. A round value."""
 NEGLIGIBLE = 12.0
-"""Log-odds against the best hypothesis at which one adds nothing. A round value."""
+"""Log-odds against the best hypothesis beyond which a hypothesis is ignored. A round value."""
 WORTH = 5.0
 """Log-odds against the best hypothesis up to which a hypothesis' neighbours are weighed. A round value."""
 ROUNDS = 3
-"""Most rounds in which that is done. A round value."""
+"""Largest number of rounds of weighing neighbours. A round value."""
 EXPANDED = 6
 """Hypotheses whose neighbours are weighed in each round. A round value."""
 CHANGES = 64
-"""Most probable changes of a hypothesis that are weighed. A round value."""
+"""Number of changes of a hypothesis that are weighed, the most probable ones. A round value."""
 LEADING = 0.01
-"""Share of the best hypothesis from which it is looked at whether a self-motion exchanges one with others."""
+"""Share of the best hypothesis above which hypotheses are tested for exchange by a self-motion."""
 SYMMETRIC = 48
-"""Most pairs of hypotheses that are looked at so. A round value."""
+"""Largest number of pairs of hypotheses that are tested in this way. A round value."""
 SHARED = 0.5
 """Fraction of its matches that a hypothesis of the same motion has in common with another one. A round value, as in
 `rootmatch.explain.confidence`."""
@@ -47,13 +47,13 @@ SHARED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PointSetPosterior:
-    """Hypotheses, the most probable first, and what is known of the points of the first.
+    """Hypotheses, the most probable first, and the confidence in each point of the first.
 
     Attributes
     ----------
     assignments : (K, n) int64 array
     probabilities : (K,) array
-        Of each hypothesis; what is missing to one is clutter alone, or a mirror image.
+        Probability of each hypothesis; the remainder to 1 is clutter alone or a mirror image.
     chi2, dof : (K,) arrays
         Of each hypothesis about its motion.
     """
@@ -76,7 +76,7 @@ class PointSetPosterior:
         return math.sqrt(float(self.chi2[0]) / int(self.dof[0]))
 
     def confidence(self) -> tuple[Floats, Floats]:
-        """Probability (n,) that each point's match, or its being unmatched, is right; and that it is unmatched."""
+        """Probability (n,) that each point's match, or its lack of one, is right; and that it has none."""
         first, odds = self.assignments[0], self._odds
         same = np.isfinite(odds)
         change = self.assignments[same] != first
@@ -92,9 +92,9 @@ class PointSetPosterior:
         return np.minimum(each, 1.0 - WRONG_MODEL), np.minimum(unmatched + absent, 1.0 - WRONG_MODEL)
 
     def sure(self, least_probability: float, least_matches: int) -> tuple[Integers, float] | None:
-        """The first hypothesis without the matches that are least sure, and the probability that those left are right.
+        """The first hypothesis without its least certain matches, and the probability that the rest is right.
 
-        As many are left as have that probability together; None where that is fewer than half, or than the number.
+        As many are kept as have the wanted probability together; None if that is fewer than half, or than the number.
         """
         first = self.assignments[0]
         matched = np.flatnonzero(first >= 0)
@@ -130,8 +130,9 @@ class PointSetPosterior:
 def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | None = None) -> PointSetPosterior:
     """The posterior of proposed labellings (K, n), their neighbours by one change, and clutter alone.
 
-    Neighbours are weighed by fits of their own. What a self-motion of the source exchanges is as probable as far as the
-    source is exactly symmetric under it. ``mirrored``: labellings (M, n) by reflections, which are no answers.
+    Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
+    probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
+    reflections, which are not answers.
     """
     n = len(model.clouds.source)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
@@ -190,9 +191,10 @@ def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
 
 
 def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Integers, odds: Floats) -> float:
-    """Weight of the best mirror image, over that of the best hypothesis or of none.
+    """Weight of the best mirror image relative to that of the best hypothesis.
 
-    Points nearly in a plane fit a reflection as well as a rotation: with the same labels it says nothing else.
+    Points nearly in a plane fit a reflection as well as a rotation; with the same labels, a reflection is no different
+    answer.
     """
     if mirrored is None or not len(mirrored):
         return 0.0
@@ -215,7 +217,7 @@ def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> 
         if looked_at == SYMMETRIC:
             break
         looked_at += 1
-        # the point that one names for a target is at the place of that which the other names
+        # the point that one labelling assigns to a target takes the place of the other's point
         first, second = (
             np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])
         )

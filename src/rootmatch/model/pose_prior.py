@@ -1,8 +1,8 @@
-"""What is known of a pose before the image is seen: a density over rotations and positions of a body's centre.
+"""Priors of a pose: densities over rotations and positions of a body's centre, before the image is seen.
 
-Each prior answers one question: about given poses, the precision of its logarithm, its slope, and its value. That of a
-factor that is broad is its volume: it has the precision of a normal distribution of the same volume about the pose
-itself, so that what no detection determines counts as the whole of that volume and never as more.
+Each prior answers one question: its logarithm about given poses, as precision, slope and value. A broad factor is
+represented by a normal distribution of the same volume about the pose itself, so a parameter that no detection
+determines counts as the whole of that volume and never as more.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ FIELD = 2.0
 """Solid angle in steradians in which a body may be, if the image's size is not known: about 80° by 80°. A round
 value; a factor of two in it is 0.7 in the logarithm of the odds."""
 DEPTHS = 100.0
-"""Greatest over least distance of a body, each octave as probable. A round value; ten times as much is 0.4."""
+"""Ratio of a body's largest to its smallest distance, each octave equally probable. A round value; ten times as much is
+0.4."""
 ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
 TURNS = 2.0 * math.pi
 """Length of all rotations about an axis."""
 EXACT = 1e-6
-"""Least standard deviation of a prediction: in radians, over the distance, and over what it is in other directions."""
+"""Smallest standard deviation of a prediction: in radians, relative to the distance, and relative to other
+directions."""
 LEAST_TILT = 1e-4
-"""Least standard deviation, in radians, of a vertical that is called exact."""
+"""Standard deviation, in radians, used for a vertical that is stated as exact."""
 
 
 class Terms(NamedTuple):
@@ -129,7 +131,7 @@ class Gaussian(PosePrior):
     rotation, position : (3, 3) and (3,) arrays
         Of the mean; the position is that of the body's centre.
     covariance : (6, 6) array
-        Of (ω, τ); infinite on the diagonal of the three parameters of which nothing is known.
+        Covariance of (ω, τ); infinite on the diagonal for three parameters if nothing is known of them.
     broad : Broad
         Of those.
     """
@@ -181,7 +183,7 @@ class Gaussian(PosePrior):
 class Doubted(PosePrior):
     """A prediction that may be wrong: a mixture with what is known without it.
 
-    About each pose it is the component that says more there; the other one adds nothing where one of them is large.
+    About each pose the larger component stands for the mixture; the other is negligible where one of them is large.
 
     Parameters
     ----------
@@ -206,7 +208,7 @@ class Doubted(PosePrior):
         )
 
     def holds(self, rotation: Floats, position: Floats) -> NDArray[np.bool_]:
-        """Whether the prediction says more about each of some poses than what is known without it."""
+        """Whether the prediction gives each of some poses a higher density than what is known without it."""
         predicted, broad = self._components(rotation, position)
         return np.asarray(_at_pose(predicted) >= _at_pose(broad))
 

@@ -20,7 +20,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is known of one body after its image was seen.
+    """Posterior of one body, given its image.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Posterior:
 
     @property
     def confidence(self) -> Floats:
-        """Probability (n,) that each point's match in the first mode, or its being unmatched, is right."""
+        """Probability (n,) that each point's match in the first mode is right or, if unmatched, that it has none."""
         return self.confidence_in(self.modes.assignments[0])
 
     def confidence_in(self, assignment: Integers) -> Floats:
@@ -83,11 +83,10 @@ class Posterior:
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
     def believed(self, min_probability: float, wrong: float = 0.001) -> Integers | None:
-        """The first assignment without the matches that are not sure, or None.
+        """The first assignment without its doubtful matches; None if none can be kept.
 
-        With its pose as probable as P, so many of its matches are kept, the surest first, that the expected number of
-        wrong ones is at most 1 − p / P for the least probability p, or a thousandth of the matches of a large one. None
-        if none can be kept.
+        If its pose has the probability P, matches are kept, the most certain first, until the expected number of wrong
+        ones exceeds 1 − p / P for the least probability p, or a thousandth of the matches of a large assignment.
         """
         if not len(self.probabilities):
             return None
@@ -106,10 +105,10 @@ class Posterior:
 
 
 def prior_odds(options: PosteriorOptions = DEFAULT_POSTERIOR) -> float:
-    """Logarithm of the odds that an image shows the body, before it is seen."""
+    """Logarithm of the prior odds that an image shows the body."""
     return math.log(options.present) - math.log1p(-min(options.present, 1.0 - 1e-15))
 
 
 def unknown(n: int) -> Posterior:
-    """The posterior of a body of n points before anything is proposed."""
+    """The posterior of a body of n points for which nothing was proposed."""
     return Posterior(no_modes(n), np.empty(0), 1.0 - DEFAULT_POSTERIOR.wrong_model)

@@ -1,4 +1,4 @@
-"""Poses that are weighed because nothing in the image excludes them: other minima of few matches, and look-alikes."""
+"""Poses that are proposed because nothing in the image excludes them: other minima of few matches, and look-alikes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FEW = 6
-"""Matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the others. A
-round value."""
+"""Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
+others. A round value."""
 
 
 class Proposals(NamedTuple):
@@ -29,7 +29,7 @@ class Proposals(NamedTuple):
     """(K, 3) of the body's centre in the camera frame."""
 
     def take(self, which: Integers | NDArray[np.bool_]) -> Proposals:
-        """Some of them."""
+        """A subset of the proposals."""
         return Proposals(self.assignments[which], self.rotation[which], self.position[which])
 
 
@@ -65,10 +65,10 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Integers) -> Proposals:
-    """Poses in which a second body looks as a first one does: a copy of it, or its mirror image, or itself.
+    """Poses in which a second body looks like a first one, of which it is a copy, the mirror image, or the body itself.
 
-    A copy of a body in the pose moved along is the same. The mirror image of a body, its depth reversed, has the same
-    image but for perspective. Normals and the fit to the detections tell such poses apart, if anything does.
+    A copy of a body looks the same in the corresponding pose. The mirror image of a body with reversed depth has the
+    same image except for perspective. Only normals and the fit to the detections can tell such poses apart.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Inte
     is_mirror = np.linalg.det(reflected) < 0.0 and misfit(reflected) < misfit(turned)
     motion = reflected if is_mirror else turned
     rotation = proposals.rotation @ motion.T
-    # where the middles of the corresponding points lie: both bodies have them there
+    # the centroids of the corresponding points coincide in both bodies
     place = proposals.position + (middle[0] - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
     if is_mirror:
         along = place / np.linalg.norm(place, axis=1, keepdims=True)

@@ -1,7 +1,7 @@
-"""Self-motions: whether a source is symmetric under what exchanges two of its labellings, or only looks as if.
+"""Self-motions: whether a source is exactly symmetric under the exchange of two labellings, or only nearly so.
 
-Objects are made symmetric on purpose. Of an exactly symmetric one, measured with noise, the labellings that the
-symmetry exchanges have χ² of one law, whichever is right, and the lesser of them is no evidence. So the prior of the
+Objects are made symmetric on purpose. If an exactly symmetric object is measured with noise, χ² of the labellings that
+the symmetry exchanges follows one law, whichever is right, and the smaller value is no evidence. So the prior of the
 geometry is a mixture: exactly symmetric under the self-motion, or displaced from it by a distance of unknown size.
 """
 
@@ -21,10 +21,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 EXACT = 0.5
-"""Probability of an exact symmetry before the source is looked at, of all that are within its noise or not. A round
-value."""
+"""Prior probability that a self-motion is an exact symmetry. A round value."""
 FAR = 10.0
-"""Root mean square deviation, in σ, beyond which it is none. A round value."""
+"""Root mean square deviation, in σ, beyond which a self-motion is no symmetry. A round value."""
 SIZES = 24
 """Steps of the prior of a displacement's size, flat in its logarithm from the noise to the object's own. Not tuned."""
 DEPENDENT = 1e-2
@@ -33,13 +32,13 @@ turns by half leave a point where it is, up to the square of noise over size."""
 
 
 def exactly_symmetric(clouds: PointClouds, first: Integers, second: Integers, mirror: bool = False) -> float:
-    """Probability that a motion of the source takes some of its points exactly onto others, given both as measured.
+    """Probability that a motion takes some points of the source exactly onto others, given their measured positions.
 
     Parameters
     ----------
     clouds : PointClouds
     first, second : (m,) int64 arrays
-        The points, and those at whose places they are after the motion.
+        The points, and the points whose places they take after the motion.
     mirror : bool
         Whether the motion may be a reflection.
     """

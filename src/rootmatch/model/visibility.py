@@ -1,4 +1,4 @@
-"""How visible the points of a body are in a pose: before the camera, within the image, facing it."""
+"""Visibility of a body's points in a pose: in front of the camera, within the image, and facing the camera."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ FULLY = 0.5
 """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front, if no
 view angle is given; beyond, light falls with the cosine (Lambert). A round value."""
 BARELY = 0.02
-"""How visible a point is, over that, where it is just not to be seen: normals are not exact. A round value."""
+"""Visibility, relative to that, of a point that is only just hidden: normals are not exact. A round value."""
 SLACK = 0.15
 """Cosine beyond the view angle, or beyond a right angle, from which a point is not seen: five deviations of the
 edge, or 9° beyond the right angle. A round value."""
 UNSEEN = 1e-9
-"""How visible it is then: less than any detection is worth."""
+"""Visibility of such a point: less than any detection is worth."""
 EDGE = 0.03
 """Standard deviation of the edge of a view angle, in cosines. A round value: 2° at 70°."""
 LOGISTIC = 1.702
-"""Of the logistic curve that is nearest to the normal distribution's integral: within 0.01 everywhere."""
+"""Slope of the logistic curve nearest to the normal distribution's integral: within 0.01 everywhere."""
 
 
 def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Floats | None:
@@ -37,7 +37,7 @@ def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Float
 
 
 def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
-    """How visible points are by their normals, up to 1; 1 if nothing is known.
+    """Visibility of points by their normals, at most 1; 1 if no normals are known.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> 
 
 
 def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:
-    """How far pixels (…, 2) lie within an image of a size (width, height), with an edge as soft as their noise."""
+    """Degree, 0 to 1, to which pixels (…, 2) lie within an image of a size (width, height); the edge is soft."""
     inside = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + np.exp(np.clip(-LOGISTIC * inside / sigma, -700.0, 700.0))))

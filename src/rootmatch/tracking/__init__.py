@@ -1,1 +1,1 @@
-"""Following bodies from frame to frame: a motion filter, and the poses that no frame can tell apart."""
+"""Tracking of bodies from frame to frame: a motion filter, and several poses while frames do not tell them apart."""

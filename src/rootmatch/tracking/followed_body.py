@@ -32,26 +32,27 @@ class TrackingState(Enum):
 
 @dataclass(frozen=True)
 class TrackingOptions(Options):
-    """When a tracker searches and gives up; what follows is measured in benchmarks/tracking.py."""
+    """Options that decide when a tracker searches and gives up; their effect is measured in benchmarks/tracking.py."""
 
     interval: float = option(1.0 / 60.0, above=0.0)
     """Seconds between frames that are given without a time."""
     coasting: float = option(0.5, least=0.0)
     """Seconds without a match after which a body is lost."""
     patience: int = option(1, least=0)
-    """Frames in which a prediction may fail before one is searched without it: an occlusion often ends by itself."""
+    """Number of frames in which a prediction may fail before one is searched without it: occlusions often end by
+    themselves."""
     present: float = option(0.7, least=0.0)
-    """Detections, over those of the last frame that was matched, from which it is searched: with fewer the body is
+    """Number of detections, relative to the last matched frame, from which a frame is searched: with fewer, the body is
     hidden. A round value."""
     search_budget: int = option(30_000, least=1)
     """Evaluations of a search, all but that of the first frame, so that it ends within 50 ms. 100,000 find the same;
     with 10,000 two of 120 flights followed a wrong pose where 30,000 found the right one (benchmarks/tracking.py, seeds
     from 1100 and 2100)."""
     search_every: int = option(10, least=1)
-    """With several bodies those that are not found are searched for in one of so many frames, and so is a body that is
-    followed while most of what should be visible is missing. A round value."""
+    """Interval in frames between searches for missing bodies (with several bodies), and for a followed body most of
+    whose visible points are missing. A round value."""
     missing: float = option(0.6, least=0.0, most=1.0)
-    """Part of the visible points below which much is missing. A round value."""
+    """Share of the visible points below which most of them count as missing. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
     """How fast a body may move."""
 
@@ -65,7 +66,7 @@ class FollowedBody:
         Its points.
     options : TrackingOptions
     symmetries : list of (R, t)
-        Motions after which it looks the same from some side.
+        Motions after which the body looks the same from some side.
     """
 
     def __init__(
@@ -79,62 +80,62 @@ class FollowedBody:
         self.forget()
 
     def forget(self) -> None:
-        """Call it lost."""
+        """Declare the body lost."""
         self.rivals: list[RivalPose] = []
         self.settled = False
         self.missed = self.scant = 0
 
     @property
     def state(self) -> TrackingState:
-        """Whether it is being followed: it is not while several poses are, none of which was sure before."""
+        """Whether the body is being followed; not while several poses are followed of which none was certain before."""
         if not self.rivals or not self.settled:
             return TrackingState.LOST
         return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
 
     def worth_a_search(self, detections: int) -> bool:
-        """Whether so many detections may show the body elsewhere than predicted."""
+        """Whether this many detections may show the body elsewhere than predicted."""
         return self.missed >= self.options.patience and detections >= self.options.present * self.detections
 
     def misses(self, found: Found, others: int) -> bool:
-        """Whether much of what should be visible was missing in this frame and the one before, and may be elsewhere."""
+        """Whether many visible points were missing in this frame and the previous one, so the body may be elsewhere."""
         few = found.matched < self.options.missing * found.expected and others >= found.matched
         self.scant = self.scant + 1 if few else 0
         return self.scant > self.options.patience
 
     def late(self, frame: int) -> bool:
-        """Whether the last search while it was followed is long ago; the next one is counted from now."""
+        """Whether the last search for the followed body was long ago; if so, the next interval starts now."""
         if frame - self.searched < self.options.search_every:
             return False
         self.searched = frame
         return True
 
     def hold(self, after: Decided, detections: int) -> None:
-        """Take a frame that agrees with one of the poses."""
+        """Take in a frame that agrees with one of the poses."""
         self.rivals = after.left
         self.settled |= after.sure
         self.missed, self.detections = 0, detections
 
     def miss(self, time: float) -> None:
-        """Take a frame in which it was not found."""
+        """Take in a frame in which the body was not found."""
         self.missed += 1
         self.rivals = [one for one in self.rivals if time - one.filter.time <= self.options.coasting]
         if not self.rivals:
             self.forget()
 
     def presume(self, time: float) -> None:
-        """Let a frame in which it was not found narrow the predictions by what is likely to be seen of it."""
+        """Let a frame without a match narrow the predictions by detections that are probably the body's."""
         for rival in self.rivals:
             rival.presume(time)
 
     def start(self, match: Finding, time: float) -> None:
-        """Take the match of a frame that was searched while the body was lost."""
+        """Take in the match of a frame that was searched while the body was lost."""
         if match.status is Status.UNTRUSTED:
             return
         after = searched(match, [], self.shape, time)
         self.hold(after, match.task.shape[1])
 
     def take(self, match: Finding | None, predicted: bool, time: float) -> None:
-        """Take the match of a frame, which was made with a prior or without, where only one pose is followed.
+        """Take in the match of a frame, made with or without a prior, while only one pose is followed.
 
         With a prior that holds, a doubt about one detection does not stop the filter.
         """

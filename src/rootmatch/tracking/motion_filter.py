@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MotionOptions(Options):
-    """How fast a body may move and change its motion; what follows is measured in benchmarks/tracking.py.
+    """Options for how fast a body may move and change its motion; their effect is measured in benchmarks/tracking.py.
 
-    Lengths are in the body's root mean square radius: 0.1 m of a headset make 100 of them 10 m/s².
+    Lengths are in units of the body's root mean square radius: for a headset with 0.1 m, 100 radii/s² are 10 m/s².
     """
 
     angular_acceleration: float = option(30.0, above=0.0)
-    """Standard deviation of the angular acceleration on each axis, rad/s²: of a head turned quickly."""
+    """Standard deviation of the angular acceleration on each axis, rad/s²: that of a quickly turned head."""
     acceleration: float = option(100.0, above=0.0)
     """Standard deviation of the acceleration on each axis, in radii/s²."""
     angular_velocity: float = option(4.0, above=0.0)
@@ -36,9 +36,10 @@ class MotionOptions(Options):
     memory: float = option(0.1, above=0.0, most=1.0)
     """Weight of the last frame in the estimate of how large the accelerations are. A round value."""
     least_scale: float = option(0.5, above=0.0)
-    """Least factor on the accelerations, however well predictions are met: a real one lasts for many frames, and white
-    noise that adds up as fast is larger. With 0.1 two of 36 flights drifted away from poses that few points showed, one
-    with seven frames in a row matched and wrong (benchmarks/tracking.py, seeds from 1000, 2000 and 3000)."""
+    """Least factor on the accelerations, however good the predictions: a real acceleration lasts for many frames, and
+    white noise that adds up as fast is larger. With 0.1, two of 36 flights drifted away from poses that few points
+    showed, one with seven frames in a row matched and wrong (benchmarks/tracking.py, seeds from 1000, 2000 and
+    3000)."""
     most_scale: float = option(3.0, above=0.0)
     """Largest factor on them. A round value."""
 
@@ -75,11 +76,11 @@ class MotionFilter:
         self._ahead: tuple[float, Floats, Floats, Floats] | None = None
 
     def copy(self) -> MotionFilter:
-        """Another one that goes its own way from here."""
+        """An independent copy."""
         return deepcopy(self)
 
     def turned(self, R: Floats, t: Floats) -> MotionFilter:
-        """Another one, of the body after a motion x' = R x + t of its points, that moves as this one does."""
+        """A filter with the same motion, for the body after a motion x' = R x + t of its points."""
         other = self.copy()
         other.R = self.R @ R
         other.t = self.t + self.R @ (R @ self.centre + t - self.centre)
@@ -92,15 +93,15 @@ class MotionFilter:
         return self._given(R, t, P[:6, :6])
 
     def update(self, pose: Pose, time: float, weight: float = 1.0) -> None:
-        """Take a pose that was fitted with the prediction for this time as its prior, and so knows all of it.
+        """Take in a pose that was fitted with the prediction for this time as its prior and therefore includes it.
 
         Parameters
         ----------
         pose : Pose
         time : float
         weight : float
-            Probability that the detections are those of the body, else the prediction stands: the mean and the
-            covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
+            Probability that the detections belong to the body; otherwise the prediction holds. The update has the mean
+            and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
         R, t, P = self._at(time)
         before = (R, t, self.velocity, P)
@@ -116,7 +117,7 @@ class MotionFilter:
         rest = P[6:, 6:] - gain @ (prior - covariance) @ gain.T
         self.P[6:, 6:] = 0.5 * (rest + rest.T)
         self.time, self._ahead = time, None
-        # what a step should be: as much of the prior's covariance as the detections took away
+        # expected size of a step: the part of the prior's covariance that the detections removed
         expected = max(6.0 - float(np.trace(covariance @ inverse)), 0.1)
         ratio = min(float(step @ inverse @ step) / expected, 10.0)
         options = self.options
@@ -126,13 +127,13 @@ class MotionFilter:
             self._mixed(weight, before, step)
 
     def widen(self, pose: Pose, probability: float) -> None:
-        """Let the covariance know that the last pose may be another one, with a probability."""
+        """Widen the covariance to allow for another pose with some probability."""
         R, t, _ = self._centred(pose)
         away = np.concatenate([one_rotation_vector(R @ self.R.T), t - self.t])
         self.P[:6, :6] += probability * (1.0 - probability) * np.outer(away, away)
 
     def _mixed(self, weight: float, before: tuple[Floats, Floats, Floats, Floats], step: Floats) -> None:
-        """Take the update since ``before`` with a probability: first two moments of both together."""
+        """Weight the update since ``before`` by a probability: the first two moments of both together."""
         R, t, velocity, P = before
         change = np.concatenate([step, self.velocity - velocity])
         self.R = one_rotation_matrix(weight * step[:3]) @ R
@@ -141,7 +142,7 @@ class MotionFilter:
         self.P = (1.0 - weight) * P + weight * self.P + weight * (1.0 - weight) * np.outer(change, change)
 
     def _at(self, time: float) -> tuple[Floats, Floats, Floats]:
-        """Pose and covariance at a time, kept as an update asks for them once more."""
+        """Pose and covariance at a time, kept because an update needs them again."""
         if self._ahead is None or self._ahead[0] != time:
             self._ahead = (time, *self._ahead_by(time - self.time))
         return self._ahead[1:]

@@ -1,8 +1,8 @@
 """The flipped pose of a few points that are nearly in a plane: the same image, tilted the other way.
 
-Seen from afar a plane and its mirror image about the line of sight look nearly the same (Oberkampf, DeMenthon and Davis
-1996; Schweighofer and Pinz 2006). A fit ends in the minimum that is nearer to its start, and its covariance knows
-nothing of the other one.
+Seen from afar, a plane and its mirror image about the line of sight look nearly the same (Oberkampf, DeMenthon and
+Davis 1996; Schweighofer and Pinz 2006). A fit ends in the minimum nearer to its start, and its covariance ignores the
+other one.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.problems.pose_fit.pose import Pose
 
 LEAST, MOST = 3, 8
-"""Matches from and up to which a flipped pose is looked for: with more it hardly explains the image as well. Round
+"""Fewest and most matches for which a flipped pose is tried: with more, it hardly explains the image as well. Round
 values."""
 FLAT = 0.5
-"""Extent of points across a plane, over the lesser one within it, up to which they are nearly in it. A round value."""
+"""Extent of points across a plane, relative to their smaller extent within it, up to which they count as planar. A
+round value."""
 NEAR = 1.0
-"""Angle between the two, in radians, up to which the flipped pose counts: a body gets from one to the other only where
-both are one. Without a bound a flight lost its body where four points were flipped by 120 degrees, with 0.7 another one
-its pose (benchmarks/tracking.py, seeds from 1000 and 1100)."""
+"""Angle between the two, in radians, up to which the flipped pose counts: a body moves from one to the other only where
+both coincide. Without a bound, one flight lost its body when four points were flipped by 120 degrees; with 0.7, another
+lost its pose (benchmarks/tracking.py, seeds from 1000 and 1100)."""
 NEGLIGIBLE = 0.02
 """Probability below which it does not count. A round value."""
 
 
 def flipped_pose(task: MatchingTask, assignment: NDArray[np.int64], pose: Pose) -> tuple[Pose, float] | None:
-    """The flipped pose of an assignment, and its probability beside the given one by the detections alone.
+    """The flipped pose of an assignment, and its probability relative to the given pose by the detections alone.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ def flipped_pose(task: MatchingTask, assignment: NDArray[np.int64], pose: Pose) 
     Returns
     -------
     (Pose, float) or None
-        None where there is no such pose: the points are many or not in a plane, are seen from their front, or fit only
-        one of the two.
+        None if there is no such pose: the points are many or not planar, are seen from the front, or fit only one of
+        the two.
     """
     used = np.flatnonzero(assignment >= 0)
     if not LEAST <= len(used) <= MOST:

@@ -1,10 +1,10 @@
-"""Poses between which the frames so far do not decide, each followed through the next ones until one is left.
+"""Rival poses that the frames so far do not tell apart, each followed through the next frames until one is left.
 
-Two halves of a headset that are copies of one another, but for fractions of a millimetre, look the same from one side.
-The pose and its twin then agree in frame after frame, and each adds a little to the odds: its noise is independent of
-that of the others, so the logarithms of the likelihoods are summed up (a tracker of several hypotheses, Reid 1979).
-Until they decide no frame needs a search. Which of the visible points are missing is no such evidence, as the same
-points are missing in the next frame: of that a mean over some frames counts once.
+If the two halves of a headset are copies of each other to within fractions of a millimetre, one side looks like the
+other. The pose and its near-symmetric pose then agree in frame after frame, and each frame adds a little to the odds:
+the noise of frames is independent, so log-likelihoods are summed (multiple hypothesis tracking, Reid 1979). Until they
+decide, no frame needs a search. Missing points are not independent evidence, because the same points are missing in the
+next frame: their mean over some frames counts once.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 from rootmatch.tracking.pose_flip import flipped_pose
 
 MOST = 4
-"""Poses that are followed at once, a millisecond each in every frame. A round value."""
+"""Largest number of poses followed at once, each for a millisecond per frame. A round value."""
 SURE = 0.99
-"""Probability from which one of several that are turned against each other is reported as the pose. A round value."""
+"""Probability from which one of several poses that are rotated copies is reported as the pose. A round value."""
 NEGLIGIBLE = math.log(1e4)
-"""Log-odds against the best at which one is given up: what is decided here stands for the rest of a flight."""
+"""Log-odds against the best pose at which a rival is given up: the decision holds for the rest of a flight."""
 TEMPER = 0.5
-"""Weight of a frame's evidence: source points that are off by part of what tells two poses apart, or a σ that is stated
-too small, are wrong in the same way in every frame. It delays decisions; it changes none of which pose is ahead."""
+"""Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
+every frame. The weight delays decisions; it does not change which pose leads."""
 RECENT = 0.2
-"""Weight of a frame in the mean of which points are visible. A round value."""
+"""Weight of a frame in the running mean of the points' visibility. A round value."""
 LIKELY = 0.5
 """Probability of an assignment about a prediction from which its pose is taken: more likely than all others."""
 NEAR = 1.0 + 2.0 * math.cos(0.5)
 """Trace of the rotation between two poses above which they are the same one, not a turned copy. A round value."""
 TENTATIVE = 4
-"""Matches from which what is found, but not believed, is followed beside the prediction. One more than give a pose."""
+"""Number of matches from which an assignment that is not accepted is followed beside the prediction. One more than a
+pose needs."""
 
 
 @dataclass
@@ -56,9 +57,9 @@ class RivalPose:
     visibility : float or None
         Recent mean of the log-probability of which visible points are matched.
     tentative : bool
-        Whether it went on from what its prediction found, but did not believe, in the last frame.
+        Whether it continues from an assignment of the last frame that its prediction found but did not accept.
     presumed : (Pose, float) or None
-        What too few detections of this frame to be believed gave, and the probability that they are the body's.
+        Pose from too few detections of this frame to be accepted, and the probability that they are the body's.
     """
 
     filter: MotionFilter
@@ -73,13 +74,13 @@ class RivalPose:
         return self.evidence + (self.visibility or 0.0)
 
     def take(self, evidence: float, visibility: float) -> None:
-        """Add what a frame says."""
+        """Add the evidence of a frame."""
         self.evidence += TEMPER * evidence
         before = visibility if self.visibility is None else self.visibility
         self.visibility = (1.0 - RECENT) * before + RECENT * visibility
 
     def presume(self, time: float) -> None:
-        """Take what too few detections of a frame gave, by as much as it is likely."""
+        """Take in the result of too few detections of a frame, weighted by its probability."""
         if self.presumed is not None:
             pose, probability = self.presumed
             self.filter.update(pose, time, probability)
@@ -88,7 +89,7 @@ class RivalPose:
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """What a frame said.
+    """The outcome of a frame.
 
     Attributes
     ----------
@@ -97,9 +98,9 @@ class Decided:
     left : list of RivalPose
         Those that are still followed, the most likely first.
     found : Found or None
-        What the most likely one found, where that is believed.
+        Result of the most likely pose, if it is accepted.
     sure : bool
-        Whether there is hardly a doubt which of them it is.
+        Whether there is hardly any doubt about which pose it is.
     """
 
     match: Finding
@@ -110,7 +111,7 @@ class Decided:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What is known of a body before it is seen.
+    """Prior knowledge of a body.
 
     Attributes
     ----------
@@ -144,8 +145,8 @@ def decided(
     time : float
         Of the frame, seconds.
     shape : Shape, optional
-        The best pose is then also tried after the motions that leave the body nearly as it is, unless another rival is
-        there: a search need not have found both, nor the frames since then both again.
+        The best pose is then also tried after the body's near symmetries, unless there is another rival: neither the
+        search nor the frames since need have found both.
     """
     only = all(rival.tentative for rival in rivals)
     before = [replace(rival, filter=rival.filter.copy()) for rival in rivals] if shape is not None else []
@@ -172,7 +173,7 @@ def decided(
         same = one[2] is not None and one[2].believed
         distinct.setdefault(one[1].assignment.tobytes() if same else id(one[0]).to_bytes(8, "little"), one)
     ranked = list(distinct.values())[:MOST]
-    # what is tentative gives up nothing
+    # a tentative rival does not displace others
     firm = max((one[0].total for one in ranked if not one[0].tentative), default=-math.inf)
     ranked = [one for one in ranked if one[0].tentative or one[0].total > firm - NEGLIGIBLE]
     shares = shares_of([rival for rival, _, _ in ranked])
@@ -194,10 +195,10 @@ def decided(
 def _taken(
     rival: RivalPose, match: Finding, found: Found | None, *, there: bool, kept: bool, time: float
 ) -> list[tuple[RivalPose, Finding, Found | None]]:
-    """A rival after a frame, and where what it found is not believed that as another one, which is tentative.
+    """A rival after a frame; if its result is not accepted, also a tentative rival with that result.
 
-    ``there``: whether one of the rivals is believed: then the body is in view, and only its pose is in question.
-    ``kept``: whether it is followed further where nothing is found.
+    ``there``: whether one of the rivals is accepted, so that the body is in view and only its pose is in question.
+    ``kept``: whether it is still followed if nothing is found.
     """
     if found is not None and there and not found.believed and _worth_following(found):
         found = replace(found, believed=True)
@@ -236,7 +237,7 @@ def _taken(
 
 
 def _apart(found: Found, second: PriorFit) -> tuple[Found, Found]:
-    """What was found and its runner-up, each as probable as it were without the other one."""
+    """The result and its runner-up, each with the probability that it would have without the other."""
     odds = math.exp(max(second.log_odds - found.log_odds, -700.0))
     rest = max(1.0 / found.probability - 1.0 - odds, 0.0)
     other = replace(
@@ -255,7 +256,7 @@ def _apart(found: Found, second: PriorFit) -> tuple[Found, Found]:
 
 
 def _alike(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    """Whether two rotations are of one pose, not of copies turned against each other."""
+    """Whether two rotations belong to one pose, not to rotated copies."""
     return float((first * second).sum()) >= NEAR
 
 

@@ -1,4 +1,4 @@
-"""Poses that a search adds to those that a tracker follows: where none was confirmed, and where one misses too much."""
+"""Poses that a search adds to those followed, if none was confirmed or if one misses too many points."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from rootmatch.tracking.motion_filter import MotionFilter
 from rootmatch.tracking.rival_poses import MOST, NEGLIGIBLE, SURE, TEMPER, Decided, RivalPose, Shape, shares_of
 
 TURNED, LOOSE = 2, 0.03
-"""Poses of a searched frame whose turned copies are looked for, and how far these may be off: radians, and radii. Round
-values."""
+"""Number of poses of a searched frame whose rotated copies are tried, and how far these may be off, in radians and
+radii. Round values."""
 DRIFTED, DRIFT = 10.0, math.log(100.0)
 """How much less sure than it claims a prediction may be that was not confirmed, and the log-odds against that: a pose
 that three or four points showed may have drifted. Round values."""
@@ -36,20 +36,20 @@ def searched(
 ) -> Decided:
     """The poses that a searched frame leaves, together with those followed until then.
 
-    Each assignment goes on from each prediction that it does not contradict; without one, it has to be the more likely
-    for itself.
+    Each assignment continues each prediction that it does not contradict; without one, it has to be the more likely by
+    itself.
 
     Parameters
     ----------
     match : Finding
         Of the frame, searched without a prediction, and not untrusted.
     before : sequence of RivalPose
-        Those that were followed, none of which the frame confirmed. They are left as they are.
+        Poses that were followed, none of which the frame confirmed. They are not changed.
     shape : Shape
     time : float
         Of the frame, seconds.
     found : (n,) array, optional
-        What a prediction found, but did not believe.
+        Assignment that a prediction found but did not accept.
     """
     least = match.task.problem.minimal + 1
     every = [*match.every, *([] if found is None else [found])]
@@ -94,7 +94,7 @@ def searched(
     facts = match.facts
     if not (same and sure):
         facts = Facts(lead=match.facts.lead, probability=float(shares[0]), contested=not sure)
-    # the hyper-edges of an assignment that only the poses name were not evaluated
+    # the hyper-edges of an assignment that only poses propose were not evaluated
     score = scores.pop(fit.assignment.tobytes(), math.nan)
     others = dict.fromkeys((one[1].assignment.tobytes() for one in ranked[1:]), math.nan) | scores
     match = replace(
@@ -117,7 +117,7 @@ def _widened(pose: Pose, factor: float) -> Pose:
 
 
 def _turned(match: Finding, fits: Sequence[PriorFit], shape: Shape, known: set[bytes]) -> list[PriorFit]:
-    """Fits of what each pose explains after a motion that leaves the body nearly as it is; others than those known."""
+    """Fits of what each pose explains after a near symmetry of the body, except those already known."""
     loose = np.diag(np.repeat([LOOSE, LOOSE * body_radius(shape.source)], 3) ** 2)
     new: dict[bytes, NDArray[np.int64]] = {}
     for fit in fits:
@@ -132,9 +132,9 @@ def _turned(match: Finding, fits: Sequence[PriorFit], shape: Shape, known: set[b
 
 
 def challengers(match: Finding, current: Finding, rival: RivalPose, shape: Shape, time: float) -> list[RivalPose]:
-    """Other poses that a search found in a frame where the one that is followed misses much of what should be visible.
+    """Other poses that a search found in a frame where the followed pose misses many visible points.
 
-    Both are judged by this frame alone, and share the evidence of those before.
+    Both are judged by this frame alone and share the evidence of the previous ones.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def challengers(match: Finding, current: Finding, rival: RivalPose, shape: Shape
     ]
     fits = free_fits(match.task, [current.assignment, *every[: MOST - 1]])
     if not fits or fits[0].assignment is not current.assignment:
-        return []  # the few matches that each camera of a rig has fix no pose
+        return []  # a few matches in each camera of a rig do not determine a pose
     own, *fits = fits
     fits += _turned(match, fits[:TURNED], shape, {one.tobytes() for one in [current.assignment, *every]})
     found = []

@@ -1,4 +1,4 @@
-"""Follow a body, or several, from frame to frame: lost at first, then each pose predicts the next one."""
+"""The tracker: bodies are searched for at first, then each pose predicts the next one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
 TRACKING = TrackingOptions()
 TURNS = 3
-"""Near symmetries of a body that are tried. A round value."""
+"""Number of near symmetries of a body that are tried. A round value."""
 
 
 class Tracker:
@@ -146,7 +146,7 @@ max_evaluations
 
     @property
     def states(self) -> dict[Label | None, TrackingState]:
-        """The state of each body by its label; of a single one by None."""
+        """The state of each body by its label (None for a single body)."""
         return {label: body.state for label, body in self._bodies.items()}
 
     def predicted(self, time: float | None = None) -> dict[Label | None, Pose]:
@@ -226,7 +226,7 @@ max_evaluations
 
     @property
     def _budget(self) -> int | None:
-        """Evaluations of a search; None for the first frame, which may take as many as `rootmatch.match`."""
+        """Evaluations of a search; None for the first frame, which is limited only as `rootmatch.match` is."""
         return None if self.time is None else self.tracking.search_budget
 
     def _match_one(
@@ -237,7 +237,7 @@ max_evaluations
         deadline: Deadline,
         candidates: ArrayLike | None,
     ) -> Finding:
-        """What is found of a frame with one body: with its prediction, or several, and searched where none holds."""
+        """The finding of a frame with one body: from its predictions, and by a search if none holds."""
         body = self._bodies[None]
 
         def search() -> Finding:
@@ -271,7 +271,7 @@ max_evaluations
         found = search()
         if found.status is Status.UNTRUSTED:
             body.presume(when)
-            # what was found about the prediction is more likely than what was found anywhere
+            # the result about the prediction is more likely than the result of the search
             return replace(after.match, evaluated=found.evaluated) if (after.match.assignment >= 0).any() else found
         if not body.rivals:
             body.start(found, when)
@@ -290,7 +290,7 @@ max_evaluations
         deadline: Deadline,
         candidates: ArrayLike | None,
     ) -> Finding:
-        """What is found of a frame with several bodies."""
+        """The finding of a frame with several bodies."""
         given = {label: pose for label, pose in self.predicted(when).items() if label is not None}
         if isinstance(prior, Mapping):
             given |= prior
