@@ -184,7 +184,7 @@ max_hyperedges, max_evaluations
         budget: int | None = None,
         find: Callable[[MatchingTask], Finding] | None = None,
     ) -> Finding:
-        """What is found of a frame; that of the copies of its points where the camera is a rig.
+        """The finding of a frame; for a rig, that of the copies of its points.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ max_hyperedges, max_evaluations
         budget: int | None = None,
         candidates: ArrayLike | None = None,
     ) -> Finding:
-        """What is found of a frame for a tracker, which may bound its search.
+        """The finding of a frame for a tracker, which may limit its search.
 
         Unless ``searching``, a prediction that does not decide leaves nothing. ``budget``: evaluations of a guided
         search.
@@ -251,7 +251,7 @@ max_hyperedges, max_evaluations
     def tried(
         self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None, candidates: ArrayLike | None = None
     ) -> tuple[Finding, Found | None]:
-        """What a predicted pose of the only body finds, untrusted unless that is believed, and how sure it is."""
+        """The result of a predicted pose of the only body, untrusted unless accepted, with its certainty."""
         known: list[Found | None] = [None]
 
         def find(task: MatchingTask) -> Finding:
@@ -261,7 +261,7 @@ max_hyperedges, max_evaluations
         return self.explained(target, noise=noise, candidates=candidates, prior=prior, find=find), known[0]
 
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
-        """What is wrong with the detections of a frame that may come of any detector; None where nothing is."""
+        """Fault of a frame's detections that any detector may cause; None if there is none."""
         if detections.size == 0:
             return f"no detections given, at least {self.problem.order} needed for one hyper-edge"
         if detections.ndim != 2 or detections.shape[1] != self.problem.target_dimension:

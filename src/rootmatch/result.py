@@ -207,7 +207,7 @@ class Match:
 
     @cached_property
     def _weighed(self) -> Ranked | None:
-        """What probability and confidence are read from where the status needed neither: found once for both."""
+        """Source of probability and confidence if the status needed neither: computed once for both."""
         return weighed(self.task, self.finding.every)
 
     @cached_property

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """What each camera of a rig sees.
+    """Detections of the points in each camera of a rig.
 
     Attributes
     ----------

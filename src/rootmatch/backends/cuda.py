@@ -58,7 +58,7 @@ def evaluate_kernel(tables, kind, source_index, target_index, residual):  # type
 
 
 def panel_kernel(tables, kind, bases, arrangements, first_stem, panels):  # type: ignore[no-untyped-def]
-    """What slabs share whose minimal sets differ in the last image alone, one such stem a thread.
+    """Kernel for the shared part of slabs whose minimal sets differ only in the last image, one per thread.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class Sweep:
             self._reserve(1 << found.bit_length())
 
     def __call__(self, first: int, last: int, gate: float) -> Found:
-        """What is below the gate among the slabs of these ranks, in no order."""
+        """Hyper-edges below the gate among the slabs of these ranks, in no order."""
         found, looked = self.run(first, last, gate)
         return Found(self.codes[:found].copy_to_host(), self.residuals[:found].copy_to_host(), looked)
 

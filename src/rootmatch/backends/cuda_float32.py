@@ -60,7 +60,7 @@ class Screen:
         self.sweep = Sweep(replace(work, tables=rounded(work.tables)))
 
     def __call__(self, first: int, last: int, gate: float) -> Found:
-        """What is below the gate among the slabs of these ranks, in no order; none that the screen has dropped."""
+        """Hyper-edges below the gate among the slabs of these ranks that pass the screen, in no order."""
         sweep = self.sweep
         passed, looked = sweep.run(first, last, WIDENED * gate)
         codes, residuals = sweep.codes[:passed], cuda.device_array(max(passed, 1), np.float64)

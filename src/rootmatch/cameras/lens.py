@@ -1,4 +1,4 @@
-"""What a lens does to an image, whatever its model: the interface, and what the models share."""
+"""Lens models: their interface and their common parts."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def first_positive_root(polynomial: Sequence[float] | Floats) -> float:
 def increasing_root(
     function: Callable[[Floats], tuple[Floats, Floats]], wanted: Floats, high: float, guess: Floats
 ) -> Floats:
-    """Where a function, which increases from 0 at 0, has the wanted values (m,): Newton's method within brackets.
+    """Arguments at which a function that increases from 0 at 0 has the wanted values (m,): Newton's method in brackets.
 
     Parameters
     ----------

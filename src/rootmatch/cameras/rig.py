@@ -158,7 +158,7 @@ class Rig(CameraModel):
         return self, pixels[:, :2] + self.offsets(pixels)[pixels[:, 2].astype(np.int64)], sigma
 
     def offsets(self, pixels: Floats) -> Floats:
-        """Where the image of each camera (C, 2) lies in a plane on which those of all detections do not overlap."""
+        """Offset (C, 2) of each camera's image in a common plane on which the images do not overlap."""
         offsets, edge = np.zeros((len(self.views), 2)), 0.0
         for k in range(len(self.views)):
             own = pixels[pixels[:, 2] == k, :2]

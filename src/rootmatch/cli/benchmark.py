@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class What(StrEnum):
-    """What is measured."""
+    """The kinds of benchmark."""
 
     SPEED = "speed"
     REAL = "real"

@@ -38,7 +38,7 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class FrameOutputs:
-    """Where the results of many frames go."""
+    """Outputs for the results of many frames."""
 
     output: Path | None
     poses: Path | None
@@ -71,7 +71,7 @@ class FrameOutputs:
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker needs to match frames: the arguments of `rootmatch.Matcher`, and names for the rows."""
+    """Input of a worker that matches frames: the arguments of `rootmatch.Matcher`, and names for the rows."""
 
     source: PointSet
     problem: Any
@@ -166,7 +166,7 @@ def _in_order(
 
 
 def _settings(job: Job) -> dict[str, str]:
-    """What rows depend on, by the options' names, so that they are not continued with another of them."""
+    """Settings that rows depend on, by option name, so that files are not continued with different ones."""
     from rootmatch._version import __version__
 
     source = job.source
@@ -209,7 +209,7 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
 
 @dataclass
 class Worker:
-    """What a process keeps from frame to frame."""
+    """State that a process keeps from frame to frame."""
 
     job: Job
     matcher: Any

@@ -1,4 +1,4 @@
-"""What ``rootmatch match`` writes and prints: files, all of them or none, and a table or JSON on standard output."""
+"""Outputs of ``rootmatch match``: files, all of them or none, and a table or JSON on standard output."""
 
 from __future__ import annotations
 

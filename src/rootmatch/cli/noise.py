@@ -20,7 +20,7 @@ DEFAULT = 1.0
 
 @dataclass(frozen=True)
 class Noise:
-    """What a command line says of the noise.
+    """The noise as stated on a command line.
 
     Parameters
     ----------

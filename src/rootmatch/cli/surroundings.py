@@ -1,4 +1,4 @@
-"""What surrounds a run of the command line: signals, and standard output that may be closed, full or not Unicode."""
+"""The environment of a command: signals, and a standard output that may be closed, full or not Unicode."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From SymPy equations to a problem (the extra ``symbolic``)."""
+"""Derivation of problems from SymPy equations (the extra ``symbolic``)."""

@@ -1,4 +1,4 @@
-"""A derived polynomial on exact instances: is it right, who shares its variable, how many constraints is that."""
+"""Checks of a derived polynomial on exact instances: correctness, shared variable, number of constraints."""
 
 from __future__ import annotations
 

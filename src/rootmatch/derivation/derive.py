@@ -1,4 +1,4 @@
-"""From SymPy equations to a problem: `derive` (the extra ``symbolic``)."""
+"""`derive`: a problem from SymPy equations (the extra ``symbolic``)."""
 
 from __future__ import annotations
 

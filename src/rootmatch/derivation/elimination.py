@@ -1,4 +1,4 @@
-"""From a polynomial system to one polynomial in the shared variable: substitution, determinants, resultants.
+"""Elimination: one polynomial in the shared variable from a system, by substitution, determinants and resultants.
 
 Every step is exact over the leaves. Long coefficients get a name (a *definition*) before a step that would multiply
 them out; the generated code then computes them once, and elimination never sees more terms than it must.

@@ -1,4 +1,4 @@
-"""From a polynomial in the shared variable to the text of a generated module."""
+"""Generation of a module's text from a polynomial in the shared variable."""
 
 from __future__ import annotations
 

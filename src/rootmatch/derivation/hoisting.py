@@ -1,4 +1,4 @@
-"""What of a polynomial depends on the last target point, and what can be computed before its loop.
+"""The parts of a polynomial that depend on the last target point, and those that can be computed before its loop.
 
 A slab sweeps the last correspondence of a hyper-edge over all target points. So the polynomial of a minimal set with
 that correspondence in its last slot is written as a polynomial in the few quantities that depend on the last target

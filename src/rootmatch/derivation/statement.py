@@ -47,7 +47,7 @@ class Statement:
     positive: Equations | None = None
 
     def conditions(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
-        """What must be positive at a true root."""
+        """Expressions that must be positive at a true root."""
         return [] if self.positive is None else self._expressions("positive", self.positive, list(X), list(u))
 
     def build(self, X: Sequence[Any], u: Sequence[Any], places: Sequence[int] | None = None) -> list[Expr]:
@@ -71,7 +71,7 @@ class Statement:
         return [*self.eliminate, *(copy for place in range(self.minimal) for copy in self.copies(place).values())]
 
     def _expressions(self, name: str, function: Equations, X: Any, u: Any) -> list[Expr]:
-        """What the user's function returns of some points, as a flat list.
+        """The result of the user's function for some points, as a flat list.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What is run on the reported scenes, once ρ is chosen, and the names by which figures and claims ask for it."""
+"""Runs on the reported scenes once ρ is chosen, and the names by which figures and claims refer to them."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ Key = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Rhos:
-    """What the scan found and what was chosen.
+    """Results of the scan of ρ, and the chosen values.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is run: settings of the paper's scenes, methods, and the panels of its figures."""
+"""Settings of the paper's scenes, methods, and the panels of its figures."""
 
 from __future__ import annotations
 

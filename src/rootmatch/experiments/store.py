@@ -77,7 +77,7 @@ class Row:
 
 
 def versions_in_use() -> str:
-    """What may change a result: versions and processor kind, as JSON text."""
+    """Versions and kind of processor, which may change a result, as JSON text."""
     names = {name: version(name) for name in ("numpy", "scipy", "numba")}
     return json.dumps(
         {"rootmatch": __version__, "python": platform.python_version(), **names, "machine": platform.machine()}

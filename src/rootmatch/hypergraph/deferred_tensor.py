@@ -33,5 +33,5 @@ class DeferredTensor(AffinityTensor):
         return vars(self)[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: hyper-edges rather than the function."""
+        """State for pickling: the hyper-edges instead of the function."""
         return {"indices": self.indices, "weights": self.weights, "shape": self.shape, "unary": self.unary}

@@ -25,7 +25,7 @@ TARGET_TUPLES = 2_000_000
 
 @dataclass(frozen=True)
 class Invariant:
-    """What is compared of a tuple of points.
+    """A feature of point tuples that is compared between the two sets.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def invariant_affinities(
     neighbours: int | None = None,
     seed: int = 0,
 ) -> tuple[NDArray[np.int32], Floats, tuple[int, int]]:
-    """What `rootmatch.AffinityTensor` takes: ``AffinityTensor(*invariant_affinities(source, target))``.
+    """Affinities of tuples with similar invariants, for ``AffinityTensor(*invariant_affinities(source, target))``.
 
     Parameters as of `nearest_hyperedges`.
 

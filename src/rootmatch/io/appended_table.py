@@ -138,7 +138,7 @@ class AppendedTable:
         self._begun = True
 
     def _end_of_whole_frames(self, stream: FileIO) -> int:
-        """Where the last frame begins; those before it are done."""
+        """Position at which the last frame begins; earlier frames are complete."""
         begin = position = 0
         last = -1
         with open(os.dup(stream.fileno()), "rb") as lines:

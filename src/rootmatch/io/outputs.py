@@ -1,4 +1,4 @@
-"""Where results go: files are written beside their place and moved there when whole, devices and pipes written through.
+"""Output of results: files are written beside their destination and moved when complete; devices and pipes directly.
 
 Every output of the package passes here. What stands at its path decides: a regular file, or nothing, gets a finished
 file moved over it, through links to their target and with its mode and owner; a device, a pipe, or ``-`` for standard

@@ -1,4 +1,4 @@
-"""What a matcher or a tracker of some problem may need, compiled before its first frame: `rootmatch.warmup`."""
+"""`rootmatch.warmup`: compile what a matcher or a tracker of some problem may need before its first frame."""
 
 from __future__ import annotations
 

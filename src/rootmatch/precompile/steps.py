@@ -1,4 +1,4 @@
-"""What is done to have kernels compiled: calls of the public functions, as a user makes them.
+"""Steps that compile kernels: calls of the public functions, as a user makes them.
 
 Kernels are not listed. What a call needs is compiled by it, so a new kernel, problem, residual or solver is covered as
 soon as a call here reaches it; `tests/test_prebuilt.py` finds what none reaches.
@@ -29,7 +29,7 @@ SEARCHED = ("p3p", "up2p")
 
 
 def matched(scene: Sample, **options: Any) -> None:
-    """A match as a user asks for it, who reads its score."""
+    """A match whose score is read, as by a user."""
     _ = match(scene.source, scene.target, scene.problem, **{"noise": scene.noise, **options}).score
 
 
@@ -70,7 +70,7 @@ def _has(name: str, kind: str) -> bool:
 
 
 def first_steps() -> dict[str, Step]:
-    """What a first match of most users needs: the problems of the paper, guided, and with several motions.
+    """Steps for the first match of most users: the problems of the paper, guided, and with several motions.
 
     What takes long and shares little comes first, so that workers do not wait for one another.
     """
@@ -85,7 +85,7 @@ def first_steps() -> dict[str, Step]:
 
 
 def prebuilt_steps() -> dict[str, Step]:
-    """What comes with a wheel: all of `first_steps`, every problem and solver, and the paper's preset."""
+    """Steps for the kernels of a wheel: all of `first_steps`, every problem and solver, and the paper's preset."""
     steps = first_steps()
     steps |= {f"match {name}": partial(matched, sample(name)) for name in PROBLEMS if name not in PAPER}
     steps |= {f"solver {name}, order {order}": partial(solved, name, order) for name in SOLVERS for order in (4, 3)}
@@ -106,7 +106,7 @@ def prebuilt_steps() -> dict[str, Step]:
 
 
 def all_steps() -> dict[str, Step]:
-    """All of `prebuilt_steps`, and every kind of residual of every problem, exhaustive and of a list."""
+    """Steps for everything: all of `prebuilt_steps`, and every residual of every problem, exhaustive and of a list."""
     steps = prebuilt_steps()
     for name in PROBLEMS:
         for kind in KINDS:

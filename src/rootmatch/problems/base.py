@@ -1,4 +1,4 @@
-"""What every geometric problem offers to the pipeline: its sizes, its polynomial and its tables."""
+"""The interface of every geometric problem: its sizes, its polynomial and its tables."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class Problem(ABC):
         return isinstance(getattr(self, "camera", None), UnitRays)
 
     def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
-        """What counts as a pixel of either set where noise is compared with one: see `checks.LEAST_NOISE`."""
+        """Length that counts as a pixel of either set when noise is compared with one; see `checks.LEAST_NOISE`."""
         return 1.0, 1.0
 
     def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,7 +47,7 @@ def match_residuals(match: Match) -> NDArray[np.float64]:
 
 
 def weight(match: Match) -> str:
-    """What speaks for a match: its score or, where no hyper-edge was evaluated, its log-odds against clutter."""
+    """Evidence for a match: its score or, if no hyper-edge was evaluated, its log-odds against clutter."""
     if match.score is not None:
         return f"score {match.score:.4g}"
     return "no score" if match.log_odds is None else f"log-odds {match.log_odds:.4g}"
@@ -153,7 +153,7 @@ def _compare_with_truth(assignment: Integers, truth: Integers) -> str:
 
 
 def _difference(other: Integers, match: Match, sources: Sequence[str], targets: Sequence[str]) -> str:
-    """Where an alternative differs from the assignment, as ``source→target``."""
+    """Differences of an alternative from the assignment, as ``source→target``."""
     parts = [
         f"{sources[i]}→{targets[other[i]] if other[i] >= 0 else '–'}"
         for i in np.flatnonzero(other != match.assignment).tolist()

@@ -1,4 +1,4 @@
-"""What is compared on blind PnP: this library, and baselines that need no training.
+"""Methods compared on blind PnP: this library, and baselines that need no training.
 
 Local methods are begun from random rotations until a pose explains nearly all points or all detections, or until their
 starts or their time are spent; the pose with the most support is their answer. A detection supports a pose if it and a

@@ -36,7 +36,7 @@ NEAREST, FARTHEST = 5.0, 9.0
 
 @dataclass(frozen=True, eq=False)
 class BlindScene:
-    """What a method is told, and the true pose: ``x_cam = R X + t``.
+    """The input of a method, and the true pose ``x_cam = R X + t``.
 
     Attributes
     ----------

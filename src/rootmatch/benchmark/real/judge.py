@@ -1,4 +1,4 @@
-"""What a reply is worth: right, wrong and missed points, and whether it was vouched for."""
+"""Judgement of a reply: right, wrong and missed points, and whether it was vouched for."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ FIELDS: Fields = {
 
 
 def rows_file(folder: Path, method: str) -> Path:
-    """Where a method's rows are: one JSON object a line. Each command has a file of its own."""
+    """File of a method's rows, one JSON object per line. Each command has a file of its own."""
     name = re.sub(r"[^\w.-]+", "-", method, flags=re.ASCII).strip("-.")[:80]
     if name != method:
         name += f"-{hashlib.sha256(method.encode(errors='surrogateescape')).hexdigest()[:8]}"

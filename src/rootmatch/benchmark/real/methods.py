@@ -20,7 +20,7 @@ METHODS = ("rootmatch", "rootmatch-paper")
 
 
 def reply(request: dict[str, Any], method: str) -> dict[str, Any]:
-    """What this library answers, with its defaults or as the paper has it."""
+    """The library's answer, with its defaults or with the paper's preset."""
     from rootmatch.api import match
     from rootmatch.errors import InputError
 

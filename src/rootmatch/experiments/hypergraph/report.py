@@ -73,7 +73,7 @@ class Results:
 
 
 def level(setting: Setting) -> float:
-    """What is varied in a setting's protocol: σ, or the number of outliers."""
+    """The quantity that a setting's protocol varies: σ, or the number of outliers."""
     return setting.noise if setting.problem == DEFORMATION else float(setting.outliers)
 
 

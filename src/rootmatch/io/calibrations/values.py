@@ -1,4 +1,4 @@
-"""What the readers share: numbers out of parsed files, and YAML without surprises."""
+"""Helpers of all readers: numbers from parsed files, and YAML without surprises."""
 
 from __future__ import annotations
 

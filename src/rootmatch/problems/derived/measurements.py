@@ -1,4 +1,4 @@
-"""What is measured of a point: the coordinates that stand in a problem's equations, and their noise.
+"""Measurements of a point: the coordinates in a problem's equations, and their noise.
 
 A measurement converts points as the caller gives them (pixels, points in space) into the coordinates for which the
 equations hold symbols, and says how the noise of the given numbers moves those coordinates.
@@ -48,7 +48,7 @@ class Measurement(ABC):
 
     @property
     def key(self) -> str:
-        """What a derivation depends on: not the camera, only the shape of what is measured."""
+        """Key of a derivation: it depends on the shape of the measurement, not on the camera."""
         return f"{type(self).__name__}{''.join(self.letters)}{self.noise_dimensions}"
 
     @abstractmethod

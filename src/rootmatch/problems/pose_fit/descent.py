@@ -30,7 +30,7 @@ S = TypeVar("S", bound=State)
 
 
 class Model(Protocol):
-    """What is fitted: B problems with parameters of their own each, all arrays with B first."""
+    """A model to fit: B problems, each with its own parameters; B is the first axis of all arrays."""
 
     def residuals(self, state: State) -> Floats:
         """Deviations over their σ (B, r); 0 for what is not measured, NaN or infinity where a state is impossible."""

@@ -1,4 +1,4 @@
-"""What a pose must be: a rotation, finite numbers, a covariance; and the nearest one to what is one up to rounding."""
+"""Checks of a pose: a rotation, finite numbers, a covariance; and the rotation nearest to one with rounding errors."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Views:
 
     @property
     def arrays(self) -> tuple[Any, ...]:
-        """What compiled fits read: rays, their axes, σ and the focal length."""
+        """Input of compiled fits: rays, their axes, σ and the focal length."""
         numbers = self.first, self.second, self.first_axes, self.second_axes, self.first_sigma, self.second_sigma
         return *(np.ascontiguousarray(array, np.float64) for array in numbers), float(self.focal)
 

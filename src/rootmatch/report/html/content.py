@@ -1,4 +1,4 @@
-"""What a report shows of a match: plain numbers and strings, which the page's script draws."""
+"""Content of a report: plain numbers and strings about a match, which the page's script draws."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def _view(
 
 
 def _predict_unmatched(match: Match, pose: Pose, assignment: Integers, predicted: list[list[float] | None]) -> None:
-    """Where the points without a match would be, of those in front of the camera that face it."""
+    """Predicted positions of the unmatched points that are in front of the camera and face it."""
     camera = getattr(match.problem, "camera", None)
     unmatched = np.flatnonzero(assignment < 0)
     if camera is None or not len(unmatched) or len({int(m) for m in match.motion_labels if m >= 0}) > 1:

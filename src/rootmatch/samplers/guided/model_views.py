@@ -1,4 +1,4 @@
-"""What a search needs of an object with normals, whatever the image: computed once, kept for the last few objects."""
+"""Data of an object with normals that a search needs for any image: computed once, kept for the last few objects."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class ModelViews:
         return self._waves[number]
 
     def missed(self, matched: int, waves: int) -> float:
-        """Probability that a pose with so many detected points was met by none of the sets of the first waves."""
+        """Probability that no set of the first waves met a pose with ``matched`` detected points."""
         if matched not in self._met:
             self._views[matched] = some_of(
                 self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]])

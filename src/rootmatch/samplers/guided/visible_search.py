@@ -96,7 +96,7 @@ class VisibleSearch(Search):
         self.missed = 0.0
 
     def _none_missed_of(self, matched: int, waves: int) -> bool:
-        """Whether a pose that explains so many points would have been met by the first waves."""
+        """Whether the first waves would have met a pose that explains this many points."""
         self.missed = self.views.missed(matched, waves)
         return self.missed <= self.options.visibility.missed
 

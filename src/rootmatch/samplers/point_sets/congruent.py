@@ -220,7 +220,7 @@ def _labelled(squared: Floats, variance: Floats, gate: float, allowed: NDArray[n
 
 
 def _distinct(parts: list[Integers], least: int) -> Integers:
-    """Labellings of so many matches or more, each once, those with the most matches first."""
+    """Distinct labellings with enough matches, those with the most matches first."""
     every = np.concatenate(parts)
     matched = (every >= 0).sum(axis=1)
     every, matched = every[matched >= least], matched[matched >= least]

@@ -1,4 +1,4 @@
-"""Where the multi-start ascent stops: when the best assignment is settled, and when further starts are in vain."""
+"""The rule for stopping the multi-start ascent: the best assignment is settled, or further starts are in vain."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ def patience(options: AscentStoppingOptions, correspondences: int, reads_per_asc
 
 
 def stands_out(options: AscentStoppingOptions, values: list[float], ascents: int) -> bool:
-    """Whether the best of the objectives found by so many ascents is far above every other."""
+    """Whether the best objective of these ascents is far above every other."""
     ranked = sorted(values, reverse=True)
     return ascents > options.lead_after and (len(ranked) < 2 or ranked[0] > options.lead * ranked[1])

@@ -74,7 +74,7 @@ def best_packing(
     nodes: int,
     patience: int = 150,
 ) -> NDArray[np.bool_]:
-    """Disjoint sets (G,) of the largest total value, at most so many of them.
+    """Disjoint sets (G,) of the largest total value, limited in number.
 
     A set that loses more against the prices than the best packing known cannot be in a better one, so that few sets
     remain to branch on.
@@ -101,7 +101,7 @@ def best_packing(
 def packing_above(
     least: float, elements: NDArray[np.int64], relaxed: Relaxation, most: int, nodes: int
 ) -> NDArray[np.bool_]:
-    """Disjoint sets (G,) of the largest total value found within so many nodes; none if that is not above `least`."""
+    """Disjoint sets (G,) of the largest total value found within a number of nodes; none if it is not above `least`."""
     chosen = np.zeros(len(relaxed.loss), np.bool_)
     budget = relaxed.bound - least - CLOSED * relaxed.bound
     left = np.flatnonzero(relaxed.loss < budget)

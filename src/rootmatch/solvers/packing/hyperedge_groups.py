@@ -103,7 +103,7 @@ class HyperedgeGroups:
         return self._evidence(np.full(pairs.shape[1], len(members) + 1), sums)
 
     def _evidence(self, m: NDArray[np.int64], sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Evidence of groups of so many members whose hyper-edges agree by so much in sum."""
+        """Evidence of groups by their number of members and the summed agreement of their hyper-edges."""
         hyperedges = np.array([math.comb(int(size), self.order) for size in m], np.float64)
         squared = self.gate2 - sums / hyperedges
         return np.asarray(

@@ -1,4 +1,4 @@
-"""What all converters share: files of a snapshot, OpenCV, poses of known correspondences, the fields of a data set."""
+"""Functions of all converters: files of a snapshot, OpenCV, poses of known correspondences, fields of a data set."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def opencv() -> Any:
 
 
 def opencv_errors() -> tuple[type[Exception], ...]:
-    """What OpenCV raises, if it was imported."""
+    """The exceptions of OpenCV, if it was imported."""
     return (sys.modules["cv2"].error,) if "cv2" in sys.modules else ()
 
 
