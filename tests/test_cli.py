@@ -633,9 +633,12 @@ def test_a_report_of_numbers_that_json_cannot_hold(capsys: pytest.CaptureFixture
 
 
 def test_every_option_is_documented() -> None:
-    text = (Path(__file__).parents[1] / "docs" / "cli.md").read_text(encoding="utf-8")
-    for command in ("match", "simulate"):
-        section = text.split(f"## rootmatch {command}\n")[1].split("\n## ")[0]
+    pages = Path(__file__).parents[1] / "docs"
+    text = (pages / "cli.md").read_text(encoding="utf-8")
+    for command in ("match", "track", "simulate", "benchmark", "reproduce"):
+        section = (pages / "reproduction.md").read_text(encoding="utf-8")
+        if command != "reproduce":
+            section = text.split(f"## rootmatch {command}\n")[1].split("\n## ")[0]
         screen = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"}).invoke(app, [command, "--help"]).stdout
         options = set(re.findall(r"--[a-z][a-z0-9-]*", screen)) - {"--help"}
         assert len(options) > 5

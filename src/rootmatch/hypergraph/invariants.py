@@ -194,7 +194,7 @@ def invariant_affinities(
 ) -> tuple[NDArray[np.int32], Floats, tuple[int, int]]:
     """Affinities of tuples with similar invariants, for ``AffinityTensor(*invariant_affinities(source, target))``.
 
-    Parameters as of `nearest_hyperedges`.
+    Parameters as for `nearest_hyperedges`.
 
     Returns
     -------
@@ -203,6 +203,11 @@ def invariant_affinities(
     weights : (E,) array
         exp(−distance / mean distance), as in the classical protocols.
     shape : (n, n')
+
+    Raises
+    ------
+    InputError
+        As `nearest_hyperedges`.
     """
     source_index, target_index, distance = nearest_hyperedges(
         source, target, invariant, tuples=tuples, neighbours=neighbours, seed=seed

@@ -102,9 +102,9 @@ def by_poselib(scene: BlindScene, seconds: float) -> Answer:
 
 
 def by_peer(path: Path) -> Method:
-    """A function ``ransac_match(points, pixels, K, tolerance, max_seconds, seed)`` of a file that is no part of this.
+    """The function ``ransac_match(points, pixels, K, tolerance, max_seconds, seed)`` of another program's file.
 
-    It answers an assignment, a pose (R, t) and the number of inliers.
+    It returns an assignment, a pose (R, t) and the number of inliers.
     """
     if not path.is_file():
         raise InputError(f"peer: {path} is no file; give a Python file with a function ransac_match")

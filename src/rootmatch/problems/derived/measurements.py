@@ -73,7 +73,12 @@ class Points(Measurement):
     size : int
         2 or 3 coordinates.
     noisy : bool
-        Whether they carry noise of the size that `prepare` gets; a model's points are exact.
+        Whether they carry noise; a model's points are exact.
+
+    Raises
+    ------
+    InputError
+        If ``size`` is neither 2 nor 3.
     """
 
     size: int = 3
@@ -113,7 +118,7 @@ class Bearings(Measurement, UnitRays):
     """Unit rays: those of pixels in a calibrated camera, or given as they are.
 
     ``Bearings(camera)`` is a measurement for `rootmatch.derive`. ``Bearings()`` is one too, and a camera for every
-    problem that takes one: its detections are rays (m, 3) of the camera frame, anywhere about it, and their noise is in
+    problem that takes one: its detections are rays (m, 3) in the camera frame, in any direction, and their noise is in
     radians.
 
     Parameters
@@ -121,8 +126,13 @@ class Bearings(Measurement, UnitRays):
     camera : Camera, optional
         Without one the points are rays already.
     turn : (3, 3) nested tuple, optional
-        Rotation applied to the rays, say one that brings a measured vertical onto the y axis
+        Rotation applied to the rays, for example one that brings a measured vertical onto the y axis
         (`rootmatch.cameras.vertical.rotation_to_vertical`, as ``tuple(map(tuple, R))``).
+
+    Raises
+    ------
+    InputError
+        If ``camera`` is not a camera.
     """
 
     camera: CameraModel | None = None
@@ -183,7 +193,7 @@ class Uncalibrated(Measurement):
     centre : two floats
         Principal point in pixels.
     turn : (3, 3) nested tuple, optional
-        As of `Bearings`.
+        As for `Bearings`.
     unit : float
         Pixels; of the order of a focal length, which keeps the polynomials well scaled.
     """

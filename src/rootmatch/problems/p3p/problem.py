@@ -39,6 +39,11 @@ class P3P(Problem):
     camera : Camera
         Or a `rootmatch.Rig`.
 
+    Raises
+    ------
+    InputError
+        If ``camera`` is not a camera.
+
     Notes
     -----
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the

@@ -44,6 +44,11 @@ class PlanarMotion(Problem):
         The plane's normal (for a robot on a floor: down) in the frame of the first and of the second camera. Any length
         but 0; for a camera fixed to a robot both are the same, so the second one is the first unless it is given.
 
+    Raises
+    ------
+    InputError
+        If a camera or a direction is missing or cannot be used.
+
     Notes
     -----
     A hyper-edge of three correspondences has one constraint. Points must lie in front of both cameras.

@@ -39,6 +39,11 @@ class Similarity(Problem):
         Whether a mirrored set matches too: the motion may then be a reflection. In space the guided search, of
         large sets, finds rotations only.
 
+    Raises
+    ------
+    InputError
+        If ``dimension`` is neither 2 nor 3.
+
     Notes
     -----
     The noise is the standard deviation of a coordinate, in the unit of its own set. One number holds for both sets; n'
@@ -144,7 +149,8 @@ class Similarity(Problem):
 class Rigid(Similarity):
     """Points of a plane or of space, matched up to rotation and translation: `Similarity` with the scale known to be 1.
 
-    A hyper-edge of three has three constraints, the sides of a triangle. Both sets are in the same unit.
+    A hyper-edge of three has three constraints, the sides of a triangle. Both sets are in the same unit. Parameters and
+    errors are those of `Similarity`.
     """
 
     name: ClassVar[str] = "rigid"

@@ -52,6 +52,11 @@ class ThreePlusOne(Problem):
         Which unknown the polynomials have: x = tan(θ/2), whose roots are rotations, or x = cos θ, as the paper writes,
         whose roots θ and −θ share. It matters to `coefficients` and to ``"qr"``, ``"qr-both"`` and ``"svd"`` only.
 
+    Raises
+    ------
+    InputError
+        If a camera or a direction is missing or cannot be used, or another parameter is out of range.
+
     Notes
     -----
     Degenerate: a pure rotation, of which every triple has a triple root (near it roots crowd, so they are found by

@@ -44,6 +44,12 @@ class UP2P(Problem):
     vertical_noise : float
         Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
 
+    Raises
+    ------
+    InputError
+        If ``camera`` is not a camera, a direction is not three finite numbers or has length 0, or the noise is out of
+        range.
+
     Notes
     -----
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2). The pose takes the points into the

@@ -42,6 +42,11 @@ class UP2PF(Problem):
     vertical_camera, vertical_world : three floats
         The same direction (for example down) in the camera frame and in the frame of the points. Any length but 0.
 
+    Raises
+    ------
+    InputError
+        If ``centre`` is not two numbers, or a direction is not three finite numbers or has length 0.
+
     Notes
     -----
     The source is points (n, 3) in any frame and unit, the target pixels (n', 2) of an image without distortion. The
