@@ -40,7 +40,7 @@ def test_all_problems_and_the_papers_number_of_instances_are_the_default(call):
     assert asked["output"] == Path("somewhere")
     assert (asked["effort"], asked["seed"], asked["jobs"], asked["scheduler"]) == (Effort(100), 0, -1, None)
     assert result.stdout == "somewhere/claims.md\n"
-    assert "scenes: 4 rows to work out" in result.stderr
+    assert "scenes: 4 rows to compute" in result.stderr
     assert "scenes: done in 0:00:00" in result.stderr
 
 
@@ -91,7 +91,7 @@ def test_log_says_how_much_time_is_left(monkeypatch, capsys):
         now[0] += 5000.0
         console.advance(20)
     assert capsys.readouterr().err.splitlines() == [
-        "scenes: 100 rows to work out",
+        "scenes: 100 rows to compute",
         "scenes: 40 of 100 rows, about 0:01:00 left",
         "scenes: 80 of 100 rows, about 0:00:20 left",
         "scenes: done in 1:24:40",

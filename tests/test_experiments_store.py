@@ -181,7 +181,7 @@ def test_a_full_disk_keeps_whole_batches_and_the_run_goes_on_later(tmp_path):
     command = [sys.executable, "-c", FULL, str(path)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     batches, _, text = done.stdout.partition(" ")
-    assert "free some room" in text
+    assert "free some space" in text
     with Store(path) as store:
         assert 0 < int(batches) < 1000
         assert len(store.rows()) == 39 * int(batches)

@@ -72,7 +72,7 @@ def benchmark(
 
         if output is None:
             raise InputError("benchmark blind: give --output, the folder of rows and tables")
-        leaves("the rows so far are kept, and the same command goes on")
+        leaves("the rows so far are kept, and the same command continues")
         with progress_bar("scenes", not quiet) as show:
             found = run_blind(
                 output,
@@ -94,7 +94,7 @@ def benchmark(
 
         if data is None or output is None:
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
-        leaves("the rows so far are kept, and the same command goes on")
+        leaves("the rows so far are kept, and the same command continues")
         with progress_bar("scenes", not quiet) as show:
             table = run_real(
                 data, output, method or list(METHODS), only=protocol, timeout=timeout or 60.0, progress=show

@@ -97,7 +97,7 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
 
     check_jobs(jobs)
     if outputs.paths:
-        leaves("what was written is kept, and --resume goes on")
+        leaves("what was written is kept, and --resume continues")
 
     headers = {"--output": MATCH_COLUMNS, "--poses": (*POSE_COLUMNS, *COVARIANCES)}
     count: Counter[str] = Counter()

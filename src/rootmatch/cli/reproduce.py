@@ -57,7 +57,7 @@ def reproduce(
     from rootmatch.experiments.reproduce import reproduce as run
     from rootmatch.experiments.settings import PROBLEMS, Effort
 
-    leaves("finished work is kept, and the same command goes on")
+    leaves("finished work is kept, and the same command continues")
     if which is Which.HYPERGRAPH:
         from rootmatch.experiments.hypergraph.run import reproduce as run_protocols
 

@@ -24,7 +24,6 @@ class Draft:
 
     plan: dict[str, Any]
     functions: list[str]
-    argument_symbols: list[Expr]
     program: Program
 
     def text(self, header: str) -> str:
@@ -88,7 +87,7 @@ def draft(
         "conditions": len(positive),
         **row_plan,
     }
-    return Draft(plan, texts, arguments, program)
+    return Draft(plan, texts, program)
 
 
 def _sweeping(leaves: Leaves, definitions: dict[Expr, Expr], conditions: Sequence[Expr]) -> list[Expr]:

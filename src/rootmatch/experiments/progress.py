@@ -61,7 +61,7 @@ class Console:
         self._started = self._told = time.monotonic()
         self._task = self._bar.add_task(title, total=total)
         if not self._console.is_terminal:
-            print(f"{title}: {total} rows to work out", file=sys.stderr, flush=True)
+            print(f"{title}: {total} rows to compute", file=sys.stderr, flush=True)
 
     def advance(self, steps: int) -> None:
         """Count ``steps`` more steps as done."""

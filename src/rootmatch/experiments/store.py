@@ -177,7 +177,7 @@ class Store:
             if "locked" in text:
                 text = f"another program has held it for {WAITS:g} s; end that one"
             elif "full" in text or "disk I/O" in text:
-                text = f"{text}; free some room, what is done is kept and the same command goes on"
+                text = f"{text}; free some space; finished work is kept and the same command continues"
             else:
                 text = f"{text}; check its permissions, or name another output folder"
             raise InputError(f"{self.path}: cannot be used: {text}") from None
