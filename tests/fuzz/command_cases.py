@@ -27,9 +27,9 @@ from file_cases import FRAMES, OWN, POSE
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from commands import started
 
-SECONDS, WAITING = 1.0, 30.0
-"""Of the processor and of the clock, after which a command is interrupted at the latest: it may wait for what never
-comes."""
+SECONDS, WAITING = 1.0, 15.0
+"""Of the processor, and of the clock without any of that, after which a command is interrupted at the latest: it may
+wait for what never comes."""
 SOON = (0.15, 0.3, 0.6, 1.0)
 """Parts of those seconds after which it is."""
 STARTING = 5.0
@@ -234,9 +234,10 @@ def attempt(recipe: dict[str, Any]) -> int:
         prepared(folder)
         stdin = recipe["stdin"] if recipe["stdin"].startswith("/") else folder / recipe["stdin"]
         command = started(words, folder, parent, stdin, closed, fresh=fresh)
-        ends, most = time.monotonic() + WAITING, SECONDS * recipe.get("soon", 1.0) + STARTING * fresh
-        while not command.ended(0.2) and command.worked() < most and time.monotonic() < ends:
-            pass
+        worked, at, most = 0.0, time.monotonic(), SECONDS * recipe.get("soon", 1.0) + STARTING * fresh
+        while not command.ended(0.2) and worked < most and time.monotonic() < at + WAITING:
+            if command.worked() > worked:
+                worked, at = command.worked(), time.monotonic()
         if command.code is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(command.pid, signal.SIGINT)
