@@ -262,8 +262,18 @@ tasks = {
     "guided": (ball, second, rm.P3P(camera)),
 }
 source, target, problem = tasks[sys.argv[1]]
-for some in (8, len(source)):  # what is needed is compiled: no compiler is interrupted
-    rm.match(source[:some], target[: some + 1], problem, sampler="guided", max_seconds=1.0)
+from numba.core.dispatcher import Dispatcher
+loaded, before = [0], Dispatcher.add_overload
+def counted(self, result):
+    loaded[0] += 1
+    before(self, result)
+Dispatcher.add_overload = counted
+rm.match(source[:8], target[:9], problem, sampler="guided")
+for _ in range(8):  # what is needed is compiled: no compiler is interrupted
+    loaded[0] = 0
+    rm.match(source, target, problem, sampler="guided", max_seconds=2.0)
+    if not loaded[0]:
+        break
 print("compiled", flush=True)
 try:
     rm.match(source, target, problem)

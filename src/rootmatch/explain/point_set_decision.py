@@ -20,13 +20,15 @@ from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.point_sets.congruent import congruent_labellings, grown, is_small
+from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
 from rootmatch.solvers.base import Solution
 
 Integers = NDArray[np.int64]
 
 LEAST = 3
 """Fewest matches that determine a motion."""
+LISTED, WEIGHED = 0.3, 0.035
+"""Share of the time left at a deadline to list labellings, or all but so many seconds to weigh them."""
 LEADING = 4
 """Number of labellings of a search to which the self-motions of the source are applied. A round value."""
 
@@ -58,7 +60,7 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         checkpoint()  # what follows is done whole
     if is_small(model.clouds):
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
-        labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+        labellings = _labellings(task, model)
         sampled = SampledTensor(tensor, labellings.tried)
         return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
     sampled = sample(task)
@@ -73,9 +75,15 @@ def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTe
     named = [solution.assignment, *(other for other, _ in solution.alternatives)]
     if not is_small(model.clouds):
         return assessed(task, model, sampled, proposed(task, model, sampled, named), soft=solution.soft)
-    labellings = congruent_labellings(model.clouds, model.mirror, task.allowed)
+    labellings = _labellings(task, model)
     proposals = np.concatenate([named, labellings.proper])
     return assessed(task, model, sampled, proposals, labellings.mirrored, soft=solution.soft)
+
+
+def _labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
+    """All labellings of small sets, with time left to weigh them."""
+    with task.deadline.part(LISTED, WEIGHED).enforced():
+        return congruent_labellings(model.clouds, model.mirror, task.allowed)
 
 
 def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:

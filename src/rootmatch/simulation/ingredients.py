@@ -22,6 +22,8 @@ CAMERA_RADIUS = 12.0
 DOWN = (0.0, 1.0, 0.0)
 TRIES = 100
 """Draws of outliers, of which those count that the camera shows."""
+MOST = 10_000_000
+"""Points, or outliers, of a scene: gigabytes. A round value."""
 
 
 class Streams:
@@ -140,6 +142,8 @@ def check_counts(n: int, outliers: int, noise: float, seed: int, motions: int, h
     ):
         if int(value) != value or value < least:
             raise InputError(f"{name} is {value!r}; expected a whole number of at least {least}: give such a number")
+        if name != "seed" and value > MOST:
+            raise InputError(f"{name} is {value}; expected {MOST:,} at the most: give a smaller number")
     if motions > n:
         raise InputError(
             f"{motions} motions for {n} points; expected at least one point per motion: give fewer motions"
