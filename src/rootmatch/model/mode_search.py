@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import checkpoint
+from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.detection_model import DetectionModel, Linearised
 from rootmatch.model.evidence import LOG_2PI, Evidence, about, evidence, settled, stepped
@@ -88,7 +88,7 @@ def modes_of(
         order = np.argsort(-found.log_odds, kind="stable")
         for k in order[np.isfinite(found.log_odds[order])].tolist():
             mode = _Mode.of(assignments[k], found, at, k)
-            if kept and mode.log_odds < kept[0].log_mass - 2.0 * options.negligible:
+            if kept and (mode.log_odds < kept[0].log_mass - 2.0 * options.negligible or in_force().passed()):
                 break
             kept = _with(kept, mode, model, at.take(np.array([k])), options=options)
     return _as_arrays(kept, model.shape[0])
