@@ -133,11 +133,11 @@ def test_min_probability_is_the_threshold() -> None:
 def test_a_wrong_prediction_is_judged_by_what_is_known_without_it() -> None:
     spread = np.diag([0.01] * 3 + [0.02] * 3) ** 2
     prediction = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), spread)
-    mixture = Doubted(prediction, Broad(), 0.01)
+    mixture = Doubted([prediction], [np.log(0.99)], Broad(), 0.01)
     rotation = Rotation.from_rotvec([[0.0, 0.0, 0.01], [0.0, 0.0, 1.0]]).as_matrix()
     position = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     found, broad = mixture.terms(rotation, position), Broad().terms(rotation, position)
-    np.testing.assert_array_equal(mixture.holds(rotation, position), [True, False])
+    np.testing.assert_array_equal(mixture.prediction_of(rotation, position), [0, -1])
     assert found.log_density[1] == pytest.approx(broad.log_density[1] + np.log(0.01))
     assert found.log_density[0] == pytest.approx(prediction.terms(rotation, position).log_density[0] + np.log(0.99))
     np.testing.assert_array_equal(found.precision[1], broad.precision[1])

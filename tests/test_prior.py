@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_t
 
 import rootmatch as rm
-from rootmatch.explain.image_density import normal_density
-from rootmatch.explain.predicted_assignment import with_vertical
-from rootmatch.explain.predicted_likelihood import PriorFrame
-from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.predicted_poses import with_vertical
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about, settled, stepped
+from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.prediction import deviations, proposals_about
+from rootmatch.problems.pose_fit.reference_point import about_point
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
 SPREAD = np.diag([0.02**2] * 3 + [0.02**2] * 3)
@@ -91,29 +94,48 @@ def test_the_fit_is_the_least_of_all_deviations() -> None:
     """Against SciPy on the same cost, and the covariance against its Jacobian."""
     made = scene(3)
     covariance = SPREAD + 1e-4 * np.outer(np.arange(6.0), np.arange(6.0)) * 0.1
-    prior = predicted(made, 3, covariance=covariance)
-    task = MatchingTask.of(rm.P3P(CAMERA), made["source"], made["target"], noise=0.3)
-    frame = PriorFrame(task, prior)
-    fit = frame.fitted(made["truth"], prior.R, prior.t)
-    root = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    given = predicted(made, 3, covariance=covariance)
+    centre = made["source"].mean(axis=0)
+    prediction = Gaussian(given.R, *about_point(given.R, given.t, covariance, centre))
+    sigma = np.full(len(made["target"]), 0.3)
+    model = DetectionModel(CAMERA, made["source"], made["target"], sigma, prior=prediction)
+    found = proposals_about(model, prediction)
+    assert found is not None
+    np.testing.assert_array_equal(found.assignments[0], made["truth"])
+    best, at = settled(model, found.assignments[:1], *about(model, *found.take(np.array([0]))), steps=5)
+    root = np.linalg.cholesky(np.linalg.inv(prediction.covariance)).T
 
     def residuals(step: Any) -> Any:
-        R = Rotation.from_rotvec(step[:3]).as_matrix() @ prior.R
-        off = CAMERA.project(made["source"] @ R.T + prior.t + step[3:]) - made["target"][made["truth"]]
+        R = Rotation.from_rotvec(step[:3]).as_matrix() @ prediction.rotation
+        seen = (made["source"] - centre) @ R.T + prediction.position + step[3:]
+        off = CAMERA.project(seen) - made["target"][made["truth"]]
         return np.concatenate([off.ravel() / 0.3, root @ step])
 
     slow = least_squares(residuals, np.zeros(6), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    assert fit.chi2 + fit.chi2_prior == pytest.approx(2.0 * slow.cost, rel=1e-5)
+    assert best.squared[0] == pytest.approx(2.0 * slow.cost, rel=1e-4)
     expected = np.linalg.inv(slow.jac.T @ slow.jac)
     deviations = np.sqrt(np.diag(expected))
-    assert np.abs((fit.covariance - expected) / np.outer(deviations, deviations)).max() < 0.1
-    np.testing.assert_allclose(fit.R, Rotation.from_rotvec(slow.x[:3]).as_matrix() @ prior.R, atol=1e-5)
-    # the evidence: the prior's density times that of the detections, integrated over the pose by Laplace's method
-    rate = frame.rate(made["truth"], fit.at)
-    clutter = 1.5 * (3 + 0.5) / frame.area
-    by_hand = 8 * np.log(rate / clutter / (2.0 * np.pi * 0.3**2)) - slow.cost
-    by_hand += 0.5 * np.linalg.slogdet(expected)[1] - 0.5 * np.linalg.slogdet(covariance)[1]
-    assert fit.log_odds == pytest.approx(by_hand, abs=0.05)
+    assert np.abs((best.covariance[0] - expected) / np.outer(deviations, deviations)).max() < 0.1
+    (R,), (position,) = stepped(best, at)
+    np.testing.assert_allclose(R, Rotation.from_rotvec(slow.x[:3]).as_matrix() @ prediction.rotation, atol=1e-4)
+    np.testing.assert_allclose(position, prediction.position + slow.x[3:], atol=1e-4)
+
+
+def test_a_prediction_with_tails_is_a_t_distribution() -> None:
+    """Of positions alone, whose steps are no rotations: value, slope and curvature against SciPy's density."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 6))
+    covariance = root @ root.T * 1e-4
+    one = Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), covariance, freedom=5.0)
+    density = multivariate_t(np.zeros(6), covariance, df=5.0)
+    off = rng.normal(size=(20, 3)) * 0.03
+    terms = one.terms(np.repeat(np.eye(3)[None], 20, axis=0), one.position + off)
+    steps = np.concatenate([np.zeros((20, 3)), off], axis=1)
+    np.testing.assert_allclose(terms.log_density - 0.5 * terms.squared, density.logpdf(steps), atol=1e-3)
+    ahead = 1e-6 * np.eye(6)
+    slope = [[(density.logpdf(step + d) - density.logpdf(step - d)) / 2e-6 for d in ahead] for step in steps]
+    np.testing.assert_allclose(terms.slope, slope, rtol=1e-3, atol=1e-3)
+    assert one.tail_weight(np.array([6.0])) == pytest.approx(1.0)
 
 
 def test_a_density_of_wide_predictions_is_exact() -> None:
@@ -124,6 +146,12 @@ def test_a_density_of_wide_predictions_is_exact() -> None:
         direction = size * rng.normal(size=(20, 2))
         spread = direction[:, :, None] * direction[:, None, :]
         target, pixels = rng.uniform(-0.5, 0.5, (2, 2)), rng.uniform(-0.5, 0.5, (20, 2))
+        model = DetectionModel(CAMERA, np.zeros((20, 3)), target, np.sqrt(variance))
+
+        def density(spread: Any, model: DetectionModel = model, pixels: Any = pixels) -> Any:
+            squared, determinant = deviations(model, pixels, spread)
+            return np.exp(-0.5 * squared) / (2.0 * math.pi * np.sqrt(determinant))
+
         if size < 1e9:
             expected = np.empty((20, 2))
             for i, j in np.ndindex(20, 2):
@@ -132,10 +160,10 @@ def test_a_density_of_wide_predictions_is_exact() -> None:
                 chi2 = ((v * x - u * y) ** 2 + own * (x * x + y * y)) / determinant
                 expected[i, j] = math.exp(-0.5 * float(chi2)) / (2.0 * math.pi * math.sqrt(determinant))
             # the products of a covariance are rounded before their difference is the determinant
-            found = normal_density(target, variance, pixels, spread)
+            found = density(spread)
             np.testing.assert_allclose(found, expected, rtol=max(1e-9, 2e-14 * size**2))
         for shift in (0.0, -1e-15, -1e-3):
-            found = normal_density(target, variance, pixels, spread + shift * size**2 * np.eye(2))
+            found = density(spread + shift * size**2 * np.eye(2))
             assert np.all(np.isfinite(found))
 
 

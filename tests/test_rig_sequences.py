@@ -19,14 +19,12 @@ import rootmatch as rm
 from rig_scenes import LABELS, NOISE, VIEW, RigScene, controllers, four_about, frame, headset
 from rootmatch.cli import app
 from rootmatch.errors import InputError
-from rootmatch.explain.image_density import crowded_density
-from rootmatch.explain.predicted_likelihood import PriorFrame
+from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
 from rootmatch.model.clutter import clutter_areas
 from rootmatch.report.json_record import match_record
-from rootmatch.samplers.guided.detection_grid import local_density
 
 SPREAD = np.repeat([0.03, 0.01], 3)
 RIG = headset()
@@ -170,8 +168,10 @@ def test_what_a_predicted_pose_projects() -> None:
     scene = frame(3, 0, RIG)
     prior = predicted(scene, 3)
     task = copies_task(MatchingTask.of(rm.P3P(RIG), scene.points, scene.rows, prior=prior, **KNOWN))
-    one = PriorFrame(task, prior)
-    at = one.projected(prior.R, prior.t)
+    model = model_of(task)
+    whole = model.linearised(*(one[None] for one in model.centred(prior.R, prior.t)))
+    pixels, jacobian, shown_by = whole.pixels[0], whole.jacobian[0], model.visibility(whole, np.zeros(1))[0]
+    arm = prior.R @ model.centre
     offsets = RIG.offsets(scene.rows)
     step = 1e-6 * np.eye(6)
     for copy in range(0, 4 * LEDS, 7):
@@ -186,15 +186,14 @@ def test_what_a_predicted_pose_projects() -> None:
         shown = camera.sees(position) and cosine > np.cos(np.radians(VIEW)) + 0.3
         own = pixel(prior.R, prior.t) - offsets[k]
         if shown and (own > 40).all() and (own < (600, 440)).all():
-            assert at.visible[copy] == 1.0
+            assert shown_by[copy] > 0.99
         if not camera.sees(position) or (own < -40).any() or (own > (680, 520)).any():
-            assert at.visible[copy] == 0.0
+            assert shown_by[copy] < 1e-6
             continue
-        np.testing.assert_allclose(at.pixels[copy], pixel(prior.R, prior.t), atol=1e-9)
-        moved = [pixel(Rotation.from_rotvec(s[:3]).as_matrix() @ prior.R, prior.t + s[3:]) for s in step]
-        np.testing.assert_allclose(
-            at.jacobian[copy].T, (np.array(moved) - at.pixels[copy]) / 1e-6, rtol=1e-3, atol=0.05
-        )
+        np.testing.assert_allclose(pixels[copy], pixel(prior.R, prior.t), atol=1e-9)
+        turns = [Rotation.from_rotvec(s[:3]).as_matrix() for s in step]  # about the centre of the points
+        moved = [pixel(T @ prior.R, prior.t + s[3:] + arm - T @ arm) for T, s in zip(turns, step, strict=True)]
+        np.testing.assert_allclose(jacobian[copy].T, (np.array(moved) - pixels[copy]) / 1e-6, rtol=1e-3, atol=0.05)
 
 
 def test_the_density_of_detections_is_that_of_their_image() -> None:
@@ -204,9 +203,6 @@ def test_the_density_of_detections_is_that_of_their_image() -> None:
     areas = [float(clutter_areas(target[own], sigma[own])[0]) for own in images[:2]]
     # those with two or fewer are as large as the others in the mean
     np.testing.assert_allclose(clutter_areas(target, sigma, images), [*areas, *[np.mean(areas)] * 3])
-    density = crowded_density(target, 0.5, 1e5, images)
-    np.testing.assert_allclose(density[:5], local_density(np.ascontiguousarray(target[:5].T), 0.5))
-    np.testing.assert_allclose(density[9:], 12 / 1e5)
     lone = [np.array([k]) for k in range(12)]
     np.testing.assert_array_equal(clutter_areas(target, sigma, lone, focal=300.0), 300.0**2)
 

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import gc
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.explain.near_symmetries import near_symmetries
-from rootmatch.explain.predicted_assignment import Found
-from rootmatch.explain.predicted_likelihood import PriorFrame, unbiased_frame
-from rootmatch.explain.task import MatchingTask
-from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
-from rootmatch.tracking.pose_flip import flipped_pose
-from rootmatch.tracking.rival_poses import TEMPER, RivalPose, Shape, decided
-from rootmatch.tracking.searched_poses import challengers
+from rootmatch.tracking.belief import Belief, FollowedPose
+from rootmatch.tracking.motion_filter import MotionFilter, transition
 from rootmatch.tracking.tracker import TrackingOptions
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
@@ -96,96 +91,88 @@ def test_a_jump_is_found_and_a_lost_body_said_to_be() -> None:
     assert one.state is rm.TrackingState.LOST
 
 
-def twins(off: float) -> tuple[NDArray[np.float64], list[RivalPose], NDArray[np.float64], NDArray[np.float64]]:
-    """Six points, their copy half a turn away but for ``off``, and three more: body, rivals, rotation and place."""
+def twins(off: float) -> tuple[NDArray[np.float64], list[MotionFilter], NDArray[np.float64], NDArray[np.float64]]:
+    """Six points, their copy half a turn away but for ``off``, and three more: body, both poses, the right one."""
     rng = np.random.default_rng(6)
     six = rng.uniform((0.1, -0.3, -0.3), (0.7, 0.3, 0.3), (6, 3))
     copy = six * [-1.0, -1.0, 1.0] + off * rng.standard_normal((6, 3))
     body = np.concatenate([six, copy, rng.uniform(-0.3, 0.3, (3, 3))])
     R, t = Rotation.random(random_state=1).as_matrix(), np.array([0.1, 0.0, 3.0])
     poses = [rm.Pose(turned, t, np.diag([1e-4] * 6)) for turned in (R * [-1.0, -1.0, 1.0], R)]
-    return body, [RivalPose(MotionFilter(body, known, 0.0)) for known in poses], R, t
+    return body, [MotionFilter(body, known, 0.0) for known in poses], R, t
+
+
+def following(body: NDArray[np.float64], filters: list[MotionFilter]) -> tuple[rm.Tracker, Belief]:
+    """A tracker that follows some poses, each as probable, and what it believes."""
+    one = rm.Tracker(body, rm.P3P(CAMERA), noise=0.2)
+    one.update(np.empty((0, 2)), time=0.0)
+    belief = one._bodies[None].belief
+    belief.poses = [FollowedPose(known) for known in filters]
+    return one, belief
 
 
 def test_twin_poses_are_followed_until_another_view_decides() -> None:
-    body, rivals, R, t = twins(0.0)
-    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
+    body, filters, R, t = twins(0.0)
+    one, belief = following(body, filters)
     for k in range(1, 4):
         shown = np.arange(6 if k < 3 else 15)
         target = CAMERA.project(body @ R.T + t)[shown] + np.random.default_rng(k).normal(0.0, 0.2, (len(shown), 2))
-        after = decided(rivals, lambda known, image=target: one.tried(image, known), k * INTERVAL)
-        rivals = after.left
+        match = one.update(target)
         if k < 3:
-            assert not after.sure
-            assert after.match.status is rm.Status.AMBIGUOUS
-            assert len(rivals) == 2
-    assert after.sure
-    assert np.array_equal(after.match.assignment, np.arange(15))
-    nothing = decided(rivals, lambda known: one.tried(np.array([[1.0, 2.0]]), known), 1.0)
-    assert nothing.found is None
-    assert nothing.match.status is rm.Status.UNTRUSTED
+            assert match.status is rm.Status.AMBIGUOUS
+            assert one.state is rm.TrackingState.LOST
+            assert len(belief.poses) == 2
+            np.testing.assert_allclose(belief.shares, 0.5, atol=0.2)
+            every = [match.assignment, *(other for other, _ in match.alternatives)]
+            assert any(np.array_equal(found[:6], np.arange(6)) for found in every)
+            assert any(np.array_equal(found[6:12], np.arange(6)) for found in every)
+    assert match.status is rm.Status.MATCHED
+    assert np.array_equal(match.assignment, np.arange(15))
+    assert one.state is rm.TrackingState.TRACKING
+    assert one.update(np.array([[1.0, 2.0]])).status is rm.Status.UNTRUSTED
+    assert one.state is rm.TrackingState.COASTING
 
 
 def test_the_evidence_of_frames_adds_up() -> None:
     """Half a millimetre at three metres is 0.13 px: no frame tells the twins apart, twenty do."""
-    body, rivals, R, t = twins(0.0005)
-    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
-    leads = []
+    body, filters, R, t = twins(0.0005)
+    one, _ = following(body, filters)
+    statuses = []
     for k in range(1, 60):
         target = CAMERA.project(body @ R.T + t)[:6] + np.random.default_rng(k).normal(0.0, 0.2, (6, 2))
-        before = {id(rival): rival.evidence for rival in rivals}
-        after = decided(rivals, lambda known, image=target: one.tried(image, known), k * INTERVAL)
-        rivals = after.left
-        gains = sorted(rival.evidence - before[id(rival)] for rival in rivals)
-        leads.append(gains[-1] - gains[0])
-        if after.sure:
-            break
-    assert 5 < k < 59
-    assert max(leads) < 4.0
-    assert np.array_equal(after.match.assignment[:6], np.arange(6))
-    assert after.match.status is rm.Status.MATCHED
-
-
-def test_a_pose_that_explains_more_challenges_the_one_that_is_followed() -> None:
-    target, truth = frame(0)
-    right = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2).explained(target)
-    wrong = truth.copy()
-    wrong[[0, 1, 2, 3]] = truth[[1, 0, 3, 2]]
-    wrong[4:6] = -1
-    R, t = pose(0.0)
-    followed = RivalPose(MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0), 50.0, -1.0)
-    current = replace(right, assignment=wrong)
-    shape = Shape(BODY, [], MotionOptions())
-    (other,) = challengers(right, current, followed, shape, 0.0)
-    assert other.total > followed.total
-    found = other.filter.predicted(1e-6)
-    assert np.degrees(Rotation.from_matrix(found.R @ R.T).magnitude()) < 1.0
-    assert challengers(right, right, followed, shape, 0.0) == []
+        match = one.update(target)
+        statuses.append(match.status)
+    first = statuses.index(rm.Status.MATCHED)
+    assert 5 < first < 50
+    assert all(status is rm.Status.MATCHED for status in statuses[first + 5 :])
+    assert np.array_equal(match.assignment[:6], np.arange(6))
 
 
 def test_the_twin_is_followed_too_where_a_search_found_one_pose_alone() -> None:
-    body, rivals, R, t = twins(0.0)
+    body, filters, R, _ = twins(0.0)
     turns = near_symmetries(body, None, 3)
     assert len(turns) == 1
     np.testing.assert_allclose(turns[0][0], np.diag([-1.0, -1.0, 1.0]), atol=1e-9)
     np.testing.assert_allclose(turns[0][1], 0.0, atol=1e-9)
     assert near_symmetries(np.random.default_rng(2).uniform(-0.3, 0.3, (15, 3)), None, 3) == []
-    one = rm.Matcher(body, rm.P3P(CAMERA), noise=0.2)
-    target = CAMERA.project(body @ R.T + t)[:6] + np.random.default_rng(1).normal(0.0, 0.2, (6, 2))
-    after = decided(rivals[:1], lambda known: one.tried(target, known), INTERVAL, Shape(body, turns, MotionOptions()))
-    assert not after.sure
-    assert len(after.left) == 2
-    every = [after.match.assignment, after.match.alternatives[0][0]]
-    assert any(np.array_equal(found[:6], np.arange(6)) for found in every)
-    assert any(np.array_equal(found[6:12], np.arange(6)) for found in every)
+    _, belief = following(body, filters[:1])
+    belief.add_turned(turns)
+    assert len(belief.poses) == 2
+    np.testing.assert_allclose(belief.poses[1].filter.R, R, atol=1e-9)
+    assert belief.shares[1] == pytest.approx(1e-3, rel=0.01)
+    belief.add_turned(turns)  # it is followed already
+    assert len(belief.poses) == 2
 
 
-def test_which_points_are_missing_counts_once() -> None:
-    one = RivalPose(MotionFilter(BODY, rm.Pose(*pose(0.0), 1e-4 * np.eye(6)), 0.0))
-    for _ in range(100):
-        one.take(10.0, -3.0)
-    assert one.visibility == pytest.approx(-3.0)
-    assert one.evidence == pytest.approx(100 * 10.0 * TEMPER)
+def test_a_lock_on_the_wrong_twin_is_noticed_within_ten_frames() -> None:
+    """All that is visible of the right pose is seen, half of it fits the wrong one."""
+    body, filters, R, t = twins(0.0)
+    one, _ = following(body, filters[:1])
+    for k in range(1, 13):
+        target = CAMERA.project(body @ R.T + t) + np.random.default_rng(k).normal(0.0, 0.2, (15, 2))
+        match = one.update(target)
+    assert match.status is rm.Status.MATCHED
+    assert np.array_equal(match.assignment, np.arange(15))
 
 
 def test_a_scant_body_is_searched_for_now_and_then() -> None:
@@ -196,7 +183,7 @@ def test_a_scant_body_is_searched_for_now_and_then() -> None:
         target, truth = frame(k)
         if k >= 2:  # the rest is clutter
             kept = truth[:3]
-            clutter = np.random.default_rng(k).uniform((0.0, 0.0), (640.0, 480.0), (5, 2))
+            clutter = np.random.default_rng(k).uniform((0.0, 0.0), (640.0, 480.0), (12, 2))
             target = np.concatenate([target[kept], clutter])
         searched.append(one.update(target).evaluated > 0)
     assert searched[0]
@@ -227,78 +214,30 @@ def test_two_visible_points_keep_a_body_that_is_followed() -> None:
     assert sum(searched) == 2  # the first frames
 
 
-def test_a_doubtful_match_is_followed_both_ways_until_they_agree() -> None:
-    one = rm.Matcher(BODY, rm.P3P(CAMERA), noise=0.2)
-    R, t = pose(0.0)
-    rivals = [RivalPose(MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0))]
-    (target, truth), other = frame(1), np.full(len(BODY), -1)
-
-    def doubtful(known: rm.Pose) -> tuple[rm.Match, Found | None]:
-        match, found = one.tried(target, known)
-        assert found is not None
-        other[:] = found.assignment
-        other[0] = -1
-        fit = PriorFrame(match.task, known).fitted(other, found.pose.R, found.pose.t)
-        second = replace(fit, log_odds=found.log_odds - np.log(1.5))
-        return match, replace(found, probability=0.6, runner_up=second)
-
-    after = decided(rivals, doubtful, INTERVAL)
-    assert np.array_equal(after.match.assignment, truth)
-    assert len(after.left) == 2
-    assert not after.sure
-    assert after.match.status is rm.Status.AMBIGUOUS
-    assert np.array_equal(after.match.alternatives[0][0], other)
-    later, truth = frame(2)
-    after = decided(after.left, lambda known: one.tried(later, known), 2 * INTERVAL)
-    assert len(after.left) == 1
-    assert after.sure
-    assert np.array_equal(after.match.assignment, truth)
-    assert after.match.status is rm.Status.MATCHED
-
-
-def flat_view(tilt: float) -> tuple[MatchingTask, rm.Pose]:
-    """Five points in a plane 3 m away, tilted about the horizontal, and their pose."""
+def test_a_flipped_pose_is_followed_too() -> None:
+    """An oracle without a formula: least squares from a hundred rotations finds the two minima of five flat points."""
     points = np.column_stack([np.random.default_rng(5).uniform(-0.06, 0.06, (5, 2)), 1e-3 * np.arange(5)])
-    R, t = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix(), np.array([0.0, 0.0, 3.0])
+    R, t = Rotation.from_rotvec([0.35, 0.0, 0.0]).as_matrix(), np.array([0.0, 0.0, 3.0])
     target = CAMERA.project(points @ R.T + t) + np.random.default_rng(6).normal(0.0, 0.2, (5, 2))
-    task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.2)
-    fit = unbiased_frame(task, R, t, 3.0).fitted(np.arange(5), R, t)
-    return task, rm.Pose(fit.R, fit.t, fit.covariance)
-
-
-def test_a_flipped_pose_is_the_other_minimum() -> None:
-    """An oracle without a formula: least squares from a hundred rotations finds two minima, of which it is one."""
-    task, known = flat_view(0.35)
-    found = flipped_pose(task, np.arange(5), known)
-    assert found is not None
-    flipped, probability = found
 
     def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        seen = task.points.source @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:]
-        return ((CAMERA.project(seen) - task.points.target) / 0.2).ravel()
+        seen = points @ Rotation.from_rotvec(x[:3]).as_matrix().T + x[3:]
+        return ((CAMERA.project(seen) - target) / 0.2).ravel()
 
-    minima: list[tuple[float, NDArray[np.float64]]] = []
+    minima: list[NDArray[np.float64]] = []
     for start in Rotation.random(100, random_state=np.random.RandomState(0)).as_rotvec():
         fit = least_squares(residuals, np.concatenate([start, [0.0, 0.0, 3.0]]))
-        R = Rotation.from_rotvec(fit.x[:3]).as_matrix()
-        if fit.x[5] > 1.0 and 2.0 * fit.cost < 100.0 and all(np.trace(one.T @ R) < 2.99 for _, one in minima):
-            minima.append((2.0 * fit.cost, R))
+        one = Rotation.from_rotvec(fit.x[:3]).as_matrix()
+        if fit.x[5] > 1.0 and 2.0 * fit.cost < 100.0 and all(np.trace(other.T @ one) < 2.99 for other in minima):
+            minima.append(one)
     assert len(minima) == 2
-    minima.sort(key=lambda one: -float(np.trace(one[1].T @ known.R)))
-    (here, own), (there, other) = minima
-    np.testing.assert_allclose(own, known.R, atol=1e-3)
-    np.testing.assert_allclose(other, flipped.R, atol=1e-3)
-    assert probability == pytest.approx(min(1.0 / (1.0 + np.exp(0.5 * (there - here))), 0.5), abs=1e-3)
-
-
-def test_a_flipped_pose_counts_where_it_is_near_and_explains_the_image() -> None:
-    far, known = flat_view(0.8)
-    assert flipped_pose(far, np.arange(5), known) is None  # 92 degrees away
-    task, known = flat_view(0.35)
-    assert flipped_pose(task, np.where(np.arange(5) < 2, np.arange(5), -1), known) is None
-    R, t = pose(0.0)
-    solid = MatchingTask.of(rm.P3P(CAMERA), BODY, CAMERA.project(BODY @ R.T + t), noise=0.2)
-    assert flipped_pose(solid, np.arange(len(BODY)), rm.Pose(R, t, 1e-4 * np.eye(6))) is None
+    flipped = min(minima, key=lambda one: float(np.trace(one.T @ R)))
+    tracker, belief = following(points, [MotionFilter(points, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)])
+    found = tracker.update(target).finding
+    belief.poses = belief.poses[:1]
+    belief.add_flipped(found, INTERVAL)
+    assert any(np.trace(one.filter.R.T @ flipped) > 2.99 for one in belief.poses[1:])
+    assert belief.shares[1:].sum() < 0.05
 
 
 def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
@@ -314,23 +253,19 @@ def test_a_filter_that_takes_a_pose_with_a_probability() -> None:
     whole, some = before.copy(), before.copy()
     whole.update(new, 0.1)
     some.update(new, 0.1, 0.7)
-    R0, t0, P0 = before._at(0.1)
+    R0, t0, _, P0 = before._at(0.1)
 
     def from_prediction(one: MotionFilter) -> NDArray[np.float64]:
-        return np.concatenate([Rotation.from_matrix(one.R @ R0.T).as_rotvec(), one.t - t0, one.velocity])
+        return np.concatenate([Rotation.from_matrix(one.R @ R0.T).as_rotvec(), one.t - t0, one.motion])
 
     rng = np.random.default_rng(3)
     taken = rng.random(100_000) < 0.7
-    first = rng.multivariate_normal(np.zeros(12), P0, len(taken), method="cholesky")
+    first = rng.multivariate_normal(np.zeros(18), P0, len(taken), method="cholesky")
     second = rng.multivariate_normal(from_prediction(whole), whole.P, len(taken), method="cholesky")
     samples = np.where(taken[:, None], second, first)
     spread = np.sqrt(np.diag(some.P))
     assert np.abs((samples.mean(axis=0) - from_prediction(some)) / spread).max() < 0.02
     assert np.abs((np.cov(samples.T) - some.P) / np.outer(spread, spread)).max() < 0.03
-    wide = whole.copy()
-    wide.widen(ahead, 0.25)
-    away = from_prediction(whole)[:6]
-    np.testing.assert_allclose(wide.P[:6, :6] - whole.P[:6, :6], 0.1875 * np.outer(away, away), atol=1e-12)
 
 
 def test_times_go_forward() -> None:
@@ -395,20 +330,31 @@ def test_a_frame_that_the_lens_cannot_show_is_reported_and_the_flight_goes_on() 
 
 
 def test_the_filter_is_that_of_kalman() -> None:
-    """A pose fused by hand is the textbook's update of position and velocity."""
+    """A pose fused by hand is the textbook's update of position, velocity and acceleration."""
     R, t = pose(0.0)
     one = MotionFilter(BODY, rm.Pose(R, t, 1e-4 * np.eye(6)), 0.0)
-    before_R, before_t, P = one._at(0.1)
+    before_R, before_t, _, P = one._at(0.1)
     noise = 4e-4 * np.eye(6)
-    H = np.eye(6, 12)
+    H = np.eye(6, 18)
     measured = np.array([0.01, -0.02, 0.005, 0.003, 0.002, -0.004])
     gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise)
     step, expected = gain @ measured, P - gain @ H @ P
     fused = one._given(Rotation.from_rotvec(step[:3]).as_matrix() @ before_R, before_t + step[3:6], expected[:6, :6])
     one.update(fused, 0.1)
-    np.testing.assert_allclose(one.velocity, step[6:], atol=1e-9)
+    np.testing.assert_allclose(one.motion, step[6:], atol=1e-9)
     np.testing.assert_allclose(one.P, expected, atol=1e-9 * np.abs(expected).max())
     assert one.predicted(0.1).covariance == pytest.approx(fused.covariance, abs=1e-9)
+
+
+def test_accelerations_last_for_a_while() -> None:
+    """Singer's transition and noise, against the matrix exponential of the continuous system (Van Loan 1978)."""
+    for time, persistence in ((1.0 / 60.0, 0.1), (0.5, 0.1), (0.01, 0.3)):
+        A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / persistence]])
+        noise = np.diag([0.0, 0.0, 2.0 / persistence])
+        both = expm(time * np.block([[-A, noise], [np.zeros((3, 3)), A.T]]))
+        F, added = transition(time, persistence)
+        np.testing.assert_allclose(F, both[3:, 3:].T, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(added, both[3:, 3:].T @ both[:3, 3:], rtol=1e-5, atol=1e-15)
 
 
 def test_nothing_is_kept_from_frame_to_frame() -> None:

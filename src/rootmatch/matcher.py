@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -19,12 +19,9 @@ from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.match_options import MatchOptions, SamplerName
-from rootmatch.explain.predicted_assignment import Found
-from rootmatch.explain.predicted_pose import UNCONFIRMED, tried
 from rootmatch.explain.rig_copies import copies_task, is_rig
-from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.task import MatchingTask, Rivals
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Residual
@@ -38,6 +35,11 @@ from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 from rootmatch.solvers import Solver
+
+FREEDOM = 8.0
+"""Degrees of freedom of the covariance of a pose that a tracker predicts, which may be too small. Of 822 bodies in
+three flights of a rig 790 were right with a normal distribution, 816 with 4 and 822 with 8 (benchmarks/flights.py, rig,
+seeds from 1000)."""
 
 
 class Matcher:
@@ -182,7 +184,8 @@ max_hyperedges, max_evaluations
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
         budget: int | None = None,
-        find: Callable[[MatchingTask], Finding] | None = None,
+        rivals: Mapping[Label | None, Rivals] | None = None,
+        searching: bool = True,
     ) -> Finding:
         """The finding of a frame; for a rig, that of the copies of its points.
 
@@ -195,12 +198,14 @@ max_hyperedges, max_evaluations
         deadline : Deadline
         budget : int, optional
             Evaluations of a guided search.
-        find : callable, optional
-            Other than a search, say with a prediction alone.
+        rivals : dict, optional
+            By the label of a body, None for a single one: predicted poses beside that of ``prior``.
+        searching : bool
+            False: nothing is looked for elsewhere than about the predicted poses.
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        alone = find is not None or (prior is not None and self.bodies is None)
+        alone = not searching or (prior is not None and self.bodies is None)
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)
@@ -218,47 +223,17 @@ max_hyperedges, max_evaluations
             options=options,
             deadline=deadline,
         )
-        if find is None and self._sweeps(task):
+        if rivals is not None:
+            others = {label: poses for label, poses in rivals.items() if label is not None}
+            task = replace(task, rival_poses=rivals.get(None, ()), prior_rivals=others, prior_freedom=FREEDOM)
+        if searching and self._sweeps(task):
             task = replace(task, options=replace(options, sampler=self._sweep))
         elif budget is not None and options.scheduler is None:
             task = replace(task, budget=budget)
         try:
-            return explain(task) if find is None else find(copies_task(task) if is_rig(task) else task)
+            return explain(task, searching)
         except UnseenPixelError as error:
             return self._nothing(detections, str(error))
-
-    def follow(
-        self,
-        target: ArrayLike,
-        prior: Pose | Mapping[Label, Pose] | None,
-        noise: ArrayLike | None = None,
-        deadline: Deadline = NEVER,
-        searching: bool = True,
-        budget: int | None = None,
-        candidates: ArrayLike | None = None,
-    ) -> Finding:
-        """The finding of a frame for a tracker, which may limit its search.
-
-        Unless ``searching``, a prediction that does not decide leaves nothing. ``budget``: evaluations of a guided
-        search.
-        """
-        if searching:
-            return self.explained(
-                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=budget
-            )
-        return self.explained(target, noise=noise, candidates=candidates, prior=prior, find=_bodies_not_searched)
-
-    def tried(
-        self, target: ArrayLike, prior: Pose, noise: ArrayLike | None = None, candidates: ArrayLike | None = None
-    ) -> tuple[Finding, Found | None]:
-        """The result of a predicted pose of the only body, untrusted unless accepted, with its certainty."""
-        known: list[Found | None] = [None]
-
-        def find(task: MatchingTask) -> Finding:
-            finding, known[0] = tried(task)
-            return finding
-
-        return self.explained(target, noise=noise, candidates=candidates, prior=prior, find=find), known[0]
 
     def _fault(self, detections: NDArray[np.float64], least: int) -> str | None:
         """Fault of a frame's detections that any detector may cause; None if there is none."""
@@ -294,11 +269,3 @@ max_hyperedges, max_evaluations
             return False  # cameras are swept one by one, and so are bodies
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
         return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL
-
-
-def _not_searched(task: MatchingTask) -> Finding:
-    return nothing_found(task, UNCONFIRMED)
-
-
-def _bodies_not_searched(task: MatchingTask) -> Finding:
-    return match_bodies_in_image(task, _not_searched)

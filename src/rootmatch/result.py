@@ -25,7 +25,7 @@ from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
-from rootmatch.explain.predicted_assignment import fused_pose
+from rootmatch.explain.predicted_poses import fused_pose
 from rootmatch.explain.rig_copies import RigCopies, of_points
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -266,7 +266,7 @@ class Match:
         if self.sightings is not None:
             return self.sightings.poses
         if self.prior_holds and self.task.prior_pose is not None:
-            return [fused_pose(self.task, self.assignment)]
+            return [fused_pose(self.task, self.assignment, self.fused_pose)]
         return self.poses_of(self.assignment)
 
     @cached_property

@@ -20,7 +20,7 @@ from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
-from rootmatch.explain.predicted_pose import match_predicted
+from rootmatch.explain.predicted_pose import UNCONFIRMED, match_predicted
 from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
 from rootmatch.explain.rig_copies import RigCopies, copies_task, is_rig
 from rootmatch.explain.rig_search import match_copies
@@ -33,11 +33,14 @@ SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
 
 
-def explain(task: MatchingTask) -> Finding:
+def explain(task: MatchingTask, searching: bool = True) -> Finding:
     """The finding of a task; its noise is estimated first if requested.
 
-    The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`.
+    The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`. Unless ``searching``,
+    nothing is looked for elsewhere than about predicted poses.
     """
+    if not searching:
+        return _predicted(copies_task(task) if is_rig(task) else task)
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: it is not estimated for a rig; give a number of pixels")
     with task.deadline.with_grace().enforced():
@@ -52,6 +55,13 @@ def _explained(task: MatchingTask) -> Finding:
         return _found(task)
     except OutOfTime:
         return nothing_found(task, "max_seconds were over before anything was found")
+
+
+def _predicted(task: MatchingTask) -> Finding:
+    """What was found about predicted poses alone."""
+    if task.bodies is None:
+        return match_predicted(task, None)
+    return match_bodies_in_image(task, lambda part: nothing_found(part, UNCONFIRMED))
 
 
 def _found(task: MatchingTask) -> Finding:

@@ -18,6 +18,8 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.solvers.base import Alternatives
 
@@ -61,6 +63,10 @@ class Finding:
         Why nothing could be matched, or why the match is not trusted.
     prior_holds : bool, optional
     fused_pose : Pose, optional
+    posterior : Posterior, optional
+        Of which it is told, where a model of the image decides.
+    model : DetectionModel, optional
+        That model.
     parts : dict, optional
         The findings of several bodies by their labels.
     """
@@ -82,6 +88,8 @@ class Finding:
     reason: str | None = None
     prior_holds: bool | None = None
     fused_pose: Pose | None = None
+    posterior: Posterior | None = None
+    model: DetectionModel | None = None
     parts: dict[Label, Finding] | None = None
 
     @cached_property

@@ -90,7 +90,7 @@ class _Body:
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
-            self.predicted = proposals_by_prediction(self.task)
+            self.predicted = proposals_by_prediction(self.candidate.model)
             self.candidate = self.candidate.proposed([], self.predicted)
 
     def propose(self, found: Finding) -> None:
@@ -168,7 +168,9 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     free = np.ones(bodies[0].task.shape[1], np.bool_)
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        body.enough = body.task.prior_pose is not None and is_enough(body.candidate, told)
+        body.enough = body.task.prior_pose is not None and is_enough(
+            body.candidate.model, told, body.task.problem.minimal
+        )
     for body in bodies:
         # a body of the same shape has to be tried on these detections as well
         known = all(bodies[k].is_known for k in (body.number, *body.alike))

@@ -19,11 +19,13 @@ from rootmatch.explain.assignment_posterior import Misfit
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.predicted_poses import about_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
-from rootmatch.model.mode_search import LEAST
-from rootmatch.model.pose_prior import Doubted
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_prior import Doubted, PosePrior
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -93,6 +95,7 @@ def told_by(
         contested=True,
         min_probability=base.task.options.least_probability(MIN_PROBABILITY),
     )
+    base = replace(base, posterior=told, model=body.model)
     every = told.ranked(1 + TRUST.alternatives) if count else []
     if not free:
         nothing = np.full(n, -1, np.int64)
@@ -112,13 +115,20 @@ def told_by(
     first, confidence = modes.assignments[k], told.confidence_in(modes.assignments[k])
     probability = told.probability_of(first)
     fault = _misfit(body, told, k)
-    holds = isinstance(prior, Doubted) and bool(prior.holds(modes.rotation[[k]], modes.position[[k]])[0])
-    matched = len(used[k])
+    prediction = -1
+    if isinstance(prior, Doubted):
+        prediction = int(prior.prediction_of(modes.rotation[[k]], modes.position[[k]])[0])
+    holds, matched = prediction >= 0, len(used[k])
     sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched):
+    if sure is not None and kept >= max(PosePrior.least if holds else base.task.problem.minimal + 1, KEPT * matched):
         facts = replace(facts, contested=False, sure_of_the_rest=True)
-    facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf, probability=probability)
+    facts = replace(
+        facts,
+        confirmed=matched >= PosePrior.least,
+        false_alarms=math.inf if does_not_fit(fault) else -math.inf,
+        probability=probability,
+    )
     found = replace(base, facts=facts)
     if found.status is Status.MATCHED and sure is not None and kept < matched:
         pose, each = float(told.probabilities[0]), confidence[sure >= 0]
@@ -130,6 +140,7 @@ def told_by(
     believed = found.status is not Status.UNTRUSTED
     found = replace(
         found,
+        task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
         others=[one for one, _ in others],
         other_probabilities=[chance for _, chance in others],
@@ -140,7 +151,7 @@ def told_by(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        fused_pose=_pose(body, told, k) if holds and believed else None,
+        fused_pose=pose_of_mode(body.model, modes, k) if holds and believed else None,
     )
     return found if found.evaluated else _without_hyperedges(found)
 
@@ -163,10 +174,10 @@ def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:
     return Misfit.of(float(squared[0]), round(float(modes.freedom[k])))
 
 
-def _pose(body: Candidate, told: Posterior, k: int) -> Pose:
+def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of the modes, of the points as they were given."""
-    R, position, covariance = told.modes.rotation[k], told.modes.position[k], told.modes.covariance[k]
-    return Pose.unchecked(R, *about_point(R, position, covariance, -body.model.centre))
+    R = modes.rotation[k]
+    return Pose.unchecked(R, *about_point(R, modes.position[k], modes.covariance[k], -model.centre))
 
 
 def confidence_of_motions(

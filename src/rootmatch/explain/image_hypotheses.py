@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.near_symmetries import symmetries_of
-from rootmatch.explain.predicted_assignment import match_with_prior, prior_of
+from rootmatch.explain.predicted_poses import predictions_of
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.competition import joint_posterior
@@ -26,6 +26,7 @@ from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_prior import Doubted, Gaussian, PosePrior, Upright
 from rootmatch.model.posterior import Posterior
+from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -86,33 +87,28 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     return joint_posterior([body.model for body in bodies], every)
 
 
-def is_enough(body: Candidate, told: Posterior) -> bool:
+def is_enough(model: DetectionModel, told: Posterior, minimal: int) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
     A pose elsewhere has at most as many matches as there are unexplained detections or visible points, each worth as
-    much as those found; three of them determine it.
+    much as those found; a minimal set of them determines it.
     """
     modes = told.modes
     if not len(modes.log_mass):
         return False
     matched = int(np.count_nonzero(modes.assignments[0] >= 0))
-    most = min(body.model.shape[1] - matched, float(modes.visible[0].sum())) - body.task.problem.minimal
+    most = min(model.shape[1] - matched, float(modes.visible[0].sum())) - minimal
     mass = float(modes.log_mass[0])
     return mass >= math.log(DOUBT) + max(most, 0.0) * max(mass, 0.0) / matched
 
 
-def proposals_by_prediction(task: MatchingTask) -> Proposals | None:
-    """Assignments about a predicted pose, with the poses that they lead to; None if there are none."""
-    found = match_with_prior(task, prior_of(task))
-    if found is None:
+def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
+    """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
+    if not isinstance(model.prior, Doubted):
         return None
-    fits = [fit for fit in found.fits[:MOST_PREDICTED] if fit.matched]
-    centre = task.points.source.mean(axis=0)
-    return Proposals(
-        np.array([fit.assignment for fit in fits]).reshape(-1, task.shape[0]),
-        np.array([fit.R for fit in fits]).reshape(-1, 3, 3),
-        np.array([fit.t + fit.R @ centre for fit in fits]).reshape(-1, 3),
-    )
+    found = [proposals_about(model, one) for one in model.prior.predictions]
+    parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
+    return joined([*parts, *(poses_of_few(model, one.assignments[:1]) for one in parts)]) if parts else None
 
 
 def model_of(task: MatchingTask) -> DetectionModel:
@@ -124,7 +120,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
         world, vertical = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
         prior = Upright(world, vertical, float(problem.vertical_noise))
     if task.prior_pose is not None:
-        prior = Doubted(_prediction(task), prior, DOUBT)
+        prior = _with_predictions(task, prior)
     log_weights = None if task.weights is None else candidate_log_odds(task)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
@@ -133,12 +129,15 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def _prediction(task: MatchingTask) -> Gaussian:
-    """A predicted pose as a prior of the body's centre."""
-    predicted = prior_of(task)
-    assert predicted.covariance is not None
-    centre = task.points.source.mean(axis=0)
-    return Gaussian(predicted.R, *about_point(predicted.R, predicted.t, predicted.covariance, centre))
+def _with_predictions(task: MatchingTask, without: PosePrior) -> Doubted:
+    """Predicted poses as a prior of the body's centre, beside what is known without them."""
+    centre, predictions, shares = task.points.source.mean(axis=0), [], []
+    for pose, share in predictions_of(task):
+        assert pose.covariance is not None
+        at_centre = about_point(pose.R, pose.t, pose.covariance, centre)
+        predictions.append(Gaussian(pose.R, *at_centre, freedom=task.prior_freedom))
+        shares.append(math.log(max(share, 1e-300)) + math.log1p(-DOUBT))
+    return Doubted(predictions, shares, without, DOUBT)
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
@@ -153,8 +152,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     unit = float(np.sqrt(((model.points - model.centre) ** 2).mean()))  # of the fits
     whole = np.isfinite(fit.chi2) & np.isfinite(fit.translation).all(axis=1)
     parts = [Proposals(rows[whole], fit.rotation[whole], unit * fit.translation[whole])]
-    if not isinstance(task.problem, RigCopies):  # a minimal set is of one camera
-        parts.append(poses_of_few(model, rows))
+    parts.append(poses_of_few(model, rows))
     first = parts[0].take(np.arange(min(TWINS, int(whole.sum()))))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,6 +27,8 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import SamplingTask
 
+Rivals = tuple[tuple[Pose, float], ...]
+"""Predicted poses beside the first one, with the probability of each."""
 EXACT = 0.01
 """σ of a coordinate in pixels up to which data count as exact: residuals then come from rounding, not from noise."""
 EXACT_RADIANS = 1e-5
@@ -58,8 +61,12 @@ class MatchingTask:
         Which rigid body each source point belongs to, where there are several.
     prior_pose : Pose, optional
         A predicted pose with its covariance.
-    prior_poses : dict
-        Predicted poses of several bodies, by label.
+    rival_poses : tuple of (Pose, float)
+        Other predicted poses with the share of each; that of ``prior_pose`` is the rest.
+    prior_poses, prior_rivals : dict
+        Those of several bodies, by label.
+    prior_freedom : float
+        Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_prior.Gaussian`.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     deadline : Deadline
@@ -76,7 +83,10 @@ class MatchingTask:
     weights: NDArray[np.float64] | None = None
     bodies: BodyLabels | None = None
     prior_pose: Pose | None = None
+    rival_poses: Rivals = ()
     prior_poses: dict[Label, Pose] = field(default_factory=dict)
+    prior_rivals: dict[Label, Rivals] = field(default_factory=dict)
+    prior_freedom: float = math.inf
     budget: int | None = None
     deadline: Deadline = NEVER
 
@@ -225,7 +235,8 @@ class MatchingTask:
         """The task of one of the bodies and all detections, with its predicted pose."""
         assert self.bodies is not None
         one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
-        return replace(one, prior_pose=self.prior_poses.get(self.bodies.names[k]))
+        name = self.bodies.names[k]
+        return replace(one, prior_pose=self.prior_poses.get(name), rival_poses=self.prior_rivals.get(name, ()))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
         """The task of some of the points, evaluated in this process, without a predicted pose."""
@@ -241,5 +252,7 @@ class MatchingTask:
             weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
             bodies=None,
             prior_pose=None,
+            rival_poses=(),
             prior_poses={},
+            prior_rivals={},
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.mode_search import DEFAULT_POSTERIOR, LEAST, PosteriorOptions
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.posterior import Posterior, prior_odds
 
@@ -92,7 +92,7 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
             contested = (modes.assignments >= 0) & wanted[modes.assignments]
             for row in np.flatnonzero(contested.any(axis=1)).tolist():
                 part = np.where(contested[row], -1, modes.assignments[row])
-                if np.count_nonzero(part >= 0) >= LEAST and part.tobytes() not in known:
+                if np.count_nonzero(part >= 0) >= models[k].prior.least and part.tobytes() not in known:
                     known.add(part.tobytes())
                     rows.append(row)
                     parts.append(part)

@@ -234,6 +234,13 @@ class DetectionModel:
         cosine = facing(self.normals, self.camera.from_centre(places), rotation)
         return Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
 
+    def of_points(self, at: Linearised) -> Floats | None:
+        """Covariances (K, n, 2, 2) of the pixels by those of the model points; None if these are exact."""
+        if self.source_covariance is None:
+            return None
+        by_point = at.by_position @ at.rotation[:, None]
+        return np.asarray(by_point @ self.source_covariance @ by_point.swapaxes(-1, -2))
+
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
         shown = at.seen * visible(at.cosine, self.view_cosine, tilt)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.model.detection_model import DetectionModel, Linearised
+from rootmatch.model.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]
@@ -29,9 +30,9 @@ Integers = NDArray[np.int64]
 LOG_2PI = math.log(2.0 * math.pi)
 STEEP = 0.5
 """Longest step of a settled pose, in radians and relative to the distance of the body. A round value."""
-NO_CHANGE = 1e-4
-"""Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order. A
-round value."""
+NO_CHANGE = 1e-2
+"""Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order, and
+the step itself is taken in the end. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +70,23 @@ class Evidence:
         return Evidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
-def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Evidence:
-    """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`."""
+def evidence(model: DetectionModel, assignments: Integers, at: Linearised, prior: PosePrior | None = None) -> Evidence:
+    """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`.
+
+    ``prior``: of the pose, in the place of the model's own.
+    """
     used = assignments >= 0
     image = np.maximum(assignments, 0)
     offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
     rows, residual, log_spread = _whitened(model, at, used, image, offset)
     flat = rows.reshape(len(assignments), -1, 6)
     measured = flat.swapaxes(1, 2) @ flat
-    prior = model.prior.terms(at.rotation, at.position)
-    slope = (residual.reshape(len(assignments), 1, -1) @ flat)[:, 0] + prior.slope
-    covariance, log_precision = _inverse(measured + prior.precision)
+    terms = (prior or model.prior).terms(at.rotation, at.position)
+    slope = (residual.reshape(len(assignments), 1, -1) @ flat)[:, 0] + terms.slope
+    covariance, log_precision = _inverse(measured + terms.precision)
     step = (covariance @ slope[..., None])[..., 0]
     decrement = (slope * step).sum(axis=1)
-    squared = (residual**2).sum(axis=(1, 2)) + prior.squared - decrement
+    squared = (residual**2).sum(axis=(1, 2)) + terms.squared - decrement
     squared = np.maximum(squared, 0.0)
     matches = used.sum(axis=1)
     freedom = np.maximum(2.0 * matches - (covariance * measured).sum(axis=(1, 2)), 0.0)
@@ -97,7 +101,7 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
         + log_scaled(squared, freedom, model.options.noise_freedom)
         + 3.0 * LOG_2PI
         - 0.5 * log_precision
-        + prior.log_density
+        + terms.log_density
     )
     possible = (at.seen | ~used).all(axis=1) & np.isfinite(log_odds)
     log_odds = np.where(possible, log_odds, -np.inf)
@@ -105,15 +109,20 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised) -> Ev
 
 
 def about(
-    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats
+    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PosePrior | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
     at = model.linearised(rotation, position)
-    return evidence(model, assignments, at), at
+    return evidence(model, assignments, at, prior), at
 
 
 def settled(
-    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, steps: int = 2
+    model: DetectionModel,
+    assignments: Integers,
+    found: Evidence,
+    at: Linearised,
+    prior: PosePrior | None = None,
+    steps: int = 2,
 ) -> tuple[Evidence, Linearised]:
     """Evidence after a few Gauss–Newton steps to the best poses, starting from that about the given poses.
 
@@ -123,7 +132,7 @@ def settled(
         if float(found.decrement.max(initial=0.0)) < NO_CHANGE:
             break
         at = model.linearised(*stepped(found, at))
-        found = evidence(model, assignments, at)
+        found = evidence(model, assignments, at, prior)
     return found, at
 
 

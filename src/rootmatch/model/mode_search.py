@@ -26,8 +26,6 @@ from rootmatch.options import Options, option
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEAST = 3
-"""Fewest matches of a mode: with fewer, a pose is not determined, and a body is not told from clutter."""
 IMPOSSIBLE = -1e9
 """Log-odds used in place of −∞, so that differences stay finite."""
 
@@ -79,7 +77,7 @@ def modes_of(
     options : PosteriorOptions
     """
     kept = [] if known is None else _Mode.every(known)
-    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= LEAST)
+    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
     if len(proposals.assignments):
         checkpoint()
@@ -232,10 +230,8 @@ def _first_order(
     matched, image = assignment >= 0, np.maximum(assignment, 0)
     jacobian = at.jacobian[0]
     spread = jacobian @ mode.covariance @ jacobian.swapaxes(1, 2)
-    of_point = np.zeros((n, 2, 2))
-    if model.source_covariance is not None:
-        by_point = at.by_position[0] @ at.rotation[0]
-        of_point = by_point @ model.source_covariance @ by_point.swapaxes(1, 2)
+    of_points = model.of_points(at)
+    of_point = np.zeros((n, 2, 2)) if of_points is None else of_points[0]
     noise = of_point + (model.sigma[image] ** 2)[:, None, None] * np.eye(2)
     # a point's own match must not predict itself: without it, the prediction moves away and is less certain
     hat = np.where(matched[:, None, None], spread @ np.linalg.inv(noise), 0.0)
@@ -263,7 +259,7 @@ def _first_order(
     own = gains[np.flatnonzero(matched), assignment[matched]]
     gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
     changes, change = likely_changes(assignment, gains, -options.negligible)
-    if count > LEAST:
+    if count > model.prior.least:
         return changes, change
     smaller = (changes.target < 0) & (changes.other < 0)
     return changes.take(~smaller), change[~smaller]

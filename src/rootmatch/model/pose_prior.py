@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,16 @@ class Terms(NamedTuple):
 
 
 class PosePrior(ABC):
-    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
+    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame.
+
+    Attributes
+    ----------
+    least : int
+        Matches of a mode: with fewer than three a pose is not determined unless it is predicted, and a body that shows
+        no more is not told from clutter.
+    """
+
+    least: ClassVar[int] = 3
 
     @abstractmethod
     def terms(self, rotation: Floats, position: Floats) -> Terms:
@@ -134,12 +144,16 @@ class Gaussian(PosePrior):
         Covariance of (ω, τ); infinite on the diagonal for three parameters if nothing is known of them.
     broad : Broad
         Of those.
+    freedom : float
+        Degrees of freedom that a covariance of all six counts for: it may be too small, and is as probable to be by
+        any factor as that of so many samples.
     """
 
     rotation: Floats
     position: Floats
     covariance: Floats
     broad: Broad = Broad()
+    freedom: float = math.inf
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PosePrior.terms`."""
@@ -150,7 +164,7 @@ class Gaussian(PosePrior):
         if known.all():
             slope = step @ whole
             same = np.broadcast_to(whole, (count, 6, 6))
-            return Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak))
+            return self._with_tails(Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)))
         terms = self.broad.terms(rotation, position)
         precision = np.where(np.outer(known, known), whole, terms.precision)
         precision[:, ~np.equal.outer(known, known)] = 0.0
@@ -162,6 +176,31 @@ class Gaussian(PosePrior):
         slope = step @ whole
         return Terms(precision, slope, (slope * step).sum(axis=1), log_density)
 
+    def _with_tails(self, terms: Terms) -> Terms:
+        """The same with a factor on the covariance integrated out: value, slope and curvature of a t-distribution.
+
+        Of a factor s² under an inverse gamma distribution of ν degrees of freedom, p ∝ (1 + d²/ν)^(−(ν+6)/2).
+        """
+        freedom = self.freedom
+        if math.isinf(freedom):
+            return terms
+        half, weight = 0.5 * freedom, self.tail_weight(terms.squared)
+        peak = math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
+        squared = weight * terms.squared
+        log_density = terms.log_density + peak - (half + 3.0) * np.log1p(terms.squared / freedom) + 0.5 * squared
+        return Terms(weight[:, None, None] * terms.precision, weight[:, None] * terms.slope, squared, log_density)
+
+    def tail_weight(self, squared: Floats) -> Floats:
+        """How much the prediction counts at a squared deviation (K,) from it: 1 at 6, the mean of six parameters."""
+        if math.isinf(self.freedom):
+            return np.ones_like(squared)
+        return np.asarray((self.freedom + 6.0) / (self.freedom + squared))
+
+    @property
+    def bounded(self) -> Floats:
+        """The covariance of what is known, no more certain than `EXACT` in any direction."""
+        return self._invertible(self._known[0])
+
     @cached_property
     def _known(self) -> tuple[NDArray[np.bool_], Floats, float]:
         """Which parameters are known, the precision of those (6, 6), and the logarithm of the density at its peak."""
@@ -172,7 +211,6 @@ class Gaussian(PosePrior):
         return known, whole, -0.5 * float(np.linalg.slogdet(2.0 * math.pi * own)[1])
 
     def _invertible(self, known: NDArray[np.bool_]) -> Floats:
-        """The covariance of what is known, no more certain than `EXACT` in any direction."""
         least = EXACT * np.repeat([1.0, max(float(np.linalg.norm(self.position)), 1e-300)], 3)[known]
         own = self.covariance[np.ix_(known, known)]
         scale = np.sqrt(np.maximum(np.diag(own), least**2))
@@ -181,45 +219,49 @@ class Gaussian(PosePrior):
 
 @dataclass(frozen=True, eq=False)
 class Doubted(PosePrior):
-    """A prediction that may be wrong: a mixture with what is known without it.
+    """Predictions that may all be wrong: a mixture of them and of what is known without any.
 
-    About each pose the larger component stands for the mixture; the other is negligible where one of them is large.
+    About each pose the largest component stands for the mixture; the others are negligible where one of them is large.
 
     Parameters
     ----------
-    prediction, without : PosePrior
+    predictions : sequence of Gaussian
+        At least one.
+    log_shares : sequence of float
+        Logarithm of the share of each; they add up to 1 less the doubt.
+    without : PosePrior
     doubt : float
         Share of the latter.
     """
 
-    prediction: Gaussian
+    least: ClassVar[int] = 2  # one match is one coincidence, which a clutter point that stands still repeats
+    predictions: Sequence[Gaussian]
+    log_shares: Sequence[float]
     without: PosePrior
     doubt: float
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PosePrior.terms`."""
-        predicted, broad = self._components(rotation, position)
-        first = _at_pose(predicted) >= _at_pose(broad)
-        return Terms(
-            *(
-                np.where(first.reshape(-1, *[1] * (one.ndim - 1)), one, two)
-                for one, two in zip(predicted, broad, strict=True)
-            )
-        )
+        every = self._components(rotation, position)
+        first, rows = _highest(every), np.arange(len(rotation))
+        if (first == first[:1]).all() and len(first):
+            return every[int(first[0])]
+        return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True)))
 
-    def holds(self, rotation: Floats, position: Floats) -> NDArray[np.bool_]:
-        """Whether the prediction gives each of some poses a higher density than what is known without it."""
-        predicted, broad = self._components(rotation, position)
-        return np.asarray(_at_pose(predicted) >= _at_pose(broad))
+    def prediction_of(self, rotation: Floats, position: Floats) -> NDArray[np.int64]:
+        """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
+        first = _highest(self._components(rotation, position))
+        return np.where(first < len(self.predictions), first, -1)
 
-    def _components(self, rotation: Floats, position: Floats) -> tuple[Terms, Terms]:
-        predicted, broad = self.prediction.terms(rotation, position), self.without.terms(rotation, position)
-        return (
-            predicted._replace(log_density=predicted.log_density + math.log1p(-self.doubt)),
-            broad._replace(log_density=broad.log_density + math.log(self.doubt)),
-        )
+    def _components(self, rotation: Floats, position: Floats) -> list[Terms]:
+        shares = [*self.log_shares, math.log(self.doubt)]
+        terms = (prior.terms(rotation, position) for prior in (*self.predictions, self.without))
+        return [
+            Terms(precision, slope, squared, log_density + share)
+            for (precision, slope, squared, log_density), share in zip(terms, shares, strict=True)
+        ]
 
 
-def _at_pose(terms: Terms) -> Floats:
-    """Logarithm of a density at the poses that its terms are about."""
-    return terms.log_density - 0.5 * terms.squared
+def _highest(every: list[Terms]) -> NDArray[np.int64]:
+    """Which of some components is the largest at each of the poses that their terms are about."""
+    return np.asarray(np.argmax([one.log_density - 0.5 * one.squared for one in every], axis=0))

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.predicted_assignment import Found
-from rootmatch.explain.predicted_pose import free_pose
+from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.options import Options, option
-from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionFilter, MotionOptions
-from rootmatch.tracking.rival_poses import LIKELY, Decided, RivalPose, Shape
-from rootmatch.tracking.searched_poses import searched
+from rootmatch.tracking.belief import Belief
+from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
+
+Floats = NDArray[np.float64]
 
 
 class TrackingState(Enum):
@@ -49,16 +49,14 @@ class TrackingOptions(Options):
     with 10,000 two of 120 flights followed a wrong pose where 30,000 found the right one (benchmarks/tracking.py, seeds
     from 1100 and 2100)."""
     search_every: int = option(10, least=1)
-    """Interval in frames between searches for missing bodies (with several bodies), and for a followed body most of
-    whose visible points are missing. A round value."""
-    missing: float = option(0.6, least=0.0, most=1.0)
-    """Share of the visible points below which most of them count as missing. A round value."""
+    """With several bodies those that are not found are searched for in one of so many frames, and so is a body that is
+    followed while another pose may explain more than its own. In as many its poses are doubted. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
     """How fast a body may move."""
 
 
 class FollowedBody:
-    """One body: its pose, or several, while it is not lost, and the frames in which it was not found.
+    """One body: what is believed of its pose, and the frames in which it was not found.
 
     Parameters
     ----------
@@ -70,83 +68,53 @@ class FollowedBody:
     """
 
     def __init__(
-        self,
-        source: NDArray[np.float64],
-        options: TrackingOptions,
-        symmetries: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]] = (),
+        self, source: Floats, options: TrackingOptions, symmetries: Sequence[tuple[Floats, Floats]] = ()
     ) -> None:
-        self.shape, self.options = Shape(source, list(symmetries), options.motion), options
+        self.options, self.symmetries = options, symmetries
+        self.belief = Belief(source, options.motion)
         self.detections = self.searched = 0
         self.forget()
 
     def forget(self) -> None:
-        """Declare the body lost."""
-        self.rivals: list[RivalPose] = []
+        """Call it lost."""
+        self.belief.poses = []
         self.settled = False
-        self.missed = self.scant = 0
+        self.missed = 0
 
     @property
     def state(self) -> TrackingState:
-        """Whether the body is being followed; not while several poses are followed of which none was certain before."""
-        if not self.rivals or not self.settled:
+        """Whether it is being followed: it is not while several poses are, none of which was sure before."""
+        if not self.belief or not self.settled:
             return TrackingState.LOST
         return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
 
-    def worth_a_search(self, detections: int) -> bool:
-        """Whether this many detections may show the body elsewhere than predicted."""
-        return self.missed >= self.options.patience and detections >= self.options.present * self.detections
-
-    def misses(self, found: Found, others: int) -> bool:
-        """Whether many visible points were missing in this frame and the previous one, so the body may be elsewhere."""
-        few = found.matched < self.options.missing * found.expected and others >= found.matched
-        self.scant = self.scant + 1 if few else 0
-        return self.scant > self.options.patience
-
-    def late(self, frame: int) -> bool:
-        """Whether the last search for the followed body was long ago; if so, the next interval starts now."""
-        if frame - self.searched < self.options.search_every:
+    def wants_search(self, found: Finding, frame: int) -> bool:
+        """Whether it is to be searched for in a frame, by what was found about its predicted poses alone."""
+        if found.status is Status.UNTRUSTED:
+            shown = found.task.shape[1] >= self.options.present * self.detections
+            return self.missed >= self.options.patience and shown
+        assert found.model is not None
+        assert found.posterior is not None
+        enough = is_enough(found.model, found.posterior, found.task.problem.minimal)
+        if enough or frame - self.searched < self.options.search_every:
             return False
         self.searched = frame
         return True
 
-    def hold(self, after: Decided, detections: int) -> None:
-        """Take in a frame that agrees with one of the poses."""
-        self.rivals = after.left
-        self.settled |= after.sure
-        self.missed, self.detections = 0, detections
+    def take(self, found: Finding, time: float, frame: int) -> None:
+        """Take what was found of it in a frame.
 
-    def miss(self, time: float) -> None:
-        """Take in a frame in which the body was not found."""
-        self.missed += 1
-        self.rivals = [one for one in self.rivals if time - one.filter.time <= self.options.coasting]
-        if not self.rivals:
-            self.forget()
-
-    def presume(self, time: float) -> None:
-        """Let a frame without a match narrow the predictions by detections that are probably the body's."""
-        for rival in self.rivals:
-            rival.presume(time)
-
-    def start(self, match: Finding, time: float) -> None:
-        """Take in the match of a frame that was searched while the body was lost."""
-        if match.status is Status.UNTRUSTED:
-            return
-        after = searched(match, [], self.shape, time)
-        self.hold(after, match.task.shape[1])
-
-    def take(self, match: Finding | None, predicted: bool, time: float) -> None:
-        """Take in the match of a frame, made with or without a prior, while only one pose is followed.
-
-        With a prior that holds, a doubt about one detection does not stop the filter.
+        Now and then poses that look the same are followed beside the best one.
         """
-        held = match is not None and match.prior_holds is True and match.status is not Status.UNTRUSTED
-        sure = match is not None and match.status is Status.MATCHED
-        if match is None or not (sure or (held and (match.probability or 0.0) >= LIKELY)):
-            self.miss(time)
+        self.belief.take(found, time)
+        if found.status is Status.UNTRUSTED:
+            self.missed += 1
+            self.belief.forget_before(time - self.options.coasting)
+            if not self.belief:
+                self.forget()
             return
-        self.missed, self.detections, self.settled = 0, match.task.shape[1], True
-        if held and match.fused_pose is not None and self.rivals and predicted:
-            del self.rivals[1:]
-            self.rivals[0].filter.update(match.fused_pose, time)
-        else:
-            self.rivals = [RivalPose(MotionFilter(self.shape.source, free_pose(match), time, self.options.motion))]
+        self.missed, self.detections = 0, found.task.shape[1]
+        self.settled |= found.status is Status.MATCHED
+        if frame % self.options.search_every == 0 and self.belief:
+            self.belief.add_flipped(found, time)
+            self.belief.add_turned(self.symmetries)

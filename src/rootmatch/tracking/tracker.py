@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.backends import selection
 from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
-from rootmatch.explain.predicted_assignment import Found
+from rootmatch.explain.task import Rivals
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
 from rootmatch.problems.base import Problem
@@ -29,8 +27,6 @@ from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
-from rootmatch.tracking.rival_poses import decided
-from rootmatch.tracking.searched_poses import challengers, searched
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -42,7 +38,7 @@ TURNS = 3
 class Tracker:
     """`rootmatch.match` for the frames of a sequence, each of which predicts the next.
 
-    The first frame is matched as by `rootmatch.Matcher`. From then on, a constant-velocity Kalman filter predicts a
+    The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a
     pose with its covariance, which is the prior of the next match: a frame takes about a millisecond. A body that is
     not found is still predicted for a while; then it counts as lost and is searched for. Kernels are compiled when a
     frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
@@ -131,12 +127,13 @@ max_evaluations
         self.labels = self.matcher.labels
         self._frame = 0
         self._bodies: dict[Label | None, FollowedBody] = {}
-        if self.labels is None:
-            turns = near_symmetries(self.matcher.source, self.matcher.normals, TURNS)
-            self._bodies[None] = FollowedBody(self.matcher.source, tracking, turns)
-        else:
-            for k, label in enumerate(self.labels.names):
-                self._bodies[label] = FollowedBody(self.matcher.source[self.labels.points_of(k)], tracking)
+        points, normals = self.matcher.source, self.matcher.normals
+        each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
+        if self.labels is not None:
+            each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
+        for label, own in each.items():
+            turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
+            self._bodies[label] = FollowedBody(points[own], tracking, turns)
 
     @property
     def state(self) -> TrackingState:
@@ -161,7 +158,7 @@ max_evaluations
             return {}
         when = self.time + self.tracking.interval if time is None else time
         return {
-            label: body.rivals[0].filter.predicted(when)
+            label: body.belief.best.predicted(when)
             for label, body in self._bodies.items()
             if body.state is not TrackingState.LOST
         }
@@ -214,13 +211,7 @@ max_evaluations
         when = self._time(time)
         self._frame += 1
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
-        if self.labels is not None:
-            found = self._match_bodies(target, when, prior, noise, deadline=deadline, candidates=candidates)
-        elif prior is not None:
-            found = self.matcher.follow(target, prior, noise, deadline, budget=self._budget, candidates=candidates)
-            self._bodies[None].take(found, True, when)
-        else:
-            found = self._match_one(target, when, noise, deadline, candidates)
+        found = self._found(target, when, self._given(prior), noise, deadline=deadline, candidates=candidates)
         self.time = when
         return report(found, seconds=perf_counter() - started, stopped_early=deadline.stopped_early)
 
@@ -229,82 +220,65 @@ max_evaluations
         """Evaluations of a search; None for the first frame, which is limited only as `rootmatch.match` is."""
         return None if self.time is None else self.tracking.search_budget
 
-    def _match_one(
+    def _found(
         self,
         target: ArrayLike,
         when: float,
-        noise: ArrayLike | None,
-        deadline: Deadline,
-        candidates: ArrayLike | None,
-    ) -> Finding:
-        """The finding of a frame with one body: from its predictions, and by a search if none holds."""
-        body = self._bodies[None]
-
-        def search() -> Finding:
-            return self.matcher.follow(target, None, noise, deadline, budget=self._budget, candidates=candidates)
-
-        def follow(pose: Pose) -> tuple[Finding, Found | None]:
-            return self.matcher.tried(target, pose, noise, candidates)
-
-        if not body.rivals:
-            found = search()
-            body.start(found, when)
-            return found
-        shape = None if body.settled else body.shape
-        after = decided(body.rivals, follow, when, shape)
-        detections = after.match.task.shape[1]
-        if after.found is not None:
-            body.hold(after, detections)
-            if body.misses(after.found, detections - self.matcher.problem.order) and body.late(self._frame):
-                other = search()
-                if other.status is not Status.UNTRUSTED:
-                    body.settled = False
-                    body.rivals += challengers(other, after.match, after.left[0], body.shape, when)
-                return replace(after.match, evaluated=other.evaluated)
-            return after.match
-        worth = body.worth_a_search(detections)
-        body.rivals = after.left
-        body.miss(when)
-        if not worth:
-            body.presume(when)
-            return after.match
-        found = search()
-        if found.status is Status.UNTRUSTED:
-            body.presume(when)
-            # the result about the prediction is more likely than the result of the search
-            return replace(after.match, evaluated=found.evaluated) if (after.match.assignment >= 0).any() else found
-        if not body.rivals:
-            body.start(found, when)
-            return found
-        after = searched(found, body.rivals, body.shape, when, after.match.assignment)
-        body.hold(after, detections)
-        return after.match
-
-    def _match_bodies(
-        self,
-        target: ArrayLike,
-        when: float,
-        prior: Pose | Mapping[Label, Pose] | None,
+        given: dict[Label | None, Pose],
         noise: ArrayLike | None,
         *,
         deadline: Deadline,
         candidates: ArrayLike | None,
     ) -> Finding:
-        """The finding of a frame with several bodies."""
-        given = {label: pose for label, pose in self.predicted(when).items() if label is not None}
-        if isinstance(prior, Mapping):
-            given |= prior
-        elif prior is not None:
-            raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
-        lost = self.time is None or any(body.state is not TrackingState.TRACKING for body in self._bodies.values())
-        searching = lost and (self._frame - 1) % self.tracking.search_every == 0
-        found = self.matcher.follow(
-            target, given, noise, deadline, searching=searching, budget=self._budget, candidates=candidates
-        )
-        assert found.parts is not None
+        """What is found of a frame: about the predicted poses, and searched for where they do not hold."""
+        poses: dict[Label | None, Pose] = {}
+        rivals: dict[Label | None, Rivals] = {}
         for label, body in self._bodies.items():
-            body.take(found.parts[label], label in given, when)  # type: ignore[index]
+            if label in given:
+                body.belief.keep_best()
+                poses[label] = given[label]
+            elif body.belief:
+                poses[label], rivals[label] = body.belief.predicted(when)
+
+        def explained(searching: bool) -> Finding:
+            prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
+            return self.matcher.explained(
+                target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
+                rivals=rivals, searching=searching,
+            )  # fmt: skip
+
+        found = explained(False) if poses else None
+        if found is None or self._searches(found):
+            found = explained(True)
+        for label, part in self._parts(found).items():
+            self._bodies[label].take(part, when, self._frame)
         return found
+
+    def _searches(self, found: Finding) -> bool:
+        """Whether a frame is searched, by what was found about predicted poses alone.
+
+        Several bodies are searched for together, those that are lost in one of some frames.
+        """
+        several = self.labels is not None
+        due = not several or (self._frame - 1) % self.tracking.search_every == 0
+        return any(
+            (due if not body.belief else (due or not several) and body.wants_search(part, self._frame))
+            for part, body in zip(self._parts(found).values(), self._bodies.values(), strict=True)
+        )
+
+    def _parts(self, found: Finding) -> dict[Label | None, Finding]:
+        """What was found of each body by its label, of a single one by None."""
+        return {None: found} if found.parts is None else dict(found.parts.items())
+
+    def _given(self, prior: Pose | Mapping[Label, Pose] | None) -> dict[Label | None, Pose]:
+        """Predicted poses that the caller gives, by label, of a single body by None."""
+        if prior is None:
+            return {}
+        if isinstance(prior, Mapping):
+            return dict(prior.items())
+        if self.labels is not None:
+            raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
+        return {None: prior}
 
     def _time(self, time: float | None) -> float:
         if time is None:

@@ -1,0 +1,285 @@
+"""Assignments about a predicted pose: gated by its covariance, assigned one to one, and settled.
+
+A good prediction leaves one detection or two for each point. Those are assigned and weighed at once. Where gates hold
+several detections, single correspondences are tried first: each moves the whole prediction and narrows all other gates
+(a Kalman update), and those that explain most are settled. No minimal sets are solved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.deadline import checkpoint
+from rootmatch.model.detection_model import DetectionModel, Linearised
+from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, stepped
+from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.proposals import Proposals, joined
+from rootmatch.options import Options, option
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PredictionOptions(Options):
+    """How a predicted pose is used; what it finds and costs: benchmarks/tracking.py."""
+
+    gate: float = option(4.0, above=0.0)
+    """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
+    most_pairs: int = option(400, least=1)
+    """Candidate pairs in an image beyond which a prediction is too wide to propose anything."""
+    tried: int = option(64, least=1)
+    """Most single correspondences that are tried, those of the points with the fewest candidates. Not tuned."""
+    beams: int = option(4, least=1)
+    """Hypotheses that are settled: four find as much as eight (benchmarks/tracking.py, 6 flights, seeds from 1000)."""
+    complete: float = option(0.8, above=0.0, most=1.0)
+    """Part of the visible points from which the first assignment is taken without trying others, if it also fits."""
+    fitting: float = option(2.5, above=0.0)
+    """χ² over its degrees of freedom up to which it does."""
+    enough: int = option(4, least=1)
+    """Matches from which it does: three fit many poses."""
+    rounds: int = option(5, least=1)
+    """Most assignments and steps in turn."""
+    usual_rate: float = option(0.9, above=0.0, most=1.0)
+    """Detection rate before an assignment tells it."""
+
+
+DEFAULT_PREDICTION = PredictionOptions()
+HIDDEN = 0.1
+"""How visible a point has to be for a candidate."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    assignment: Integers
+    found: Evidence
+    at: Linearised
+
+    @property
+    def log_odds(self) -> float:
+        return float(self.found.log_odds[0])
+
+    def is_convincing(self, options: PredictionOptions) -> bool:
+        """Whether it explains nearly all that should be visible, and fits."""
+        matched = int(np.count_nonzero(self.assignment >= 0))
+        if matched < options.enough or matched < options.complete * float(self.found.visible.sum()):
+            return False
+        return float(self.found.squared[0]) <= options.fitting * 2.0 * matched
+
+
+def proposals_about(
+    model: DetectionModel, prediction: Gaussian, options: PredictionOptions = DEFAULT_PREDICTION
+) -> Proposals | None:
+    """Assignments about a predicted pose with the poses they lead to, the most probable first.
+
+    Parameters
+    ----------
+    model : DetectionModel
+        Whose prior has the prediction in it.
+    prediction : Gaussian
+        Of all six parameters.
+    options : PredictionOptions
+
+    Returns
+    -------
+    Proposals or None
+        None where the prediction leaves too many candidates, or none.
+    """
+    first = model.linearised(prediction.rotation[None], prediction.position[None])
+    covariance = prediction.bounded
+    visible = model.visibility(first, np.array([_tilt(covariance)]))[0]
+    squared, _ = deviations(model, first.pixels[0], _spread(model, first, covariance))
+    possible = _possible(model, visible)
+    candidates = (squared <= options.gate**2) & possible
+    if not 0 < np.count_nonzero(candidates) <= options.most_pairs * max(len(model.images), 1):
+        return None
+    known: dict[bytes, _Settled] = {}
+    start = _settle(model, first, covariance, options=options, known=known)
+    if start is None or not start.is_convincing(options):
+        for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
+            moved = model.linearised(
+                rotation_from_vector(step[None, :3]) @ first.rotation, first.position + step[None, 3:]
+            )
+            _settle(model, moved, narrowed, options=options, known=known)
+    ranked = sorted(known.values(), key=lambda one: -one.log_odds)
+    ranked = [one for one in ranked if math.isfinite(one.log_odds)]
+    if not ranked:
+        return None
+    return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in ranked])
+
+
+def _settle(
+    model: DetectionModel,
+    at: Linearised,
+    covariance: Floats,
+    *,
+    options: PredictionOptions,
+    known: dict[bytes, _Settled],
+) -> _Settled | None:
+    """Assignment and step in turn until the assignment stays; all of them are added to ``known``."""
+    best = None
+    for _ in range(options.rounds):
+        checkpoint()
+        assignment = _assigned(model, at, covariance, options)
+        if not (assignment >= 0).any():
+            break
+        key = assignment.tobytes()
+        if best is not None and np.array_equal(assignment, best.assignment):
+            break
+        best = known.get(key)
+        if best is not None:
+            break
+        best = known[key] = _Settled(assignment, evidence(model, assignment[None], at), at)
+        if np.count_nonzero(assignment >= 0) >= float(best.found.visible.sum()):
+            break  # nothing is left to assign
+        at, covariance = model.linearised(*stepped(best.found, at)), best.found.covariance[0]
+    return best
+
+
+def _assigned(model: DetectionModel, at: Linearised, covariance: Floats, options: PredictionOptions) -> Integers:
+    """The most probable one-to-one assignment (n,) about a pose, each pair for itself."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
+    squared, determinant = deviations(model, at.pixels[0], _spread(model, at, covariance))
+    visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
+    gains = _log_chance(model, visible, options)[:, None] - 0.5 * (squared + np.log(determinant)) - LOG_2PI
+    gains -= model.clutter.log_density
+    if model.log_weights is not None:
+        gains += model.log_weights
+    possible = (squared <= options.gate**2) & _possible(model, visible) & (gains > 0.0)
+    assignment = np.full(len(gains), -1, np.int64)
+    rows = np.flatnonzero(possible.any(axis=1))
+    if len(rows) == 0:
+        return assignment
+    if (possible.sum(axis=1) <= 1).all() and (possible.sum(axis=0) <= 1).all():
+        assignment[rows] = possible[rows].argmax(axis=1)
+        return assignment
+    taken, images = linear_sum_assignment(np.where(possible[rows], -gains[rows], 0.0))
+    good = possible[rows[taken], images]
+    assignment[rows[taken[good]]] = images[good]
+    return assignment
+
+
+def _narrowed(
+    model: DetectionModel,
+    first: Linearised,
+    visible: Floats,
+    covariance: Floats,
+    *,
+    candidates: Bools,
+    options: PredictionOptions,
+) -> list[tuple[Floats, Floats]]:
+    """Steps and covariances after two correspondences each, those that explain most."""
+    beams = [(np.zeros(6), covariance)]
+    for _ in range(2):
+        found = []
+        for step, spread in beams:
+            checkpoint()
+            one = _updates(model, first, visible, (step, spread), candidates=candidates, options=options)
+            if one is not None:
+                found.append(one)
+        if not found:
+            break
+        steps, spreads, score = (np.concatenate(part) for part in zip(*found, strict=True))
+        best = np.argsort(-score, kind="stable")
+        _, distinct = np.unique(np.round(score[best], 6), return_index=True)
+        best = best[np.sort(distinct)][: options.beams]
+        beams = [(steps[k], spreads[k]) for k in best]
+    return beams
+
+
+def _updates(
+    model: DetectionModel,
+    first: Linearised,
+    visible: Floats,
+    about: tuple[Floats, Floats],
+    *,
+    candidates: Bools,
+    options: PredictionOptions,
+) -> tuple[Floats, Floats, Floats] | None:
+    """Steps (P, 6), covariances (P, 6, 6) and scores (P,) after a Kalman update with each of some candidate pairs."""
+    step, covariance = about
+    jacobian = first.jacobian[0]
+    pixels = first.pixels[0] + jacobian @ step
+    spread = _spread(model, first, covariance)
+    squared, _ = deviations(model, pixels, spread)
+    near = candidates & (squared <= options.gate**2)
+    counts = near.sum(axis=1)
+    vague = np.trace(spread, axis1=1, axis2=2)
+    # points that are still vague tell most; few candidates cost least
+    order = np.argsort(np.where(counts > 0, counts - vague / (vague.max() + 1e-300), np.inf), kind="stable")
+    order = order[counts[order] > 0]
+    taken = order[np.cumsum(counts[order]) <= options.tried]
+    taken = taken if len(taken) else order[:1]
+    i, j = np.nonzero(near[taken])
+    if not len(i):
+        return None
+    i = taken[i]
+    rows = jacobian[i]
+    gain = covariance @ rows.swapaxes(-1, -2)
+    total = rows @ gain + (model.sigma[j] ** 2)[:, None, None] * np.eye(2)
+    of_points = model.of_points(first)
+    if of_points is not None:
+        total += of_points[0, i]
+    kalman = gain @ np.linalg.inv(total)
+    steps = step + (kalman @ (model.target[j] - pixels[i])[..., None])[..., 0]
+    covariances = covariance - kalman @ gain.swapaxes(-1, -2)
+    shown = np.flatnonzero(candidates.any(axis=1))
+    rows = jacobian[shown]
+    moved = first.pixels[0][shown] + np.einsum("nqp,kp->knq", rows, steps)
+    spreads = np.einsum("nqp,kpr,nsr->knqs", rows, covariances, rows, optimize=True)
+    if of_points is not None:
+        spreads += of_points[0, shown]
+    squared, determinant = deviations(model, moved, spreads)
+    log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
+    ratio = np.where(_possible(model, visible)[shown], np.exp(np.minimum(log_density, 700.0)), 0.0)
+    chance = (model.rate or options.usual_rate) * visible[shown]
+    return steps, covariances, np.log(1.0 - chance + chance * ratio.max(axis=2)).sum(axis=1)
+
+
+def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
+    """χ² and determinant (…, n, n') of detections about predictions (…, n, 2) with covariances (…, n, 2, 2).
+
+    In terms that are none of them negative: a spread of rank one, far wider than the noise, has a determinant of
+    rounding alone, of either sign.
+    """
+    variance = model.sigma**2
+    x = model.target[:, 0] - pixels[..., 0, None]
+    y = model.target[:, 1] - pixels[..., 1, None]
+    a, c = np.maximum(spread[..., 0, 0, None], 0.0), np.maximum(spread[..., 1, 1, None], 0.0)
+    b = spread[..., 0, 1, None]
+    determinant = np.maximum(a * c - b * b, 0.0) + variance * (a + c + variance)
+    x2, y2 = x * x, y * y
+    across = np.maximum(c * x2 - 2.0 * b * (x * y) + a * y2, 0.0)
+    return (across + variance * (x2 + y2)) / determinant, determinant
+
+
+def _spread(model: DetectionModel, at: Linearised, covariance: Floats) -> Floats:
+    """Covariances (n, 2, 2) of the pixels of one pose by that of the pose and those of the points."""
+    jacobian, of_points = at.jacobian[0], model.of_points(at)
+    of_pose = np.asarray(jacobian @ covariance @ jacobian.swapaxes(-1, -2))
+    return of_pose if of_points is None else of_pose + of_points[0]
+
+
+def _tilt(covariance: Floats) -> float:
+    """Standard deviation of a pose's direction, in radians."""
+    return min(math.sqrt(max(0.5 * float(np.trace(covariance[:3, :3])), 0.0)), 1.0)
+
+
+def _log_chance(model: DetectionModel, visible: Floats, options: PredictionOptions) -> Floats:
+    """Logarithm (n,) of the odds that a point is detected."""
+    chance = np.minimum((model.rate or options.usual_rate) * visible, 0.999)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(chance) - np.log1p(-chance))
+
+
+def _possible(model: DetectionModel, visible: Floats) -> Bools:
+    """Which correspondences (n, n') may be."""
+    shown = (visible > HIDDEN)[:, None]
+    return np.broadcast_to(shown, model.shape) if model.allowed is None else shown & model.allowed

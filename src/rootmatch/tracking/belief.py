@@ -1,0 +1,185 @@
+"""What is believed of a body's pose from frame to frame: a few hypotheses with their probabilities.
+
+Two halves of a headset that are copies of one another, but for fractions of a millimetre, look the same from one side.
+The pose and its twin then agree in frame after frame, and each frame adds a little to the odds (a tracker of several
+hypotheses, Reid 1979). So each hypothesis is a motion filter with a weight, all of them together are the prior of the
+next frame, and the modes of that frame's posterior are the hypotheses of the one after. No frame decides for good: what
+is left out of the prior, `rootmatch.explain.image_hypotheses.DOUBT`, is that none of them is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import pose_of_mode
+from rootmatch.explain.image_hypotheses import DOUBT
+from rootmatch.explain.task import Rivals
+from rootmatch.model.evidence import about, log_detected, settled, stepped
+from rootmatch.model.pose_prior import Doubted
+from rootmatch.model.proposals import Proposals, joined, poses_of_few
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
+
+Floats = NDArray[np.float64]
+
+MOST = 4
+"""Poses that are followed at once, about a millisecond each in every frame. A round value."""
+NEGLIGIBLE = math.log(1e4)
+"""Log-odds against the best at which one is given up: what is decided here stands for the rest of a flight."""
+TEMPER = 0.5
+"""Weight of a frame's evidence: source points that are off by part of what tells two poses apart, or a σ that is stated
+too small, are wrong in the same way in every frame. It delays decisions; it changes none of which pose is ahead."""
+LIKELY = 0.5
+"""Probability of a mode, beside what else a prediction may have become, from which its pose is taken: more likely than
+all of that."""
+LOOKED_AT = 8
+"""Modes of a frame that are considered. A round value."""
+DOUBTED = 1e-3
+"""Weight beside the best pose of one that looks the same, turned by a near symmetry of the body or flipped, when it is
+followed anew: the frames so far may have decided wrongly. A round value."""
+ALIKE = 1.0 + 2.0 * math.cos(0.2)
+"""Trace of the rotation between two poses above which they are one. A round value."""
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPose:
+    """A hypothesis: where the body is and how it moves, and the logarithm of its weight beside the others."""
+
+    filter: MotionFilter
+    log_weight: float = 0.0
+
+
+class Belief:
+    """The hypotheses of one body's pose; none while it is lost.
+
+    Parameters
+    ----------
+    source : (n, 3) array
+        Its points.
+    motion : MotionOptions
+        How fast it may move.
+    """
+
+    def __init__(self, source: Floats, motion: MotionOptions) -> None:
+        self.source, self.motion = source, motion
+        self.poses: list[FollowedPose] = []
+
+    def __bool__(self) -> bool:
+        return bool(self.poses)
+
+    @property
+    def best(self) -> MotionFilter:
+        """The filter of the most probable hypothesis."""
+        return self.poses[0].filter
+
+    @property
+    def shares(self) -> Floats:
+        """Probability of each hypothesis, which add up to one."""
+        weight = np.array([one.log_weight for one in self.poses])
+        weight = np.exp(weight - weight.max(initial=-math.inf))
+        return np.asarray(weight / weight.sum())
+
+    def predicted(self, time: float) -> tuple[Pose, Rivals]:
+        """The most probable pose at a time, and the others with their probabilities."""
+        poses = [one.filter.predicted(time) for one in self.poses]
+        return poses[0], tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
+
+    def forget_before(self, time: float) -> None:
+        """Give up the hypotheses that no frame has shown since a time."""
+        self.poses = [one for one in self.poses if one.filter.time >= time]
+
+    def keep_best(self) -> None:
+        """Give up all hypotheses but the most probable one."""
+        del self.poses[1:]
+
+    def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
+        """Follow the best pose after motions (R, t) too, those that leave the body nearly as it is.
+
+        No search need have found these poses, nor the frames since then all of them again.
+        """
+        for R, t in motions:
+            self._add(self.best.turned(R, t), math.log(DOUBTED))
+
+    def add_flipped(self, found: Finding, time: float) -> None:
+        """Follow the other poses of the few matches of the best one too: what it was updated with fits them as well.
+
+        Four points in an image, or more in a plane, may have two poses, and a prediction holds on to one of them.
+        """
+        told, model = found.posterior, found.model
+        if told is None or model is None or not len(told.probabilities) or self.best.time != time:
+            return
+        prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
+        modes = told.modes.take(np.zeros(1, np.int64))
+        first = Proposals(modes.assignments, modes.rotation, modes.position)
+        few = joined([first, poses_of_few(model, modes.assignments)])
+        if len(few.assignments) == 1:
+            return
+        of_few, at = settled(model, few.assignments, *about(model, *few, prior), prior)
+        rotation, position = stepped(of_few, at)
+        if not math.isfinite(of_few.log_odds[0]):
+            return
+        hidden = log_detected(model, few.assignments >= 0, of_few.visible)
+        lead = TEMPER * (of_few.log_odds - hidden - of_few.log_odds[0] + hidden[0])
+        for k in np.argsort(-lead, kind="stable").tolist():
+            if math.log(DOUBTED) + lead[k] > -NEGLIGIBLE:
+                at_origin = about_point(rotation[k], position[k], of_few.covariance[k], -model.centre)
+                pose = Pose.unchecked(rotation[k], *at_origin)
+                self._add(MotionFilter(self.source, pose, time, self.motion), math.log(DOUBTED) + float(lead[k]))
+
+    def _add(self, filter_: MotionFilter, log_share: float) -> None:
+        """Follow another pose, unless one like it is followed, or as many as are followed at once."""
+        known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
+        if len(self.poses) < MOST and not known:
+            self.poses.append(FollowedPose(filter_, self.poses[0].log_weight + log_share))
+
+    def take(self, found: Finding, time: float) -> None:
+        """Take a frame's posterior: its modes go on from the hypotheses about which they lie, or are new ones.
+
+        A hypothesis that no mode goes on from stays as it was predicted; the frame then speaks for it as much as for
+        showing nothing of the body.
+        """
+        told, model = found.posterior, found.model
+        if told is None or model is None or not len(told.probabilities):
+            return
+        modes = told.modes.take(np.arange(min(LOOKED_AT, len(told.probabilities))))
+        log_share = np.log(np.append(self.shares, DOUBT if self.poses else 1.0))  # the last is that of a new one
+        origin = np.full(len(modes.log_odds), -1)
+        if self.poses and isinstance(model.prior, Doubted):
+            origin = model.prior.prediction_of(modes.rotation, modes.position)
+        # which points are hidden is the same in the next frame, and no evidence that adds up
+        hidden = log_detected(model, modes.assignments >= 0, modes.visible)
+        each = _log(told.probabilities[: len(origin)])
+        weight = log_share[origin] + TEMPER * (each - log_share[origin] - hidden)
+        after = [FollowedPose(one.filter, share) for one, share in zip(self.poses, log_share, strict=False)]
+        nothing = TEMPER * float(_log(np.array(told.clutter)))
+        after = [replace(one, log_weight=one.log_weight + nothing) for one in after]
+        gone = set()
+        for k in range(len(origin)):
+            of, pose = int(origin[k]), pose_of_mode(model, modes, k)
+            if of < 0:
+                shown = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
+                if shown and found.status is not Status.UNTRUSTED:
+                    filter_ = MotionFilter(self.source, pose, time, self.motion)
+                    after.append(FollowedPose(filter_, float(weight[k])))
+                continue
+            chance = math.exp(each[k] - np.logaddexp(each[k], _log(np.array(told.clutter)) + log_share[of]))
+            if chance >= LIKELY:
+                filter_ = self.poses[of].filter.copy()
+                filter_.update(pose, time, chance)
+                after.append(FollowedPose(filter_, float(weight[k])))
+                gone.add(of)
+        after = [one for k, one in enumerate(after) if k not in gone]
+        after.sort(key=lambda one: -one.log_weight)
+        self.poses = [one for one in after if one.log_weight > after[0].log_weight - NEGLIGIBLE][:MOST]
+
+
+def _log(chance: Floats) -> Floats:
+    return np.asarray(np.log(np.maximum(chance, 1e-300)))
