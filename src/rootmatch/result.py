@@ -25,7 +25,7 @@ from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions
 from rootmatch.explain.poses import Pose, poses_of
-from rootmatch.explain.predicted_poses import fused_pose
+from rootmatch.explain.predicted_poses import polished_pose
 from rootmatch.explain.rig_copies import RigCopies, of_points
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -161,7 +161,7 @@ class Match:
     @property
     def fused_pose(self) -> Pose | None:
         """Pose of the matches and the prior together; None if there is no prior or it did not hold."""
-        return self.finding.fused_pose
+        return self.finding.pose if self.finding.prior_holds else None
 
     @cached_property
     def probability(self) -> float | None:
@@ -265,8 +265,8 @@ class Match:
         """
         if self.sightings is not None:
             return self.sightings.poses
-        if self.prior_holds and self.task.prior_pose is not None:
-            return [fused_pose(self.task, self.assignment, self.fused_pose)]
+        if self.finding.pose is not None and (self.prior_holds or len(self.pairs) >= self.problem.least_for_pose):
+            return [polished_pose(self.task, self.assignment, self.finding.pose, bool(self.prior_holds))]
         return self.poses_of(self.assignment)
 
     @cached_property

@@ -62,7 +62,8 @@ class Finding:
     reason : str, optional
         Why nothing could be matched, or why the match is not trusted.
     prior_holds : bool, optional
-    fused_pose : Pose, optional
+    pose : Pose, optional
+        Of which a model of the image tells the assignment; a prediction that holds is part of it.
     posterior : Posterior, optional
         Of which it is told, where a model of the image decides.
     model : DetectionModel, optional
@@ -87,7 +88,7 @@ class Finding:
     noise_factor: float | None = None
     reason: str | None = None
     prior_holds: bool | None = None
-    fused_pose: Pose | None = None
+    pose: Pose | None = None
     posterior: Posterior | None = None
     model: DetectionModel | None = None
     parts: dict[Label, Finding] | None = None

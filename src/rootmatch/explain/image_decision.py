@@ -108,7 +108,7 @@ def told_by(
             confidence=told.confidence_in(nothing) if count else np.full(n, told.clutter),
             log_odds=0.0,
             prior_holds=None,
-            fused_pose=None,
+            pose=None,
         )
         return replace(base, scores=[math.nan] * len(base.every) if base.evaluated == 0 else None)
     k = free[0]
@@ -151,7 +151,7 @@ def told_by(
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        fused_pose=pose_of_mode(body.model, modes, k) if holds and believed else None,
+        pose=pose_of_mode(body.model, modes, k) if believed else None,
     )
     return found if found.evaluated else _without_hyperedges(found)
 

@@ -35,18 +35,18 @@ def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     return [(with_vertical(pose, world, camera, problem.vertical_noise), share) for pose, share in every]
 
 
-def fused_pose(task: MatchingTask, assignment: Integers, near: Pose | None = None) -> Pose | None:
-    """The most likely pose of an assignment (n,) and the prediction together, with its residuals.
+def polished_pose(task: MatchingTask, assignment: Integers, pose: Pose, prior_holds: bool) -> Pose | None:
+    """The most likely pose of an assignment (n,) near a pose that is known, with its residuals.
 
-    ``near``: that pose as it is known already; the prediction counts less where it is far from it.
+    A prediction that holds is part of the fit, and counts less if it is far from that pose.
     """
     points, problem = task.points, task.problem
-    prior = predictions_of(task)[0][0]
-    if near is not None:
-        prior = _with_tails(task, prior, near)
+    prior = _with_tails(task, predictions_of(task)[0][0], pose) if prior_holds else None
     if isinstance(problem, RigCopies):
-        return rig_pose(problem.copies, points, assignment, prior)
-    return camera_poses(points, problem.camera, assignment[None], prior=prior)[0]  # type: ignore[attr-defined]
+        return rig_pose(problem.copies, points, assignment, prior, start=pose)
+    if isinstance(problem, UP2P) and prior is None:
+        return problem.poses(points, assignment[None])[0]  # the vertical may be exact
+    return camera_poses(points, problem.camera, assignment[None], prior=prior, start=pose)[0]  # type: ignore[attr-defined]
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:

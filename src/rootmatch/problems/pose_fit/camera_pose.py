@@ -44,6 +44,7 @@ def camera_poses(
     assignments: Integers,
     upright: Upright | None = None,
     prior: Pose | None = None,
+    start: Pose | None = None,
 ) -> list[Pose | None]:
     """The most likely pose of each assignment (K, n), None if none puts its points before the camera.
 
@@ -62,6 +63,8 @@ def camera_poses(
         The known vertical, with its noise.
     prior : Pose, optional
         A predicted pose with its covariance.
+    start : Pose, optional
+        From which all are fitted; else from the prediction, or without one from many.
     """
     centre = points.source.mean(axis=0)
     unit = float(np.sqrt(((points.source - centre) ** 2).mean()))
@@ -89,7 +92,10 @@ def camera_poses(
         )  # fmt: skip
 
     count = len(places)
-    if gaussian is None:
+    starts: State
+    if start is not None:
+        starts = np.tile(start.R, (count, 1, 1, 1)), np.tile((start.t + start.R @ centre) / unit, (count, 1, 1))
+    elif gaussian is None:
         starts = starting_poses(places, rays, weight, upright)
         starts = best_apart(model(starts[0].shape[1]), starts)
     else:
@@ -98,7 +104,7 @@ def camera_poses(
     state, chi2 = descended(model(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
     kept = min(KEPT, times)
     state, chi2 = lowest_of(state, chi2, count, kept)
-    if upright is None and prior is None:
+    if upright is None and prior is None and start is None:
         best, _ = lowest_of(state, chi2, count)
         other, _ = descended(model(1), reflected(best, places, weight), ROUGH_STEPS)
         state = tuple(

@@ -213,10 +213,13 @@ def rig_fit(
     )
 
 
-def rig_pose(copies: Copies, points: PointSets, assignment: Integers, prior: Pose | None = None) -> Pose | None:
+def rig_pose(
+    copies: Copies, points: PointSets, assignment: Integers, prior: Pose | None = None, start: Pose | None = None
+) -> Pose | None:
     """The most likely pose of the rig for one assignment of copies (C n,), None if there is none.
 
     ``points``: the copies and their detections in the common plane, with their noise.
+    It is fitted from ``start``, from the prediction, or from the pose of the camera that has most matches.
     Its `points` are indices of copies: camera · n + point. With a predicted pose, which is part of the fit, three
     matches in all are enough.
     """
@@ -225,10 +228,14 @@ def rig_pose(copies: Copies, points: PointSets, assignment: Integers, prior: Pos
     image = target[np.maximum(assignment, 0)][None]
     gaussian = None if prior is None else Prior.of(prior, copies.centre, copies.unit)
     model = ProjectionModel(copies.places[None], image, weight, copies, np.eye(3), prior=gaussian)
-    start = _starts(copies, target, sigma, assignment[None])
-    if gaussian is not None:
-        start = gaussian.rotation[None], gaussian.translation[None]
-    state, chi2 = descended(model, start, STEPS)
+    first: State
+    if start is not None:
+        first = start.R[None], ((start.t + start.R @ copies.centre) / copies.unit)[None]
+    elif gaussian is not None:
+        first = gaussian.rotation[None], gaussian.translation[None]
+    else:
+        first = _starts(copies, target, sigma, assignment[None])
+    state, chi2 = descended(model, first, STEPS)
     if not np.isfinite(chi2[0]):
         return None
     if points.source_covariance is not None:
