@@ -205,7 +205,7 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "kalibr none": ("yaml", kalibr(intrinsics=None), "list of numbers"),
     "python": ("yaml", "camera_matrix: !!python/object/apply:os.getcwd []", "not YAML"),
     "laughs": ("yaml", "a: &a [1,1,1,1,1]\nb: &b [*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b]\ncamera_matrix: *c", "."),
-    "itself": ("yaml", "camera_matrix: &a [1, *a]", "list or mapping that holds it"),
+    "itself": ("yaml", "camera_matrix: &a [1, *a]", "list or mapping that contains it"),
     "kalibr list": ("yaml", kalibr(distortion_model=["none"]), "radtan"),
     "list": ("yaml", "- 1\n- 2", "not a mapping"),
     "empty": ("yaml", "", "not a mapping"),
