@@ -28,7 +28,7 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class PredictionOptions(Options):
-    """How a predicted pose is used; what it finds and costs: benchmarks/tracking.py."""
+    """Options for the use of a predicted pose; what it finds and costs: benchmarks/tracking.py."""
 
     gate: float = option(4.0, above=0.0)
     """Standard deviations of a prediction, its own and the detection's, within which a detection is a candidate."""
@@ -39,20 +39,21 @@ class PredictionOptions(Options):
     beams: int = option(4, least=1)
     """Hypotheses that are settled: four find as much as eight (benchmarks/tracking.py, 6 flights, seeds from 1000)."""
     complete: float = option(0.8, above=0.0, most=1.0)
-    """Part of the visible points from which the first assignment is taken without trying others, if it also fits."""
+    """Share of the visible points from which the first assignment is accepted without trying others, if it also
+    fits."""
     fitting: float = option(2.5, above=0.0)
-    """χ² over its degrees of freedom up to which it does."""
+    """χ² over its degrees of freedom up to which it fits."""
     enough: int = option(4, least=1)
-    """Matches from which it does: three fit many poses."""
+    """Fewest matches with which it fits: three fit many poses."""
     rounds: int = option(5, least=1)
     """Most assignments and steps in turn."""
     usual_rate: float = option(0.9, above=0.0, most=1.0)
-    """Detection rate before an assignment tells it."""
+    """Detection rate assumed before there is an assignment to estimate it from."""
 
 
 DEFAULT_PREDICTION = PredictionOptions()
 HIDDEN = 0.1
-"""How visible a point has to be for a candidate."""
+"""Least visibility of a point with candidates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def proposals_about(
     Returns
     -------
     Proposals or None
-        None where the prediction leaves too many candidates, or none.
+        None if the prediction has no candidates, or too many.
     """
     first = model.linearised(prediction.rotation[None], prediction.position[None])
     covariance = prediction.bounded
@@ -143,7 +144,7 @@ def _settle(
 
 
 def _assigned(model: DetectionModel, at: Linearised, covariance: Floats, options: PredictionOptions) -> Integers:
-    """The most probable one-to-one assignment (n,) about a pose, each pair for itself."""
+    """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     squared, determinant = deviations(model, at.pixels[0], _spread(model, at, covariance))
@@ -246,8 +247,8 @@ def _updates(
 def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
     """χ² and determinant (…, n, n') of detections about predictions (…, n, 2) with covariances (…, n, 2, 2).
 
-    In terms that are none of them negative: a spread of rank one, far wider than the noise, has a determinant of
-    rounding alone, of either sign.
+    All terms are nonnegative: the determinant of a spread of rank one, far wider than the noise, is pure rounding error
+    of either sign.
     """
     variance = model.sigma**2
     x = model.target[:, 0] - pixels[..., 0, None]

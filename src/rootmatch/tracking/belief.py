@@ -1,10 +1,10 @@
-"""What is believed of a body's pose from frame to frame: a few hypotheses with their probabilities.
+"""The belief about a body's pose from frame to frame: a few hypotheses with their probabilities.
 
-Two halves of a headset that are copies of one another, but for fractions of a millimetre, look the same from one side.
-The pose and its twin then agree in frame after frame, and each frame adds a little to the odds (a tracker of several
-hypotheses, Reid 1979). So each hypothesis is a motion filter with a weight, all of them together are the prior of the
-next frame, and the modes of that frame's posterior are the hypotheses of the one after. No frame decides for good: what
-is left out of the prior, `rootmatch.explain.image_hypotheses.DOUBT`, is that none of them is right.
+If the two halves of a headset are copies of each other to within fractions of a millimetre, one side looks like the
+other. The pose and its near-symmetric pose then agree in frame after frame, and each frame adds a little to the odds
+(multiple hypothesis tracking, Reid 1979). Each hypothesis is therefore a motion filter with a weight; together they are
+the prior of the next frame, and the modes of that frame's posterior are the next hypotheses. No frame decides for good:
+the prior reserves the share `rootmatch.explain.image_hypotheses.DOUBT` for the case that none of them is right.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 Floats = NDArray[np.float64]
 
 MOST = 4
-"""Poses that are followed at once, about a millisecond each in every frame. A round value."""
+"""Largest number of poses followed at once, each for about a millisecond per frame. A round value."""
 NEGLIGIBLE = math.log(1e4)
-"""Log-odds against the best at which one is given up: what is decided here stands for the rest of a flight."""
+"""Log-odds against the best hypothesis at which one is given up: the decision holds for the rest of a flight."""
 TEMPER = 0.5
-"""Weight of a frame's evidence: source points that are off by part of what tells two poses apart, or a σ that is stated
-too small, are wrong in the same way in every frame. It delays decisions; it changes none of which pose is ahead."""
+"""Weight of a frame's evidence: errors of the source points, or a σ that is stated too small, act in the same way in
+every frame. The weight delays decisions; it does not change which pose leads."""
 LIKELY = 0.5
-"""Probability of a mode, beside what else a prediction may have become, from which its pose is taken: more likely than
-all of that."""
+"""Probability of a mode, among everything that a prediction may have become, from which its pose is used: more likely
+than all else together."""
 LOOKED_AT = 8
-"""Modes of a frame that are considered. A round value."""
+"""Largest number of modes of a frame that are considered. A round value."""
 DOUBTED = 1e-3
-"""Weight beside the best pose of one that looks the same, turned by a near symmetry of the body or flipped, when it is
-followed anew: the frames so far may have decided wrongly. A round value."""
+"""Initial weight, relative to the best pose, of a pose that looks the same (rotated by a near symmetry of the body, or
+flipped): the frames so far may have decided wrongly. A round value."""
 ALIKE = 1.0 + 2.0 * math.cos(0.2)
 """Trace of the rotation between two poses above which they are one. A round value."""
 
 
 @dataclass(frozen=True, eq=False)
 class FollowedPose:
-    """A hypothesis: where the body is and how it moves, and the logarithm of its weight beside the others."""
+    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses."""
 
     filter: MotionFilter
     log_weight: float = 0.0
@@ -93,7 +93,7 @@ class Belief:
         return poses[0], tuple(zip(poses[1:], self.shares[1:].tolist(), strict=True))
 
     def forget_before(self, time: float) -> None:
-        """Give up the hypotheses that no frame has shown since a time."""
+        """Give up the hypotheses that no frame has confirmed since a time."""
         self.poses = [one for one in self.poses if one.filter.time >= time]
 
     def keep_best(self) -> None:
@@ -101,17 +101,17 @@ class Belief:
         del self.poses[1:]
 
     def add_turned(self, motions: Sequence[tuple[Floats, Floats]]) -> None:
-        """Follow the best pose after motions (R, t) too, those that leave the body nearly as it is.
+        """Also follow the best pose after motions (R, t) that nearly map the body onto itself.
 
-        No search need have found these poses, nor the frames since then all of them again.
+        Neither the search nor the frames since need have found all of these poses.
         """
         for R, t in motions:
             self._add(self.best.turned(R, t), math.log(DOUBTED))
 
     def add_flipped(self, found: Finding, time: float) -> None:
-        """Follow the other poses of the few matches of the best one too: what it was updated with fits them as well.
+        """Also follow the other poses of the best one's few matches, which fit them equally well.
 
-        Four points in an image, or more in a plane, may have two poses, and a prediction holds on to one of them.
+        Four points in an image, or more in a plane, may have two poses, and a prediction stays with one of them.
         """
         told, model = found.posterior, found.model
         if told is None or model is None or not len(told.probabilities) or self.best.time != time:
@@ -141,10 +141,10 @@ class Belief:
             self.poses.append(FollowedPose(filter_, self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float) -> None:
-        """Take a frame's posterior: its modes go on from the hypotheses about which they lie, or are new ones.
+        """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
 
-        A hypothesis that no mode goes on from stays as it was predicted; the frame then speaks for it as much as for
-        showing nothing of the body.
+        A hypothesis that no mode continues stays as predicted; for it, the frame counts as one that does not show the
+        body.
         """
         told, model = found.posterior, found.model
         if told is None or model is None or not len(told.probabilities):
@@ -154,7 +154,7 @@ class Belief:
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
-        # which points are hidden is the same in the next frame, and no evidence that adds up
+        # the same points are hidden in the next frame, so this evidence does not add up
         hidden = log_detected(model, modes.assignments >= 0, modes.visible)
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - hidden)

@@ -49,14 +49,14 @@ class TrackingOptions(Options):
     with 10,000 two of 120 flights followed a wrong pose where 30,000 found the right one (benchmarks/tracking.py, seeds
     from 1100 and 2100)."""
     search_every: int = option(10, least=1)
-    """With several bodies those that are not found are searched for in one of so many frames, and so is a body that is
-    followed while another pose may explain more than its own. In as many its poses are doubted. A round value."""
+    """Interval in frames between searches for missing bodies (with several bodies), for a followed body if another pose
+    may explain more, and between doubts about its poses. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
     """How fast a body may move."""
 
 
 class FollowedBody:
-    """One body: what is believed of its pose, and the frames in which it was not found.
+    """One body: the belief about its pose, and the frames in which it was not found.
 
     Parameters
     ----------
@@ -76,20 +76,20 @@ class FollowedBody:
         self.forget()
 
     def forget(self) -> None:
-        """Call it lost."""
+        """Declare the body lost."""
         self.belief.poses = []
         self.settled = False
         self.missed = 0
 
     @property
     def state(self) -> TrackingState:
-        """Whether it is being followed: it is not while several poses are, none of which was sure before."""
+        """Whether the body is being followed; not while several poses are followed of which none was certain before."""
         if not self.belief or not self.settled:
             return TrackingState.LOST
         return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
 
     def wants_search(self, found: Finding, frame: int) -> bool:
-        """Whether it is to be searched for in a frame, by what was found about its predicted poses alone."""
+        """Whether to search for the body in a frame, judged by the finding about its predicted poses."""
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
@@ -102,9 +102,9 @@ class FollowedBody:
         return True
 
     def take(self, found: Finding, time: float, frame: int) -> None:
-        """Take what was found of it in a frame.
+        """Take in the finding of a frame.
 
-        Now and then poses that look the same are followed beside the best one.
+        From time to time, poses that look the same are followed beside the best one.
         """
         self.belief.take(found, time)
         if found.status is Status.UNTRUSTED:

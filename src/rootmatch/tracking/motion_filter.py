@@ -36,8 +36,8 @@ class MotionOptions(Options):
     velocity: float = option(15.0, above=0.0)
     """Standard deviation of an unknown velocity on each axis, in radii/s."""
     persistence: float = option(0.1, above=0.0)
-    """Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each frame
-    predictions of few points were too sure: one of 16 flights followed a wrong pose for 24 frames
+    """Seconds for which an acceleration lasts: its correlation time (Singer 1970). With independent ones in each frame,
+    predictions from few points were too certain: one of 16 flights followed a wrong pose for 24 frames
     (benchmarks/tracking.py, seeds from 1000 and 1010), with 0.1 none did. Other values were not tried."""
     memory: float = option(0.1, above=0.0, most=1.0)
     """Weight of the last frame in the estimate of how large the accelerations are. A round value."""
@@ -56,7 +56,7 @@ DEFAULT_MOTION = MotionOptions()
 def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
     """Transition (3, 3) of position, velocity and acceleration over a time, and the covariance that is added.
 
-    Of an acceleration of unit variance with the correlation e^(−t/τ) (Singer 1970).
+    The acceleration has unit variance and the correlation e^(−t/τ) (Singer 1970).
     """
     x = time / persistence
     e = math.exp(-x)
@@ -71,7 +71,7 @@ def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
 
 
 class MotionFilter:
-    """Pose, velocity and acceleration of one body, whose accelerations are random and last for a while.
+    """Filter of pose, velocity and acceleration of one body, with random accelerations that last for a while.
 
     Velocities are those of the body's centre, in the camera frame. Errors are from the left, as those of `Pose`.
 

@@ -230,7 +230,7 @@ max_evaluations
         deadline: Deadline,
         candidates: ArrayLike | None,
     ) -> Finding:
-        """What is found of a frame: about the predicted poses, and searched for where they do not hold."""
+        """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
         poses: dict[Label | None, Pose] = {}
         rivals: dict[Label | None, Rivals] = {}
         for label, body in self._bodies.items():
@@ -255,7 +255,7 @@ max_evaluations
         return found
 
     def _searches(self, found: Finding) -> bool:
-        """Whether a frame is searched, by what was found about predicted poses alone.
+        """Whether to search a frame, judged by the finding about predicted poses.
 
         Several bodies are searched for together, those that are lost in one of some frames.
         """
@@ -267,7 +267,7 @@ max_evaluations
         )
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
-        """What was found of each body by its label, of a single one by None."""
+        """The finding of each body by its label (None for a single body)."""
         return {None: found} if found.parts is None else dict(found.parts.items())
 
     def _given(self, prior: Pose | Mapping[Label, Pose] | None) -> dict[Label | None, Pose]:
