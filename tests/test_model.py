@@ -20,9 +20,10 @@ from rootmatch.model.detection_model import DetectionModel, ModelOptions
 from rootmatch.model.evidence import about, evidence, log_scaled, settled
 from rootmatch.model.mode_search import PosteriorOptions, modes_of
 from rootmatch.model.modes import Modes, none_near
-from rootmatch.model.pose_prior import Broad, Gaussian, PosePrior, Upright
+from rootmatch.model.pose_prior import Broad, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
 Floats = NDArray[np.float64]
@@ -155,7 +156,7 @@ TURN, MOVE = 0.01, 0.002
 """Standard deviations of predictions, radians and metres."""
 
 
-def of_prediction(kind: str, R: Floats, position: Floats) -> tuple[PosePrior, Prior]:
+def of_prediction(kind: str, R: Floats, position: Floats) -> tuple[PoseDensity, Prior]:
     """A prior of the model and its density written down anew."""
     down = np.array([0.0, 1.0, 0.0])
 
@@ -174,17 +175,22 @@ def of_prediction(kind: str, R: Floats, position: Floats) -> tuple[PosePrior, Pr
     any_turn = -math.log(8.0 * math.pi**2)
     variances = np.repeat([TURN**2, MOVE**2], 3)
     if kind == "vertical":
-        return Upright(R.T @ down, down, TURN), lambda rotation, place: upright(rotation) + anywhere(place)
+        prior = Known(PosePrior(vertical=(R.T @ down, down, TURN)), np.zeros(3))
+        return prior, lambda rotation, place: upright(rotation) + anywhere(place)
     if kind == "rotation":
-        variances[3:] = np.inf
-        return Gaussian(R, position, np.diag(variances)), lambda rotation, place: turned(rotation) + anywhere(place)
+        prior = Known(PosePrior(rotation=(R, TURN)), np.zeros(3))
+        return prior, lambda rotation, place: turned(rotation) + anywhere(place)
     if kind == "position":
-        variances[:3] = np.inf
-        return Gaussian(R, position + 0.001, np.diag(variances)), lambda rotation, place: moved(place) + any_turn
+        prior = Known(PosePrior(position=(position + 0.001, MOVE)), np.zeros(3))
+        return prior, lambda rotation, place: moved(place) + any_turn
+    if kind == "origin":
+        arm = np.array([0.02, -0.01, 0.03])  # from the origin, whose place is known, to the centre
+        prior = Known(PosePrior(position=(position + 0.001 - R @ arm, MOVE)), arm)
+        return prior, lambda rotation, place: moved(place - rotation @ arm + R @ arm) + any_turn
     return Gaussian(R, position + 0.001, np.diag(variances)), lambda rotation, place: turned(rotation) + moved(place)
 
 
-@pytest.mark.parametrize("kind", ["pose", "rotation", "position", "vertical"])
+@pytest.mark.parametrize("kind", ["pose", "rotation", "position", "origin", "vertical"])
 def test_laplace_is_near_the_integral_under_a_prediction(kind: str) -> None:
     model, R, position, assignment = made(1003, 5, normals=False, hidden=1)
     prior, density = of_prediction(kind, R, position)
@@ -198,13 +204,14 @@ def test_laplace_is_near_the_integral_under_a_prediction(kind: str) -> None:
     "prior",
     [
         Broad(),
-        Upright(np.array([0.0, 1.0, 0.0]), np.array([0.1, 2.0, 0.0]), 0.01),
+        Known(PosePrior(vertical=((0.0, 1.0, 0.0), (0.1, 2.0, 0.0), 0.01)), np.zeros(3)),
         Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), 1e-4 * np.eye(6)),
-        Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), np.diag([1.0, 1.0, 1.0, np.inf, np.inf, np.inf])),
-        Gaussian(np.eye(3), np.array([0.0, 0.0, 1.0]), np.diag([np.inf, np.inf, np.inf, 0.1, 0.1, 0.1])),
+        Known(PosePrior(rotation=(np.eye(3), 1.0)), np.zeros(3)),
+        Known(PosePrior(position=((0.0, 0.0, 1.0), 0.3)), np.array([0.1, 0.2, 0.0])),
+        Known(PosePrior(rotation=(np.eye(3), 0.1), vertical=((0, 1, 0), (0, 1, 0), 0.05)), np.zeros(3)),
     ],
 )
-def test_a_prior_alone_is_a_density(prior: PosePrior) -> None:
+def test_a_prior_alone_is_a_density(prior: PoseDensity) -> None:
     model, _, _, _ = made(1000, 5, normals=False)
     model = DetectionModel(CAMERA, model.points, model.target, model.sigma, prior=prior, rate=0.5)
     nothing = np.full((1, 5), -1)

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_t
 
 import rootmatch as rm
-from rootmatch.explain.predicted_poses import with_vertical
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled, stepped
 from rootmatch.model.pose_prior import Gaussian
 from rootmatch.model.prediction import deviations, proposals_about
+from rootmatch.problems.pose_fit.pose_prior import with_vertical
 from rootmatch.problems.pose_fit.reference_point import about_point
 
 CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)

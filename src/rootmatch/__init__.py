@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rootmatch.problems.p3p import P3P as P3P
     from rootmatch.problems.planar_motion import PlanarMotion as PlanarMotion
     from rootmatch.problems.pose_fit.pose import Pose
+    from rootmatch.problems.pose_fit.pose_prior import PosePrior
     from rootmatch.problems.similarity import Rigid as Rigid
     from rootmatch.problems.similarity import Similarity as Similarity
     from rootmatch.problems.three_plus_one import ThreePlusOne as ThreePlusOne
@@ -43,6 +44,7 @@ _LATER = {
     "Matcher": "matcher",
     "Points": "problems.derived.measurements",
     "Pose": "problems.pose_fit.pose",
+    "PosePrior": "problems.pose_fit.pose_prior",
     "Problem": "problems.base",
     "Residual": "hypergraph.affinity",
     "Rig": "cameras.rig",
@@ -86,6 +88,7 @@ __all__ = [
     "Matcher",
     "Points",
     "Pose",
+    "PosePrior",
     "Problem",
     "Residual",
     "Rig",

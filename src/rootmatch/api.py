@@ -17,12 +17,12 @@ from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions, SamplerName
+from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import checked_indices
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
-from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
@@ -90,7 +90,7 @@ def match(
     candidates: ArrayLike | None = None,
     bodies: ArrayLike | None = None,
     motions: int | Literal["auto"] = 1,
-    prior: Pose | Mapping[Label, Pose] | None = None,
+    prior: Prior | Mapping[Label, Prior] | None = None,
     source_noise: ArrayLike | None = None,
     seed: int = 0,
     max_seconds: float | None = None,
@@ -145,11 +145,12 @@ def match(
         trusted one.
     motions : int or "auto"
         Number of rigid motions to find.
-    prior : Pose or dict, optional
+    prior : Pose, PosePrior or dict, optional
         A predicted pose with its covariance, ``Pose(R, t, covariance)``: it narrows the candidates and enters the fit
         as a Gaussian, so three visible points are enough. If it decides, a match takes about a millisecond. If not, a
-        full search runs without it, and `Match.prior_holds` says whether it was wrong. For P3P and UP2P. With
-        ``bodies``, a dict from labels to poses.
+        full search runs without it, and `Match.prior_holds` says whether it was wrong. Partial knowledge, a rotation, a
+        position or a vertical, is a `rootmatch.PosePrior`: it narrows the search and enters the fit. For P3P, also with
+        rigs, and UP2P. With ``bodies``, a dict from labels to either.
     source_noise : float, (n,), (n, 3) or (n, 3, 3) array, optional
         Standard deviation of a coordinate of the source points, in their unit: one number for all, one for each point,
         or one for each axis of each point; or the covariance of each point. Exact by default. For P3P and UP2P, also

@@ -20,6 +20,7 @@ from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.match_options import MatchOptions, SamplerName
+from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.rig_copies import copies_task, is_rig
 from rootmatch.explain.task import MatchingTask, Rivals
 from rootmatch.explain.validation import check_problem
@@ -29,7 +30,6 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.source_noise import check_source_noise
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
@@ -136,7 +136,7 @@ max_hyperedges, max_evaluations
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
-        prior: Pose | Mapping[Label, Pose] | None = None,
+        prior: Prior | Mapping[Label, Prior] | None = None,
         max_seconds: float | None = None,
     ) -> Match:
         """The match of one frame.
@@ -149,8 +149,9 @@ max_hyperedges, max_evaluations
             Of this frame.
         candidates : (n, n') array, optional
             Possible correspondences or prior weights, for example from the previous frame.
-        prior : Pose or dict, optional
-            Predicted pose of this frame, see `rootmatch.match`; `rootmatch.Tracker` makes them.
+        prior : Pose, PosePrior or dict, optional
+            Predicted pose of this frame, or partial knowledge of it, see `rootmatch.match`; `rootmatch.Tracker` makes
+            predictions.
         max_seconds : float, optional
             Of this frame; see `rootmatch.match`.
 
@@ -180,7 +181,7 @@ max_hyperedges, max_evaluations
         *,
         noise: ArrayLike | Literal["auto"] | None = None,
         candidates: ArrayLike | None = None,
-        prior: Pose | Mapping[Label, Pose] | None = None,
+        prior: Prior | Mapping[Label, Prior] | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
         budget: int | None = None,

@@ -11,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -25,6 +25,8 @@ from rootmatch.errors import InputError, RootmatchError
 if TYPE_CHECKING:
     from rootmatch.io import PointSet
     from rootmatch.io.frame_files import Frame
+    from rootmatch.io.known_files import Key
+    from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 CHUNK = 4
 """Frames that go to a worker together; what a kill loses is a few of these."""
@@ -77,6 +79,13 @@ class Job:
     problem: Any
     options: dict[str, Any]
     noise: Noise | None = None
+    known: dict[Key, PosePrior] = field(default_factory=dict)
+
+    def prior_of(self, frame: Frame) -> Any:
+        """What is known of the pose of a frame, or of those of bodies; None if nothing is."""
+        from rootmatch.io.known_files import prior_of_frame
+
+        return prior_of_frame(self.known, frame.number, frame.time)
 
     def noise_of(self, frame: Frame) -> Any:
         """σ of a frame whose detections have each their own; None if that of the options holds."""
@@ -172,6 +181,9 @@ def _settings(job: Job) -> dict[str, str]:
     source = job.source
     model = hashlib.sha256(repr((source.points.tolist(), source.names, source.bodies)).encode()).hexdigest()
     options = {flag(name): _told(value) for name, value in sorted(job.options.items()) if name != "bodies"}
+    if job.known:
+        rows = sorted(repr(item) for item in job.known.items())
+        options["--known"] = hashlib.sha256(repr(rows).encode()).hexdigest()
     return {"rootmatch": __version__, "model": model, "--problem": _told(job.problem), **options}
 
 
@@ -197,7 +209,7 @@ def _matched(packed: bytes, frames: tuple[Frame, ...]) -> list[Result]:
             _load(job, frames[0])
             worker.loaded = True
         for frame in frames:
-            found = matcher.match(frame.points, noise=job.noise_of(frame))
+            found = matcher.match(frame.points, noise=job.noise_of(frame), prior=job.prior_of(frame))
             rows = {
                 "--output": match_rows(frame.number, found, job.source),
                 "--poses": pose_rows(frame.number, found),
@@ -233,6 +245,6 @@ def _load(job: Job, frame: Frame) -> None:
     patient = Matcher(job.source.points, job.problem, **job.options | {"max_seconds": budget})
     for _ in range(PASSES):
         started = time.monotonic()
-        found = patient.match(frame.points, noise=job.noise_of(frame))
+        found = patient.match(frame.points, noise=job.noise_of(frame), prior=job.prior_of(frame))
         if not found.stopped_early or time.monotonic() - started < 1.2 * budget:
             return

@@ -39,6 +39,7 @@ def match(
     detection_rate: option.DetectionRate = None,
     min_probability: option.MinProbability = None,
     prior: option.Prior = None,
+    known: option.Known = None,
     candidates: option.Candidates = None,
     motions: option.Motions = "1",
     preset: option.Preset = None,
@@ -106,7 +107,7 @@ def match(
     outputs = Outputs(output=output, poses=poses, pose_format=pose_format, plot=plot, report=report, photo=photo)
     many = FrameOutputs(output, poses, as_json, resume)
     cameras = [io.camera_file(text) for text in (camera, camera2) if text is not None]
-    inputs = [path for path in (model, image, *cameras, truth, candidates, photo, prior) if path is not None]
+    inputs = [path for path in (model, image, *cameras, truth, candidates, photo, prior, known) if path is not None]
     if has_frames(image):
         many.check(inputs)
     else:
@@ -140,6 +141,9 @@ def match(
         "bodies": source.bodies,
     }
     plain = {name: value for name, value in plain.items() if value is not None}
+    if prior is not None and known is not None:
+        raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
+    priors = {} if known is None else io.read_known(known)
     given_noise = Noise(
         noise_option(noise), source.sigma, model, image, noisy_source=posed.noisy_source,
         takes_prior=posed.takes_prior, problem=posed.name, given_source=source_noise,
@@ -155,7 +159,7 @@ def match(
         }
         subjects = {name: flag(name) for name in (*plain, *settings)} | {"source": str(model), "bodies": str(model)}
         with option_names_in_errors(subjects):
-            job = Job(source, posed, plain | settings, given_noise)
+            job = Job(source, posed, plain | settings, given_noise, priors)
             if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
@@ -164,7 +168,7 @@ def match(
     options = plain | {
         "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
-        "prior": io.read_prior(prior, source.bodies is not None) if prior else None,
+        "prior": io.read_prior(prior, source.bodies is not None) if prior else io.prior_of_frame(priors),
     }
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}

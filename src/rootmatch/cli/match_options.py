@@ -169,6 +169,14 @@ Prior = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+Known = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="CSV",
+        help="p3p, up2p: rotation, position or vertical that is known, of each frame and body.",
+        rich_help_panel=INPUT,
+    ),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(

@@ -73,6 +73,7 @@ def track(
     vertical_camera: option.VerticalCamera = None,
     vertical_world: option.VerticalWorld = None,
     vertical_noise: option.VerticalNoise = None,
+    known: option.Known = None,
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
@@ -103,7 +104,7 @@ def track(
 
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--rate: {rate:g} given; give frames a second, above 0")
-    given_files = model, frames, None if camera is None else io.camera_file(camera)
+    given_files = model, frames, known, None if camera is None else io.camera_file(camera)
     inputs = [path for path in given_files if path is not None and path != STANDARD_INPUT]
     FrameOutputs(output, poses, as_json=as_json, resume=False).check(inputs)
     if not as_json and poses is None and output is not None and io.is_standard_output(output):
@@ -126,6 +127,7 @@ def track(
 
     source = io.read_points(model, posed.source_dimension or io.point_dimension(model), posed.order)
     posed = posed.for_points(source.points)
+    priors = {} if known is None else io.read_known(known)
     options: dict[str, Any] = {
         "normals": source.normals if normals else None,
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
@@ -163,7 +165,8 @@ def track(
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")
             when = frame.number / (rate or RATE) if frame.time is None else frame.time
             weights = None if frame.sigma is None else noises.of(frame.sigma)
-            found = tracker.update(frame.points, time=when, noise=weights)
+            prior = io.prior_of_frame(priors, frame.number, when)
+            found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
             rows = [[*row, when] for row in pose_rows(frame.number, found)]
             if as_json:
                 print(json.dumps(frame_record(frame.number, when, found, tracker.states), allow_nan=False), flush=True)

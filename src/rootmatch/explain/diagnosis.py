@@ -109,7 +109,7 @@ def diagnosed(match: Any, judge: Callable[[Finding], Any], max_seconds: float) -
         Time limit for all trials together.
     """
     given = _trial("", "", match)
-    task = replace(match.task, prior_pose=None, rival_poses=(), prior_poses={}, prior_rivals={})
+    task = match.task.without_priors()
     mistakes = list(_mistakes(task))
     deadline, trials = Deadline(max_seconds), []
     for k, (mistake, remedy, change) in enumerate(mistakes):

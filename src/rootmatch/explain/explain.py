@@ -17,6 +17,7 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.known_pose import match_known
 from rootmatch.explain.multi_motion import pack_motions
 from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
@@ -60,7 +61,7 @@ def _explained(task: MatchingTask) -> Finding:
 def _predicted(task: MatchingTask) -> Finding:
     """What was found about predicted poses alone."""
     if task.bodies is None:
-        return match_predicted(task, None)
+        return match_predicted(task, None) if task.known is None else match_known(task, None)
     return match_bodies_in_image(task, lambda part: nothing_found(part, UNCONFIRMED))
 
 
@@ -69,6 +70,8 @@ def _found(task: MatchingTask) -> Finding:
     if task.bodies is not None:
         together = match_bodies_in_image if is_modelled(task.body(0)) else match_bodies
         return together(task, _explained)
+    if task.known is not None:
+        return match_known(task, _explained)
     if task.prior_pose is not None:
         return match_predicted(task, _explained)
     if isinstance(task.problem, RigCopies):

@@ -22,6 +22,7 @@ from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
@@ -91,6 +92,9 @@ class _Body:
         """Add what is assigned about the predicted pose, if there is one."""
         if self.task.prior_pose is not None:
             self.predicted = proposals_by_prediction(self.candidate.model)
+        elif self.task.known is not None:
+            self.predicted = proposals_by_knowledge(self.task, self.candidate.model)
+        if self.predicted is not None:
             self.candidate = self.candidate.proposed([], self.predicted)
 
     def propose(self, found: Finding) -> None:
@@ -171,6 +175,8 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
         body.enough = body.task.prior_pose is not None and is_enough(
             body.candidate.model, told, body.task.problem.minimal
         )
+        # a known rotation proposes every pose that agrees with it
+        body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure
     for body in bodies:
         # a body of the same shape has to be tried on these detections as well
         known = all(bodies[k].is_known for k in (body.number, *body.alike))

@@ -25,7 +25,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_prior import Doubted, PosePrior
+from rootmatch.model.pose_prior import LEAST, Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -42,7 +42,7 @@ because too much of what it shows is unknown. A round value."""
 def is_modelled(task: MatchingTask) -> bool:
     """Whether a task has a pose of its camera, in units of the noise: P3P and UP2P, and rigs."""
     in_noise = task.affinity.residual.kind in NOISE_KINDS
-    by_noise = (in_noise and not task.options.is_paper) or task.prior_pose is not None or bool(task.prior_poses)
+    by_noise = (in_noise and not task.options.is_paper) or task.has_prior
     return by_noise and not task.options.packs_motions and task.problem.takes_prior
 
 
@@ -121,11 +121,11 @@ def told_by(
     holds, matched = prediction >= 0, len(used[k])
     sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    if sure is not None and kept >= max(PosePrior.least if holds else base.task.problem.minimal + 1, KEPT * matched):
+    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched):
         facts = replace(facts, contested=False, sure_of_the_rest=True)
     facts = replace(
         facts,
-        confirmed=matched >= PosePrior.least,
+        confirmed=matched >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
         probability=probability,
     )

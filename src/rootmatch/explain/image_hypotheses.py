@@ -17,20 +17,19 @@ from numpy.typing import NDArray
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.near_symmetries import symmetries_of
-from rootmatch.explain.predicted_poses import predictions_of
+from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.pose_prior import Doubted, Gaussian, PosePrior, Upright
+from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals, joined, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.problems.up2p import UP2P
 
 Integers = NDArray[np.int64]
 
@@ -106,7 +105,8 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     """Assignments about each predicted pose, with the poses that they lead to; None if there are none."""
     if not isinstance(model.prior, Doubted):
         return None
-    found = [proposals_about(model, one) for one in model.prior.predictions]
+    predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
+    found = [proposals_about(model, one) for one in predicted]
     parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
     return joined([*parts, *(poses_of_few(model, one.assignments[:1]) for one in parts)]) if parts else None
 
@@ -115,10 +115,10 @@ def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
     points, problem = task.points, task.problem
     camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
-    prior: PosePrior = ANY_POSE
-    if isinstance(problem, UP2P):
-        world, vertical = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
-        prior = Upright(world, vertical, float(problem.vertical_noise))
+    centre, upright, known = points.source.mean(axis=0), vertical_of(problem), knowledge_of(task)
+    prior: PoseDensity = ANY_POSE if upright is None else Known(upright, centre)
+    if known is not None:
+        prior = Doubted([Known(known, centre)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
         prior = _with_predictions(task, prior)
     log_weights = None if task.weights is None else candidate_log_odds(task)
@@ -129,7 +129,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def _with_predictions(task: MatchingTask, without: PosePrior) -> Doubted:
+def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
     """Predicted poses as a prior of the body's centre, beside what is known without them."""
     centre, predictions, shares = task.points.source.mean(axis=0), [], []
     for pose, share in predictions_of(task):

@@ -8,40 +8,53 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_prior import Gaussian, Known
+from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose
 from rootmatch.problems.up2p import UP2P
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEAST_TILT = 1e-5
-"""Standard deviation, in radians, of a vertical that is called exact."""
+
+def vertical_of(problem: Problem) -> PosePrior | None:
+    """The vertical that a problem has by itself."""
+    if not isinstance(problem, UP2P):
+        return None
+    return PosePrior(vertical=(problem.vertical_world, problem.vertical_camera, float(problem.vertical_noise)))
+
+
+def knowledge_of(task: MatchingTask) -> PosePrior | None:
+    """Partial knowledge of a task's pose, with the vertical of its problem; None if there is none but that."""
+    upright = None if task.known is None else vertical_of(task.problem)
+    return task.known if upright is None or task.known is None else replace(task.known, vertical=upright.vertical)
 
 
 def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     """The predicted poses of a task and the share of each, which add up to 1: the one given, then its rivals."""
     assert task.prior_pose is not None
     every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rival_poses)), *task.rival_poses]
-    problem = task.problem
-    if not isinstance(problem, UP2P):
-        return every
-    world, camera = np.asarray(problem.vertical_world, float), np.asarray(problem.vertical_camera, float)
-    return [(with_vertical(pose, world, camera, problem.vertical_noise), share) for pose, share in every]
+    upright = vertical_of(task.problem)
+    return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
 
 
 def polished_pose(task: MatchingTask, assignment: Integers, pose: Pose, prior_holds: bool) -> Pose | None:
     """The most likely pose of an assignment (n,) near a pose that is known, with its residuals.
 
-    A prediction that holds is part of the fit, and counts less if it is far from that pose.
+    A prediction that holds is part of the fit, and counts less if it is far from that pose. Partial knowledge that
+    holds is a normal distribution about that pose.
     """
-    points, problem = task.points, task.problem
-    prior = _with_tails(task, predictions_of(task)[0][0], pose) if prior_holds else None
+    points, problem, known = task.points, task.problem, knowledge_of(task)
+    prior = None
+    if prior_holds and known is not None:
+        prior = Known(known, points.source.mean(axis=0)).about(pose)
+    elif prior_holds:
+        prior = _with_tails(task, predictions_of(task)[0][0], pose)
     if isinstance(problem, RigCopies):
         return rig_pose(problem.copies, points, assignment, prior, start=pose)
     if isinstance(problem, UP2P) and prior is None:
@@ -61,28 +74,3 @@ def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
     """The same task with one of its predicted poses alone."""
     every = [task.prior_pose, *(pose for pose, _ in task.rival_poses)]
     return replace(task, prior_pose=every[k], rival_poses=())
-
-
-def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
-    """A prediction and a measured vertical together.
-
-    Parameters
-    ----------
-    prior : Pose
-    world, camera : (3,) arrays
-        The vertical in the frame of the points and in that of the camera, of any length.
-    noise : float
-        Standard deviation of the second on each of two axes, in radians.
-    """
-    assert prior.covariance is not None
-    down = prior.R @ (world / np.linalg.norm(world))
-    measured = camera / np.linalg.norm(camera)
-    jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
-    gain = prior.covariance @ jacobian.T
-    total = jacobian @ gain + max(noise, LEAST_TILT) ** 2 * np.eye(3)
-    kalman = gain @ np.linalg.inv(total)
-    step = kalman @ (measured - down)
-    covariance = prior.covariance - kalman @ gain.T
-    return Pose(
-        rotation_from_vector(step[None, :3])[0] @ prior.R, prior.t + step[3:], 0.5 * (covariance + covariance.T)
-    )

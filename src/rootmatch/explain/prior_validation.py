@@ -1,18 +1,24 @@
-"""Validation of priors: a pose in space with a covariance, or one for each body."""
+"""Validation of priors: a pose in space with a covariance, partial knowledge of one, or one for each body."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from rootmatch.errors import InputError
-from rootmatch.explain.body_labels import BodyLabels
+from rootmatch.explain.body_labels import BodyLabels, Label
+from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.up2p import UP2P
+
+Prior = Pose | PosePrior
+"""A predicted pose with its covariance, or what is known of one."""
 
 
-def check_predicted(prior: object, labels: BodyLabels | None) -> None:
-    """Refuse anything but one pose with a covariance or, with several bodies, poses of some of them by label."""
+def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) -> None:
+    """Refuse anything but one prior or, with several bodies, priors of some of them by label."""
     if labels is None:
-        check_prior(prior)
+        check_prior(prior, problem)
         return
     if not isinstance(prior, Mapping):
         raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
@@ -21,12 +27,23 @@ def check_predicted(prior: object, labels: BodyLabels | None) -> None:
             raise InputError(
                 f"prior: no body is labelled {label!r}; the labels are {', '.join(map(str, labels.names))}"
             )
-        check_prior(pose, f"prior of {label!r}")
+        check_prior(pose, problem, f"prior of {label!r}")
 
 
-def check_prior(prior: object, name: str = "prior") -> None:
-    """Refuse anything but a pose in space with a covariance."""
+def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
+    """Refuse anything but a pose in space with a covariance, or what is known of one."""
+    if isinstance(prior, PosePrior):
+        if prior.vertical is not None and isinstance(problem, UP2P):
+            raise InputError(f"{name}: UP2P has a vertical; leave the one of the prior out, or take P3P")
+        return
     if not isinstance(prior, Pose):
-        raise InputError(f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance)")
+        raise InputError(
+            f"{name}: {type(prior).__name__} given; give rootmatch.Pose(R, t, covariance) or rootmatch.PosePrior"
+        )
     if prior.R.shape != (3, 3) or prior.covariance is None or prior.covariance.shape != (6, 6):
         raise InputError(f"{name}: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
+
+
+def of_each(prior: object) -> dict[Label, Prior]:
+    """The priors of several bodies by label."""
+    return dict(prior) if isinstance(prior, Mapping) else {}

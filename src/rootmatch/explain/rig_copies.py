@@ -117,7 +117,7 @@ def copies_task(task: MatchingTask) -> MatchingTask:
     bodies, covariance = task.bodies, points.source_covariance
     return replace(
         task,
-        problem=RigCopies(copies, task),
+        problem=RigCopies(copies, replace(task, known=None)),
         points=PointSets(
             source=np.tile(points.source, (cameras, 1)),
             target=plane,

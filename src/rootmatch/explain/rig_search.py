@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
+from rootmatch.explain.known_pose import upright_problem
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -92,12 +94,16 @@ def _searched(
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
-        if len(own) < task.problem.order or task.deadline.passed():
+        if len(own) < LEAST or task.deadline.passed():
             continue
         part = points.subset(np.arange(n), own)
+        alone: Any = replace(points.problem, camera=camera)  # type: ignore[type-var]
+        if points.known is not None:
+            alone = upright_problem(alone, points.known, copies.rig.rotations[k])
         part = replace(
             part,
-            problem=replace(points.problem, camera=camera),  # type: ignore[type-var]
+            problem=alone,
+            known=None,
             points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
             options=replace(part.options, sampler=guided),
             deadline=task.deadline,

@@ -15,7 +15,7 @@ from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
 from rootmatch.explain.match_options import MatchOptions
-from rootmatch.explain.prior_validation import check_predicted
+from rootmatch.explain.prior_validation import Prior, check_predicted, of_each
 from rootmatch.explain.validation import check_choice, check_problem, split_candidates
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.enumeration import wide_first
@@ -24,6 +24,7 @@ from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import SamplingTask
 
@@ -67,6 +68,10 @@ class MatchingTask:
         Those of several bodies, by label.
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_prior.Gaussian`.
+    known : PosePrior, optional
+        Partial knowledge of the pose.
+    known_of : dict
+        Partial knowledge of the poses of several bodies, by label.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     deadline : Deadline
@@ -87,6 +92,8 @@ class MatchingTask:
     prior_poses: dict[Label, Pose] = field(default_factory=dict)
     prior_rivals: dict[Label, Rivals] = field(default_factory=dict)
     prior_freedom: float = math.inf
+    known: PosePrior | None = None
+    known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
     deadline: Deadline = NEVER
 
@@ -102,7 +109,7 @@ class MatchingTask:
         view_angle: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
         bodies: ArrayLike | None = None,
-        prior: Pose | Mapping[Label, Pose] | None = None,
+        prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
         deadline: Deadline = NEVER,
@@ -136,7 +143,7 @@ class MatchingTask:
         allowed, weights = split_candidates(candidates, *points.shape)
         labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
         if prior is not None:
-            check_predicted(prior, labels)
+            check_predicted(prior, labels, problem)
         if labels is not None and (options.motions != 1 or estimates):
             raise InputError(
                 "motions: bodies= says which points move together; leave motions out"
@@ -154,7 +161,9 @@ class MatchingTask:
             weights=weights,
             bodies=labels,
             prior_pose=prior if isinstance(prior, Pose) else None,
-            prior_poses=dict(prior) if isinstance(prior, Mapping) else {},
+            prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
+            known=prior if isinstance(prior, PosePrior) else None,
+            known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
             deadline=deadline,
         )
 
@@ -162,6 +171,16 @@ class MatchingTask:
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return self.points.shape
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether anything is known of the pose, or of that of any body."""
+        return any(one is not None for one in (self.prior_pose, self.known)) or bool(self.prior_poses or self.known_of)
+
+    def without_priors(self) -> Self:
+        """The same task with nothing known of any pose."""
+        bare = replace(self, prior_pose=None, rival_poses=(), prior_poses={}, prior_rivals={})
+        return replace(bare, known=None, known_of={})
 
     @cached_property
     def image(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -236,10 +255,14 @@ class MatchingTask:
         assert self.bodies is not None
         one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
         name = self.bodies.names[k]
-        return replace(one, prior_pose=self.prior_poses.get(name), rival_poses=self.prior_rivals.get(name, ()))
+        rivals = self.prior_rivals.get(name, ())
+        return replace(one, prior_pose=self.prior_poses.get(name), rival_poses=rivals, known=self.known_of.get(name))
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
-        """The task of some of the points, evaluated in this process, without a predicted pose."""
+        """The task of some of the points, evaluated in this process, without a predicted pose.
+
+        Partial knowledge of the pose holds for some of the points as well.
+        """
         some = np.ix_(source, target)
         allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
         problem = self.problem.of_some(source, target)
@@ -255,4 +278,5 @@ class MatchingTask:
             rival_poses=(),
             prior_poses={},
             prior_rivals={},
+            known_of={},
         )

@@ -14,6 +14,7 @@ from rootmatch.io.camera_files import (
 )
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.inputs import read_bytes, rereadable
+from rootmatch.io.known_files import prior_of_frame, read_known
 from rootmatch.io.outputs import (
     check_output,
     check_output_folder,
@@ -49,9 +50,11 @@ __all__ = [
     "point_dimension",
     "pose_format",
     "pose_record",
+    "prior_of_frame",
     "read_bytes",
     "read_camera",
     "read_candidates",
+    "read_known",
     "read_points",
     "read_prior",
     "read_truth",

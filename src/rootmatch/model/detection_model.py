@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
-from rootmatch.model.pose_prior import Broad, PosePrior
+from rootmatch.model.pose_prior import Broad, PoseDensity
 from rootmatch.model.visibility import facing, visible, within
 from rootmatch.options import Options, option
 
@@ -115,7 +115,7 @@ class DetectionModel:
         Of the model points, in the caller's unit squared.
     rate : float, optional
         Rate at which a visible point is detected; integrated over if not given.
-    prior : PosePrior
+    prior : PoseDensity
         Prior of the pose; a broad one if not given.
     allowed : (n, n') bool array, optional
         Possible correspondences.
@@ -134,7 +134,7 @@ class DetectionModel:
     view_cosine: Floats | None = None
     source_covariance: Floats | None = None
     rate: float | None = None
-    prior: PosePrior = ANY_POSE
+    prior: PoseDensity = ANY_POSE
     allowed: NDArray[np.bool_] | None = None
     log_weights: Floats | None = None
     size: tuple[float, float] | None = None

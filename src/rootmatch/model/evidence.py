@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.model.detection_model import DetectionModel, Linearised
-from rootmatch.model.pose_prior import PosePrior
+from rootmatch.model.pose_prior import PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]
@@ -70,7 +70,9 @@ class Evidence:
         return Evidence(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
-def evidence(model: DetectionModel, assignments: Integers, at: Linearised, prior: PosePrior | None = None) -> Evidence:
+def evidence(
+    model: DetectionModel, assignments: Integers, at: Linearised, prior: PoseDensity | None = None
+) -> Evidence:
     """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`.
 
     ``prior``: of the pose, in the place of the model's own.
@@ -109,7 +111,7 @@ def evidence(model: DetectionModel, assignments: Integers, at: Linearised, prior
 
 
 def about(
-    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PosePrior | None = None
+    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
     at = model.linearised(rotation, position)
@@ -121,7 +123,7 @@ def settled(
     assignments: Integers,
     found: Evidence,
     at: Linearised,
-    prior: PosePrior | None = None,
+    prior: PoseDensity | None = None,
     steps: int = 2,
 ) -> tuple[Evidence, Linearised]:
     """Evidence after a few Gauss–Newton steps to the best poses, starting from that about the given poses.

@@ -12,12 +12,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.reference_point import about_point
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +39,9 @@ EXACT = 1e-6
 directions."""
 LEAST_TILT = 1e-4
 """Standard deviation, in radians, used for a vertical that is stated as exact."""
+LEAST = 3
+"""Matches of a mode: with fewer a pose is not determined unless it is predicted, and a body that shows no more is not
+told from clutter."""
 
 
 class Terms(NamedTuple):
@@ -51,17 +57,13 @@ class Terms(NamedTuple):
     """c, (K,): logarithm of the density at its peak."""
 
 
-class PosePrior(ABC):
-    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame.
+class PoseDensity(ABC):
+    """A density over rotations R (left perturbation ω, rad) and positions of the body's centre in the camera frame."""
 
-    Attributes
-    ----------
-    least : int
-        Matches of a mode: with fewer than three a pose is not determined unless it is predicted, and a body that shows
-        no more is not told from clutter.
-    """
-
-    least: ClassVar[int] = 3
+    @property
+    def least(self) -> int:
+        """Matches of a mode."""
+        return LEAST
 
     @abstractmethod
     def terms(self, rotation: Floats, position: Floats) -> Terms:
@@ -69,7 +71,7 @@ class PosePrior(ABC):
 
 
 @dataclass(frozen=True)
-class Broad(PosePrior):
+class Broad(PoseDensity):
     """Any rotation, at any place in the field of view, at any distance within two decades.
 
     p(R, t) = 1 / (8π²) · 1 / (Ω ‖t‖³ log D) for a field of Ω steradians and distances within a factor D. Nothing in it
@@ -80,7 +82,7 @@ class Broad(PosePrior):
     depths: float = DEPTHS
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PosePrior.terms`."""
+        """See `PoseDensity.terms`."""
         count = len(rotation)
         precision = np.zeros((count, 6, 6))
         precision[:, :3, :3] = 2.0 * math.pi / ROTATIONS ** (2.0 / 3.0) * np.eye(3)
@@ -100,50 +102,102 @@ class Broad(PosePrior):
 
 
 @dataclass(frozen=True, eq=False)
-class Upright(PosePrior):
-    """A measured vertical: two angles of the rotation are normal, the third is any, and the position is broad.
+class Known(PoseDensity):
+    """A rotation, a vertical or a position of the body's origin that is known, with a normal error; broad in the rest.
 
     Parameters
     ----------
-    world, camera : (3,) arrays
-        The vertical in the frames of the body and of the camera, of any length.
-    noise : float
-        Standard deviation of the latter on each of two axes, in radians.
-    position : Broad
+    prior : PosePrior
+    centre : (3,) array
+        Of the body, in its frame.
+    broad : Broad
+        Of what is not known.
     """
 
-    world: Floats
-    camera: Floats
-    noise: float
-    position: Broad = Broad()
+    prior: PosePrior
+    centre: Floats
+    broad: Broad = Broad()
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PosePrior.terms`."""
-        count, sigma = len(rotation), max(self.noise, LEAST_TILT)
-        down = rotation @ (self.world / np.linalg.norm(self.world))
-        off = self.camera / np.linalg.norm(self.camera) - down
-        across = -cross_matrix(down)  # how the vertical moves with a turn
-        about = down[:, :, None] * down[:, None] * (2.0 * math.pi / TURNS**2)
+        """See `PoseDensity.terms`."""
+        count = len(rotation)
         precision, slope = np.zeros((count, 6, 6)), np.zeros((count, 6))
-        precision[:, :3, :3] = across.swapaxes(1, 2) @ across / sigma**2 + about
-        precision[:, 3:, 3:], log_position = self.position.of_position(position)
-        slope[:, :3] = (across.swapaxes(1, 2) @ off[..., None])[..., 0] / sigma**2
-        log_density = log_position - math.log(2.0 * math.pi * sigma**2 * TURNS)
-        return Terms(precision, slope, (off**2).sum(axis=1) / sigma**2, log_density)
+        precision[:, :3, :3], slope[:, :3], squared, log_density = self._of_rotation(rotation)
+        if self._place is None:
+            precision[:, 3:, 3:], log_position = self.broad.of_position(position)
+            return Terms(precision, slope, squared, log_density + log_position)
+        place, weight, log_peak = self._place
+        arm = rotation @ self.centre
+        off = place - (position - arm)
+        rows = np.zeros((count, 3, 6))  # how the origin moves with a step of the centre
+        rows[:, :, :3], rows[:, :, 3:] = cross_matrix(arm), np.eye(3)
+        precision += rows.swapaxes(1, 2) @ weight @ rows
+        slope += (rows.swapaxes(1, 2) @ (weight @ off[..., None]))[..., 0]
+        squared = squared + ((off @ weight) * off).sum(axis=1)
+        return Terms(precision, slope, squared, log_density + log_peak)
+
+    def about(self, pose: Pose) -> Pose:
+        """The normal distribution that it is about a pose, to first order; very wide in what is not known."""
+        position = pose.t + pose.R @ self.centre
+        terms = self.terms(pose.R[None], position[None])
+        scale = np.sqrt(np.diag(terms.precision[0]))
+        covariance = np.linalg.inv(terms.precision[0] / np.outer(scale, scale)) / np.outer(scale, scale)
+        step = covariance @ terms.slope[0]
+        R = rotation_from_vector(step[None, :3])[0] @ pose.R
+        return Pose.unchecked(R, *about_point(R, position + step[3:], covariance, -self.centre))
+
+    def _of_rotation(self, rotation: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Precision (K, 3, 3), slope (K, 3), squared deviation (K,) and log density (K,) of rotations (K, 3, 3)."""
+        count, down = len(rotation), self.prior.down
+        if self._turn is not None:
+            mean, weight, log_peak = self._turn
+            step = rotation_vector(mean @ rotation.swapaxes(1, 2))
+            slope = step @ weight
+            same = np.broadcast_to(weight, (count, 3, 3))
+            return same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)
+        if down is None:
+            any_turn = np.broadcast_to(2.0 * math.pi / ROTATIONS ** (2.0 / 3.0) * np.eye(3), (count, 3, 3))
+            return any_turn, np.zeros((count, 3)), np.zeros(count), np.full(count, -math.log(ROTATIONS))
+        source, camera, noise = down
+        sigma = max(noise, LEAST_TILT)
+        now = rotation @ source
+        off = camera - now
+        across = -cross_matrix(now)  # how the vertical moves with a turn
+        about = now[:, :, None] * now[:, None] * (2.0 * math.pi / TURNS**2)
+        weight = across.swapaxes(1, 2) @ across / sigma**2 + about
+        slope = (across.swapaxes(1, 2) @ off[..., None])[..., 0] / sigma**2
+        peak = -math.log(2.0 * math.pi * sigma**2 * TURNS)
+        return weight, slope, (off**2).sum(axis=1) / sigma**2, np.full(count, peak)
+
+    @cached_property
+    def _turn(self) -> tuple[Floats, Floats, float] | None:
+        """The rotation that is known, the precision of it, and the logarithm of its density at the peak."""
+        turn = self.prior.turn
+        return None if turn is None else (turn[0], *_peak(turn[1], EXACT))
+
+    @cached_property
+    def _place(self) -> tuple[Floats, Floats, float] | None:
+        """The same of the position."""
+        place = self.prior.place
+        return None if place is None else (place[0], *_peak(place[1], EXACT * float(np.linalg.norm(place[0]))))
+
+
+def _peak(covariance: Floats, least: float) -> tuple[Floats, float]:
+    """Precision and log density at the peak of a normal distribution no narrower than ``least``."""
+    whole = covariance + max(least, 1e-150) ** 2 * np.eye(len(covariance))
+    return np.asarray(np.linalg.inv(whole), np.float64), -0.5 * float(np.linalg.slogdet(2.0 * math.pi * whole)[1])
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian(PosePrior):
-    """A predicted pose: normal in all six parameters, or in the rotation or the position alone, and broad in the rest.
+class Gaussian(PoseDensity):
+    """A predicted pose: normal in all six parameters.
 
     Parameters
     ----------
     rotation, position : (3, 3) and (3,) arrays
         Of the mean; the position is that of the body's centre.
     covariance : (6, 6) array
-        Covariance of (ω, τ); infinite on the diagonal for three parameters if nothing is known of them.
-    broad : Broad
-        Of those.
+        Covariance of (ω, τ).
     freedom : float
         Degrees of freedom that a covariance of all six counts for: it may be too small, and is as probable to be by
         any factor as that of so many samples.
@@ -152,29 +206,16 @@ class Gaussian(PosePrior):
     rotation: Floats
     position: Floats
     covariance: Floats
-    broad: Broad = Broad()
     freedom: float = math.inf
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PosePrior.terms`."""
+        """See `PoseDensity.terms`."""
         count = len(rotation)
-        known, whole, log_peak = self._known
+        whole, log_peak = self._precision
         step = np.concatenate([rotation_vector(self.rotation @ rotation.swapaxes(1, 2)), self.position - position], 1)
-        step[:, ~known] = 0.0
-        if known.all():
-            slope = step @ whole
-            same = np.broadcast_to(whole, (count, 6, 6))
-            return self._with_tails(Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)))
-        terms = self.broad.terms(rotation, position)
-        precision = np.where(np.outer(known, known), whole, terms.precision)
-        precision[:, ~np.equal.outer(known, known)] = 0.0
-        log_density = np.full(count, log_peak)
-        if not known[:3].all():
-            log_density = log_density - math.log(ROTATIONS)
-        if not known[3:].all():
-            log_density = log_density + self.broad.of_position(position)[1]
         slope = step @ whole
-        return Terms(precision, slope, (slope * step).sum(axis=1), log_density)
+        same = np.broadcast_to(whole, (count, 6, 6))
+        return self._with_tails(Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)))
 
     def _with_tails(self, terms: Terms) -> Terms:
         """The same with a factor on the covariance integrated out: value, slope and curvature of a t-distribution.
@@ -196,57 +237,55 @@ class Gaussian(PosePrior):
             return np.ones_like(squared)
         return np.asarray((self.freedom + 6.0) / (self.freedom + squared))
 
-    @property
+    @cached_property
     def bounded(self) -> Floats:
-        """The covariance of what is known, no more certain than `EXACT` in any direction."""
-        return self._invertible(self._known[0])
+        """The covariance, no more certain than `EXACT` in any direction."""
+        least = EXACT * np.repeat([1.0, max(float(np.linalg.norm(self.position)), 1e-300)], 3)
+        scale = np.sqrt(np.maximum(np.diag(self.covariance), least**2))
+        unit = np.outer(scale, scale)
+        return np.asarray((self.covariance / unit + EXACT * np.eye(6)) * unit)
 
     @cached_property
-    def _known(self) -> tuple[NDArray[np.bool_], Floats, float]:
-        """Which parameters are known, the precision of those (6, 6), and the logarithm of the density at its peak."""
-        known = np.isfinite(np.diag(self.covariance))
-        own = self._invertible(known)
-        whole = np.zeros((6, 6))
-        whole[np.ix_(known, known)] = np.linalg.inv(own)
-        return known, whole, -0.5 * float(np.linalg.slogdet(2.0 * math.pi * own)[1])
-
-    def _invertible(self, known: NDArray[np.bool_]) -> Floats:
-        least = EXACT * np.repeat([1.0, max(float(np.linalg.norm(self.position)), 1e-300)], 3)[known]
-        own = self.covariance[np.ix_(known, known)]
-        scale = np.sqrt(np.maximum(np.diag(own), least**2))
-        return np.asarray((own / np.outer(scale, scale) + EXACT * np.eye(len(scale))) * np.outer(scale, scale))
+    def _precision(self) -> tuple[Floats, float]:
+        """The precision (6, 6), and the logarithm of the density at its peak."""
+        logarithm = float(np.linalg.slogdet(2.0 * math.pi * self.bounded)[1])
+        return np.asarray(np.linalg.inv(self.bounded), np.float64), -0.5 * logarithm
 
 
 @dataclass(frozen=True, eq=False)
-class Doubted(PosePrior):
+class Doubted(PoseDensity):
     """Predictions that may all be wrong: a mixture of them and of what is known without any.
 
     About each pose the largest component stands for the mixture; the others are negligible where one of them is large.
 
     Parameters
     ----------
-    predictions : sequence of Gaussian
+    predictions : sequence of Gaussian or Known
         At least one.
     log_shares : sequence of float
         Logarithm of the share of each; they add up to 1 less the doubt.
-    without : PosePrior
+    without : PoseDensity
     doubt : float
         Share of the latter.
     """
 
-    least: ClassVar[int] = 2  # one match is one coincidence, which a clutter point that stands still repeats
-    predictions: Sequence[Gaussian]
+    predictions: Sequence[Gaussian | Known]
     log_shares: Sequence[float]
-    without: PosePrior
+    without: PoseDensity
     doubt: float
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """See `PosePrior.terms`."""
+        """See `PoseDensity.terms`."""
         every = self._components(rotation, position)
         first, rows = _highest(every), np.arange(len(rotation))
         if (first == first[:1]).all() and len(first):
             return every[int(first[0])]
         return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True)))
+
+    @property
+    def least(self) -> int:
+        """See `PoseDensity`: one match is one coincidence, which a clutter point that stands still repeats."""
+        return 2 if any(isinstance(one, Gaussian) for one in self.predictions) else 3
 
     def prediction_of(self, rotation: Floats, position: Floats) -> NDArray[np.int64]:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""

@@ -57,13 +57,16 @@ HIDDEN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class _Settled:
+class Settled:
+    """An assignment about a pose, with its evidence there."""
+
     assignment: Integers
     found: Evidence
     at: Linearised
 
     @property
     def log_odds(self) -> float:
+        """Of the evidence."""
         return float(self.found.log_odds[0])
 
     def is_convincing(self, options: PredictionOptions) -> bool:
@@ -100,14 +103,14 @@ def proposals_about(
     candidates = (squared <= options.gate**2) & possible
     if not 0 < np.count_nonzero(candidates) <= options.most_pairs * max(len(model.images), 1):
         return None
-    known: dict[bytes, _Settled] = {}
-    start = _settle(model, first, covariance, options=options, known=known)
+    known: dict[bytes, Settled] = {}
+    start = settle(model, first, covariance, options=options, known=known)
     if start is None or not start.is_convincing(options):
         for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
             moved = model.linearised(
                 rotation_from_vector(step[None, :3]) @ first.rotation, first.position + step[None, 3:]
             )
-            _settle(model, moved, narrowed, options=options, known=known)
+            settle(model, moved, narrowed, options=options, known=known)
     ranked = sorted(known.values(), key=lambda one: -one.log_odds)
     ranked = [one for one in ranked if math.isfinite(one.log_odds)]
     if not ranked:
@@ -115,14 +118,14 @@ def proposals_about(
     return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in ranked])
 
 
-def _settle(
+def settle(
     model: DetectionModel,
     at: Linearised,
     covariance: Floats,
     *,
     options: PredictionOptions,
-    known: dict[bytes, _Settled],
-) -> _Settled | None:
+    known: dict[bytes, Settled],
+) -> Settled | None:
     """Assignment and step in turn until the assignment stays; all of them are added to ``known``."""
     best = None
     for _ in range(options.rounds):
@@ -136,7 +139,7 @@ def _settle(
         best = known.get(key)
         if best is not None:
             break
-        best = known[key] = _Settled(assignment, evidence(model, assignment[None], at), at)
+        best = known[key] = Settled(assignment, evidence(model, assignment[None], at), at)
         if np.count_nonzero(assignment >= 0) >= float(best.found.visible.sum()):
             break  # nothing is left to assign
         at, covariance = model.linearised(*stepped(best.found, at)), best.found.covariance[0]

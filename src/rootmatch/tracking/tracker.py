@@ -14,9 +14,11 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
+from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.explain.prior_validation import Prior, check_predicted
 from rootmatch.explain.task import Rivals
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
@@ -174,7 +176,7 @@ max_evaluations
         target: ArrayLike,
         *,
         time: float | None = None,
-        prior: Pose | Mapping[Label, Pose] | None = None,
+        prior: Prior | Mapping[Label, Prior] | None = None,
         noise: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
         max_seconds: float | None = None,
@@ -188,8 +190,10 @@ max_evaluations
             For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later.
-        prior : Pose or dict, optional
-            A better prediction than the tracker's own, for example from an inertial sensor.
+        prior : Pose, PosePrior or dict, optional
+            A pose replaces the tracker's own prediction. Partial knowledge, for example from an inertial sensor, is
+            combined with that prediction, and narrows the search for a body that is lost. With ``bodies``, a dict from
+            labels to either.
         noise : float or (n',) array, optional
             Of this frame.
         candidates : (n, n') array, optional
@@ -208,6 +212,8 @@ max_evaluations
             If the frame is not later than the previous one, or as `rootmatch.Matcher.match`.
         """
         started = perf_counter()
+        if prior is not None:
+            check_predicted(prior, self.labels, self.matcher.problem)
         when = self._time(time)
         self._frame += 1
         deadline = Deadline(self.matcher.options.max_seconds if max_seconds is None else max_seconds, started=started)
@@ -224,21 +230,28 @@ max_evaluations
         self,
         target: ArrayLike,
         when: float,
-        given: dict[Label | None, Pose],
+        given: dict[Label | None, Prior],
         noise: ArrayLike | None,
         *,
         deadline: Deadline,
         candidates: ArrayLike | None,
     ) -> Finding:
         """The finding of a frame: about the predicted poses, and by a search if they do not hold."""
-        poses: dict[Label | None, Pose] = {}
+        poses: dict[Label | None, Prior] = {}
         rivals: dict[Label | None, Rivals] = {}
         for label, body in self._bodies.items():
-            if label in given:
+            told = given.get(label)
+            if isinstance(told, Pose):
                 body.belief.keep_best()
-                poses[label] = given[label]
+                poses[label] = told
             elif body.belief:
-                poses[label], rivals[label] = body.belief.predicted(when)
+                pose, others = body.belief.predicted(when)
+                if told is not None:
+                    pose = told.with_prediction(pose)
+                    others = tuple((told.with_prediction(other), share) for other, share in others)
+                poses[label], rivals[label] = pose, others
+            elif told is not None:
+                poses[label] = told
 
         def explained(searching: bool) -> Finding:
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
@@ -261,24 +274,24 @@ max_evaluations
         """
         several = self.labels is not None
         due = not several or (self._frame - 1) % self.tracking.search_every == 0
-        return any(
-            (due if not body.belief else (due or not several) and body.wants_search(part, self._frame))
-            for part, body in zip(self._parts(found).values(), self._bodies.values(), strict=True)
-        )
+
+        def wanted(part: Finding, body: FollowedBody) -> bool:
+            if not body.belief:
+                return due and part.status is not Status.MATCHED  # partial knowledge may have found it
+            return (due or not several) and body.wants_search(part, self._frame)
+
+        parts = self._parts(found).values()
+        return any(wanted(part, body) for part, body in zip(parts, self._bodies.values(), strict=True))
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""
         return {None: found} if found.parts is None else dict(found.parts.items())
 
-    def _given(self, prior: Pose | Mapping[Label, Pose] | None) -> dict[Label | None, Pose]:
-        """Predicted poses that the caller gives, by label, of a single body by None."""
+    def _given(self, prior: Prior | Mapping[Label, Prior] | None) -> dict[Label | None, Prior]:
+        """What the caller knows of poses, by label, of a single body by None."""
         if prior is None:
             return {}
-        if isinstance(prior, Mapping):
-            return dict(prior.items())
-        if self.labels is not None:
-            raise InputError("prior: one pose given with bodies=; give a dict from the label of a body to its pose")
-        return {None: prior}
+        return dict(prior.items()) if isinstance(prior, Mapping) else {None: prior}
 
     def _time(self, time: float | None) -> float:
         if time is None:

@@ -1,0 +1,132 @@
+"""Matching where a pose is known in part: proposals that need no search, and searches that what is known narrows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.body_findings import among_all
+from rootmatch.explain.decide import Status
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_decision import told_by
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
+from rootmatch.explain.known_rotation import lines_of_sight, poses_by_rotation
+from rootmatch.explain.predicted_poses import knowledge_of
+from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.prediction import proposals_about
+from rootmatch.model.proposals import Proposals, joined
+from rootmatch.problems.p3p import P3P
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.up2p import UP2P
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NOT_TURNED = np.eye(3)
+SURE = 0.1
+"""Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""
+REACH = 4.0
+"""Standard deviations of a position within which its detections are searched. A round value."""
+
+
+def match_known(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None) -> Finding:
+    """The match of a task of which the pose is known in part.
+
+    What a known rotation proposes is weighed first. Where that is not believed, the image is searched with what is
+    known, then without it, as it may be wrong; without ``solve`` it is not searched. What is told is the posterior of
+    everything that was proposed.
+    """
+    assert task.known is not None
+    body, named, evaluated = Candidate.of(task, []), list[Integers](), 0
+    proposed = None
+    found = nothing_found(task, f"{task.shape[1]} detections are given, too few for a search")
+    with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
+        proposed = proposals_by_knowledge(task, body.model)
+        if proposed is not None:
+            body = body.proposed([], proposed)
+            found = told_by(nothing_found(task, "what is known of the pose is not confirmed"), body.alone(), body)
+            if found.status is Status.MATCHED:
+                return replace(found, reason=None)
+    if solve is None:
+        return found
+    for part, columns in _searches(task):
+        if len(columns) < part.problem.order or task.deadline.passed():
+            continue
+        searched = solve(part)
+        evaluated += searched.evaluated
+        searched = among_all(searched, task, columns)
+        named += searched.every
+        with suppress(OutOfTime):
+            body = body.proposed(named, proposed)
+            found = told_by(replace(searched, task=task, evaluated=evaluated), body.alone(), body)
+        if found.status is Status.MATCHED:
+            break
+    return found
+
+
+def proposals_by_knowledge(task: MatchingTask, model: DetectionModel) -> Proposals | None:
+    """What is assigned about the poses that a known rotation leaves, and a known position with it; None without any."""
+    known = knowledge_of(task)
+    assert known is not None
+    parts = [poses_by_rotation(task, known, model)]
+    if known.pose is not None:
+        pose = known.pose
+        assert pose.covariance is not None
+        at_centre = about_point(pose.R, pose.t, pose.covariance, model.centre)
+        parts.append(proposals_about(model, Gaussian(pose.R, *at_centre)))
+    some = [part for part in parts if part is not None]
+    return joined(some) if some else None
+
+
+def _searches(task: MatchingTask) -> Iterator[tuple[MatchingTask, Integers]]:
+    """Tasks that are searched one after another, and which detections they have: with what is known, and without it."""
+    assert task.known is not None
+    every = np.arange(task.shape[1])
+    columns = near_position(task)
+    narrowed = task if len(columns) == len(every) else task.subset(np.arange(task.shape[0]), columns)
+    upright = _upright(narrowed, task.known)
+    if upright is not None or narrowed is not task:
+        yield replace(narrowed, problem=upright or narrowed.problem, known=None), columns
+    yield replace(task, known=None), every
+
+
+def near_position(task: MatchingTask) -> Integers:
+    """Detections whose lines of sight come so near to a known position that they may be of the body."""
+    assert task.known is not None
+    if task.known.place is None:
+        return np.arange(task.shape[1])
+    t, covariance = task.known.place
+    origins, rays, _ = lines_of_sight(task)
+    reach = float(np.linalg.norm(task.points.source, axis=1).max())
+    reach += REACH * math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+    along = ((t - origins) * rays).sum(axis=1)
+    off = np.linalg.norm(t - origins - np.maximum(along, 0.0)[:, None] * rays, axis=1)
+    return np.flatnonzero(off <= reach)
+
+
+def _upright(task: MatchingTask, known: PosePrior) -> P3P | UP2P | RigCopies | None:
+    """The problem of a search that takes a known direction for a vertical; None if none is known well enough."""
+    down, problem = known.down, task.problem
+    if down is None or down[2] > SURE or isinstance(problem, UP2P):
+        return None
+    if isinstance(problem, RigCopies):
+        return replace(problem, task=replace(problem.task, known=known))
+    return upright_problem(problem, known)  # type: ignore[arg-type]
+
+
+def upright_problem(problem: P3P, known: PosePrior, turn: Floats = NOT_TURNED) -> UP2P:
+    """`UP2P` of the same camera, with a known direction for its vertical; ``turn``: of the camera in its rig."""
+    assert known.down is not None
+    source, vertical, noise = known.down
+    vertical = turn @ vertical
+    return UP2P(problem.camera, tuple(vertical.tolist()), tuple(source.tolist()), noise)

@@ -1,0 +1,216 @@
+"""Poses proposed where the rotation is known: two matches tell the rest, and most pairs of them contradict it.
+
+With R known, two lines of sight d and d' through points X and X' meet them in depths s and s' with
+R (X − X') = s d − s' d' − (o' − o), o and o' the centres of the cameras: three equations for two unknowns. The third
+says how far off a pair is. Every pair that is not is a pose, whose distribution with the rotation's own predicts all
+other points; those that explain most are assigned and fitted. Any two lines of sight will do, of one camera or of two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.deadline import checkpoint
+from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.task import MatchingTask
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import LOG_2PI, stepped
+from rootmatch.model.pose_prior import Known
+from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
+from rootmatch.model.proposals import Proposals, joined
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.source_noise import mean_deviation
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+GATE = 3.5
+"""Standard deviations by which a pair may contradict the rotation. A round value."""
+MOST_PAIRS = 2_000_000
+"""Pairs of matches that are looked at, drawn at random where there are more. A round value."""
+MOST_POSES = 30_000
+"""Poses whose predictions are compared with all detections, drawn at random where there are more. A round value."""
+KEPT = 12
+"""Poses that are assigned and fitted. A round value."""
+BATCH = 4_000_000
+"""Numbers of an array that is worked on at once."""
+MOST_RANKED = 1000
+"""Best poses of pairs among which different ones are looked for. A round value."""
+LAG = 12.0
+"""Log-odds, to first order, by which a pose may lag behind the best one. A round value."""
+SAME = 3.0
+"""Standard deviations on each axis within which positions are the same. A round value."""
+
+
+class Guess(NamedTuple):
+    """A pose that two matches tell, of the body's centre, and its covariance."""
+
+    rotation: Floats
+    position: Floats
+    covariance: Floats
+
+
+def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionModel) -> Proposals | None:
+    """What is assigned about the best poses with a known rotation; None if it is not known, or no pair agrees with it.
+
+    Parameters
+    ----------
+    task : MatchingTask
+        Of one body.
+    known : PosePrior
+    model : DetectionModel
+        Of the task.
+    """
+    turn = known.turn
+    if turn is None:
+        return None
+    rng = np.random.default_rng(task.options.seed)
+    pairs, origin = _agreeing(task, known, rng)
+    if not len(origin):
+        return None
+    settled: dict[bytes, Settled] = {}
+    for guess in _ranked(model, Known(known, model.centre), pairs, origin + turn[0] @ model.centre):
+        at = model.linearised(guess.rotation[None], guess.position[None])
+        settle(model, at, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
+    every = [one for one in settled.values() if math.isfinite(one.log_odds)]
+    if not every:
+        return None
+    return joined([Proposals(one.assignment[None], *stepped(one.found, one.at)) for one in every])
+
+
+def lines_of_sight(task: MatchingTask) -> tuple[Floats, Floats, Floats]:
+    """Origins (n', 3) and unit directions (n', 3) of the detections' lines of sight, and their σ (n',) in radians."""
+    points, problem = task.points, task.problem
+    if not isinstance(problem, RigCopies):
+        camera = problem.camera  # type: ignore[attr-defined]
+        rays = np.asarray(camera.bearings(points.target), np.float64)
+        return np.zeros_like(rays), rays, np.asarray(camera.angular_noise(points.target, points.target_noise))
+    copies = problem.copies
+    origins, rays, sigma = np.empty((len(points.target), 3)), np.empty((len(points.target), 3)), points.target_noise
+    angles = np.empty(len(points.target))
+    for k, (camera, own) in enumerate(zip(copies.rig.cameras, copies.images(), strict=True)):
+        pixels = points.target[own] - copies.offsets[k]
+        origins[own] = copies.rig.centres[k]
+        rays[own] = camera.bearings(pixels) @ copies.rig.rotations[k]
+        angles[own] = camera.angular_noise(pixels, sigma[own])
+    return origins, rays, angles
+
+
+def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) -> tuple[Integers, Floats]:
+    """Pairs of matches (K, 2, 2) that agree with the rotation, points before detections, and the origin by each."""
+    assert known.turn is not None
+    (R, covariance), (origins, rays, angles) = known.turn, lines_of_sight(task)
+    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+    turned = task.points.source @ R.T
+    i, j = np.nonzero(_possible(task, known, turned, rays, origins=origins, sigma=sigma))
+    first, second = np.triu_indices(len(i), 1)
+    if len(first) > MOST_PAIRS:
+        some = np.sort(rng.choice(len(first), MOST_PAIRS, replace=False))
+        first, second = first[some], second[some]
+    different = (j[first] != j[second]) & (i[first] != i[second])
+    first, second = first[different], second[different]
+    a, b = rays[j[first]], rays[j[second]]
+    apart = turned[i[first]] - turned[i[second]] + origins[j[second]] - origins[j[first]]
+    cosine = (a * b).sum(axis=1)
+    of_a, of_b = (apart * a).sum(axis=1), (apart * b).sum(axis=1)
+    sine2 = np.maximum(1.0 - cosine**2, 1e-12)
+    depth_a, depth_b = (of_a - cosine * of_b) / sine2, (cosine * of_a - of_b) / sine2
+    off = np.linalg.norm(apart - depth_a[:, None] * a + depth_b[:, None] * b, axis=1)
+    length2 = ((turned[i[first]] - turned[i[second]]) ** 2).sum(axis=1)
+    variance = sigma**2 * length2 + (depth_a * angles[j[first]]) ** 2 + (depth_b * angles[j[second]]) ** 2
+    if task.points.source_covariance is not None:
+        own = mean_deviation(task.points.source_covariance) ** 2
+        variance = variance + own[i[first]] + own[i[second]]
+    agrees = np.flatnonzero((off <= GATE * np.sqrt(variance)) & (depth_a > 0.0) & (depth_b > 0.0))
+    if len(agrees) > MOST_POSES:
+        agrees = np.sort(rng.choice(agrees, MOST_POSES, replace=False))
+    first, second = first[agrees], second[agrees]
+    one = origins[j[first]] + depth_a[agrees, None] * a[agrees] - turned[i[first]]
+    other = origins[j[second]] + depth_b[agrees, None] * b[agrees] - turned[i[second]]
+    pairs = np.stack([np.stack([i[first], i[second]], axis=1), np.stack([j[first], j[second]], axis=1)], axis=1)
+    return pairs, 0.5 * (one + other)
+
+
+def _possible(
+    task: MatchingTask, known: PosePrior, turned: Floats, rays: Floats, *, origins: Floats, sigma: float
+) -> NDArray[np.bool_]:
+    """Correspondences (n, n') that normals and a known position leave, with the rotation."""
+    points = task.points
+    allowed = np.ones(task.shape, np.bool_) if task.allowed is None else task.allowed
+    if points.normals is not None and known.turn is not None:
+        length = np.linalg.norm(points.normals, axis=1)
+        unit = points.normals / np.where(length > 0.0, length, 1.0)[:, None]
+        cosine = -(unit @ known.turn[0].T) @ rays.T
+        least = np.zeros(len(unit)) if points.view_cosine is None else points.view_cosine
+        rim = np.cos(np.minimum(np.arccos(least) + GATE * sigma, np.pi))
+        allowed = allowed & ((cosine >= rim[:, None]) | (length == 0.0)[:, None])
+    if known.place is not None:
+        t, covariance = known.place
+        where = t + turned[:, None] - origins  # (n, n', 3)
+        along = (where * rays).sum(axis=2)
+        off = np.linalg.norm(where - along[..., None] * rays, axis=2)
+        reach = np.sqrt(np.linalg.eigvalsh(covariance)[-1] + sigma**2 * (turned**2).sum(axis=1))
+        allowed = allowed & (off <= GATE * reach[:, None]) & (along > 0.0)
+    return np.asarray(allowed)
+
+
+def _ranked(model: DetectionModel, prior: Known, pairs: Integers, position: Floats) -> list[Guess]:
+    """The poses of pairs whose predictions explain most, different ones, the best first."""
+    size = max(BATCH // (model.shape[0] * max(model.shape[1], 1)), 1)
+    parts = []
+    for start in range(0, len(pairs), size):
+        checkpoint()
+        some = slice(start, start + size)
+        parts.append(_score(model, prior, pairs[some], position[some]))
+    score, R, place, covariance = (np.concatenate(column) for column in zip(*parts, strict=True))
+    kept: list[int] = []
+    for k in np.argsort(-score, kind="stable")[:MOST_RANKED].tolist():
+        if score[k] < score.max() - LAG:
+            break
+        off = place[kept] - place[k]
+        scale = SAME**2 * np.diagonal(covariance[k])[3:]
+        if not ((off**2) <= scale).all(axis=1).any():
+            kept.append(k)
+        if len(kept) == KEPT:
+            break
+    return [Guess(R[k], place[k], covariance[k]) for k in kept]
+
+
+def _score(
+    model: DetectionModel, prior: Known, pairs: Integers, position: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Log-odds (K,) of what poses with a pair each explain, to first order, and those poses with their covariances."""
+    assert prior.prior.turn is not None
+    count = len(pairs)
+    rotation = np.broadcast_to(prior.prior.turn[0], (count, 3, 3))
+    at = model.linearised(rotation, position)
+    of_prior = prior.terms(rotation, position)
+    rows = np.arange(count)[:, None]
+    points, detections = pairs[:, 0], pairs[:, 1]
+    weight = 1.0 / model.sigma[detections]
+    jacobian = (at.jacobian[rows, points] * weight[..., None, None]).reshape(count, 4, 6)
+    off = ((model.target[detections] - at.pixels[rows, points]) * weight[..., None]).reshape(count, 4)
+    precision = of_prior.precision + jacobian.swapaxes(1, 2) @ jacobian
+    scale = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
+    unit = scale[:, :, None] * scale[:, None]
+    covariance = np.linalg.inv(precision / unit + 1e-12 * np.eye(6)) / unit
+    slope = of_prior.slope + (off[:, None] @ jacobian)[:, 0]
+    step = (covariance @ slope[..., None])[..., 0]
+    pixels = at.pixels + (at.jacobian @ step[:, None, :, None])[..., 0]
+    spread = at.jacobian @ covariance[:, None] @ at.jacobian.swapaxes(2, 3)
+    of_points = model.of_points(at)
+    squared, determinant = deviations(model, pixels, spread if of_points is None else spread + of_points)
+    log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
+    density = np.exp(np.minimum(log_density, 700.0))
+    if model.allowed is not None:
+        density = np.where(model.allowed, density, 0.0)
+    tilt = np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2) / 3.0)
+    chance = (model.rate or DEFAULT_PREDICTION.usual_rate) * model.visibility(at, tilt)
+    ratio = 1.0 - chance + chance * density.max(axis=2)
+    score = np.log(np.maximum(ratio, 1e-300)).sum(axis=1)
+    return score, rotation_from_vector(step[:, :3]) @ rotation, position + step[:, 3:], covariance

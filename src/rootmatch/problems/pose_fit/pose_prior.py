@@ -1,0 +1,187 @@
+"""What is known of a pose beforehand, in part: the rotation, the position, or which way is down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.errors import InputError
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
+
+Floats = NDArray[np.float64]
+
+LEAST_TILT = 1e-5
+"""Standard deviation, in radians, of a vertical that is called exact."""
+WIDEST = 1.0
+"""Largest standard deviation of a direction, in radians: degrees were meant beyond. A round value."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PosePrior:
+    """What is known of a body's pose x' = R x + t before its image is seen; nothing is assumed of the rest.
+
+    An inertial sensor knows the vertical, or a rotation; a magnetic or acoustic one a position. Any two of them, or all
+    three, can be given together. Each is taken to be independent of the others.
+
+    Parameters
+    ----------
+    rotation : ((3, 3) array, σ), optional
+        R, and its standard deviation in radians: of a rotation about each axis of the camera frame, one number, three,
+        or a covariance (3, 3).
+    position : ((3,) array, σ), optional
+        t, the origin of the points in the camera frame, and its standard deviation in the unit of the points: one
+        number, three, or a covariance (3, 3).
+    vertical : ((3,) array, (3,) array, σ), optional
+        The same direction, say down, in the frame of the points and in that of the camera, of any length, and its
+        standard deviation in radians on each of two axes.
+
+    Raises
+    ------
+    InputError
+        If nothing is given, R is no rotation, a number is not finite, or a standard deviation is negative.
+    """
+
+    rotation: tuple[ArrayLike, ArrayLike] | None = None
+    position: tuple[ArrayLike, ArrayLike] | None = None
+    vertical: tuple[ArrayLike, ArrayLike, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.rotation is None and self.position is None and self.vertical is None:
+            raise InputError("prior: nothing is known; give rotation=, position= or vertical=, or leave the prior out")
+        if self.rotation is not None:
+            R, sigma = _parts("rotation", self.rotation, 2, "(R, σ)")
+            covariance = _covariance("rotation", sigma)
+            if float(np.sqrt(np.diag(covariance)).max()) > np.pi:
+                raise InputError("prior: rotation with a σ beyond π given; give radians, or leave it out")
+            self.__dict__.update(rotation=(checked_rotation(R, mirrored=False), covariance))
+            if self.rotation[0].shape != (3, 3):  # type: ignore[union-attr]
+                raise InputError("prior: rotation in a plane given; give R (3, 3)")
+        if self.position is not None:
+            place, sigma = _parts("position", self.position, 2, "(t, σ)")
+            self.__dict__.update(position=(_vector("position", place), _covariance("position", sigma)))
+        if self.vertical is not None:
+            source, camera, tilt = _parts("vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)")
+            first, second = (_direction(one) for one in (source, camera))
+            sigma = float(_numbers("vertical", tilt, ()))
+            if not 0.0 <= sigma <= WIDEST:
+                raise InputError(f"prior: vertical with σ {sigma:g} given; give radians from 0 to {WIDEST:g}")
+            self.__dict__.update(vertical=(first, second, sigma))
+
+    @property
+    def turn(self) -> tuple[Floats, Floats] | None:
+        """The rotation (3, 3) and its covariance (3, 3), the vertical in it; None if it is not known."""
+        if self.rotation is None:
+            return None
+        R, covariance = self.rotation
+        both = np.eye(6)
+        both[:3, :3] = covariance
+        pose = Pose.unchecked(np.asarray(R), np.zeros(3), both)
+        if self.vertical is not None:
+            pose = with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
+        assert pose.covariance is not None
+        return pose.R, pose.covariance[:3, :3]
+
+    @property
+    def place(self) -> tuple[Floats, Floats] | None:
+        """The position (3,) and its covariance (3, 3); None if it is not known."""
+        return self.position  # type: ignore[return-value]
+
+    @property
+    def down(self) -> tuple[Floats, Floats, float] | None:
+        """A direction in the frame of the points, in the camera's, and its σ: the vertical, or one of the rotation."""
+        if self.vertical is not None or self.turn is None:
+            return self.vertical  # type: ignore[return-value]
+        R, covariance = self.turn
+        return R[1], np.array([0.0, 1.0, 0.0]), float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+
+    @property
+    def pose(self) -> Pose | None:
+        """The whole pose with its covariance, if rotation and position are known."""
+        turn, place = self.turn, self.place
+        if turn is None or place is None:
+            return None
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3], covariance[3:, 3:] = turn[1], place[1]
+        return Pose.unchecked(turn[0], place[0], covariance)
+
+    def with_prediction(self, pose: Pose) -> Pose:
+        """A predicted pose and this together, to first order: what a tracker predicts and a sensor measures."""
+        if self.rotation is not None:
+            R, covariance = (np.asarray(part, np.float64) for part in self.rotation)
+            pose = _updated(pose, np.eye(3, 6), rotation_vector((R @ pose.R.T)[None])[0], covariance)
+        if self.position is not None:
+            t, covariance = (np.asarray(part, np.float64) for part in self.position)
+            pose = _updated(pose, np.eye(3, 6, 3), t - pose.t, covariance)
+        return pose if self.vertical is None else with_vertical(pose, *self.vertical)  # type: ignore[arg-type]
+
+
+def with_vertical(prior: Pose, world: Floats, camera: Floats, noise: float) -> Pose:
+    """A prediction and a measured vertical together.
+
+    Parameters
+    ----------
+    prior : Pose
+    world, camera : (3,) arrays
+        The vertical in the frame of the points and in that of the camera, of any length.
+    noise : float
+        Standard deviation of the second on each of two axes, in radians.
+    """
+    down = prior.R @ (world / np.linalg.norm(world))
+    jacobian = np.concatenate([-cross_matrix(down), np.zeros((3, 3))], axis=1)
+    off = camera / np.linalg.norm(camera) - down
+    return _updated(prior, jacobian, off, max(noise, LEAST_TILT) ** 2 * np.eye(3))
+
+
+def _updated(prior: Pose, jacobian: Floats, off: Floats, noise: Floats) -> Pose:
+    """A pose after a Kalman update with a measurement that is off by (3,), of covariance (3, 3)."""
+    assert prior.covariance is not None
+    gain = prior.covariance @ jacobian.T
+    total = jacobian @ gain + noise
+    kalman = gain @ np.linalg.pinv(total, hermitian=True)
+    step, covariance = kalman @ off, prior.covariance - kalman @ gain.T
+    R = rotation_from_vector(step[None, :3])[0] @ prior.R
+    return Pose.unchecked(R, prior.t + step[3:], 0.5 * (covariance + covariance.T))
+
+
+def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
+    if not isinstance(given, tuple | list) or len(given) != count:
+        raise InputError(f"prior: {name}: give {expected}")
+    return tuple(given)
+
+
+def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
+    array = numbers(value, name, "a number" if shape == () else f"shape {shape}")
+    if array.shape != shape:
+        raise InputError(f"prior: {name} of shape {array.shape} given, {shape} expected")
+    return array
+
+
+def _vector(name: str, value: Any) -> Floats:
+    return _numbers(name, np.ravel(value) if np.size(value) == 3 else value, (3,))
+
+
+def _direction(value: Any) -> Floats:
+    vector = _vector("vertical", value)
+    length = float(np.linalg.norm(vector))
+    if not length > 0.0:
+        raise InputError("prior: vertical: a direction of length 0 given")
+    return np.asarray(vector / length)
+
+
+def _covariance(name: str, sigma: Any) -> Floats:
+    """A covariance (3, 3) of one number, three, or itself."""
+    array = numbers(sigma, name, "σ as one number, three, or a covariance (3, 3)")
+    if array.shape not in ((), (3,), (3, 3)):
+        raise InputError(f"prior: {name}: σ of shape {array.shape} given; one number, three, or (3, 3) expected")
+    if array.ndim < 2:
+        if (array < 0.0).any():
+            raise InputError(f"prior: {name}: σ {array.min():g} given; a standard deviation is not negative")
+        return np.eye(3) * array**2
+    if not np.allclose(array, array.T) or np.linalg.eigvalsh(array).min() < -1e-9 * np.abs(array).max():
+        raise InputError(f"prior: {name}: the covariance is not symmetric, or has a negative eigenvalue")
+    return 0.5 * (array + array.T)

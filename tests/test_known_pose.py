@@ -1,0 +1,232 @@
+"""What is known of a pose in part: what is refused, what is found, how it is weighed; bodies, rigs and trackers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+
+Floats = NDArray[np.float64]
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+SIGMA = 0.3
+TURN, TILT, MOVE = np.radians(2.0), np.radians(0.5), 0.05
+KINDS = ("vertical", "rotation", "position", "rotation and position")
+
+
+class Scene:
+    """A small body a metre away, some of its points, and clutter."""
+
+    def __init__(self, seed: int, visible: int = 5, clutter: int = 8) -> None:
+        self.rng = rng = np.random.default_rng([seed, 40])
+        self.body = np.random.default_rng(4).uniform((0.02, -0.08, -0.08), (0.18, 0.08, 0.08), (9, 3))
+        self.R = Rotation.random(random_state=seed).as_matrix()
+        self.t = np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2), rng.uniform(0.7, 1.2)])
+        shown = np.sort(rng.choice(9, visible, replace=False))
+        self.truth = np.full(9, -1)
+        self.truth[shown] = np.arange(visible)
+        seen = CAMERA.project(self.body[shown] @ self.R.T + self.t) + rng.normal(0.0, SIGMA, (visible, 2))
+        self.target = np.vstack([seen, rng.uniform((0, 0), (1280, 960), (clutter, 2))])
+        self.measured = Rotation.from_rotvec(rng.normal(0.0, TURN, 3)).as_matrix() @ self.R
+        self.down = Rotation.from_rotvec(rng.normal(0.0, TILT, 3)).apply(self.R[:, 1])
+        self.place = self.t + rng.normal(0.0, MOVE, 3)
+
+    def prior(self, kind: str) -> rm.PosePrior:
+        given: dict[str, Any] = {}
+        if kind == "vertical":
+            given["vertical"] = ((0.0, 1.0, 0.0), self.down, TILT)
+        if "rotation" in kind:
+            given["rotation"] = (self.measured, TURN)
+        if "position" in kind:
+            given["position"] = (self.place, MOVE)
+        return rm.PosePrior(**given)
+
+    def match(self, prior: Any = None, **options: Any) -> rm.Match:
+        return rm.match(self.body, self.target, rm.P3P(CAMERA), **{"noise": SIGMA, "prior": prior} | options)
+
+    def is_right(self, match: rm.Match) -> bool:
+        found = match.assignment
+        return bool(match) and not ((found >= 0) & (found != self.truth)).any()
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({}, "nothing is known"),
+        ({"rotation": np.eye(3)}, r"rotation: give \(R, σ\)"),
+        ({"rotation": (np.eye(2), 0.1)}, "rotation in a plane"),
+        ({"rotation": (2.0 * np.eye(3), 0.1)}, "R is no rotation"),
+        ({"rotation": (np.eye(3), -0.1)}, "σ -0.1 given; a standard deviation is not negative"),
+        ({"rotation": (np.eye(3), 10.0)}, "give radians"),
+        ({"position": ((0.0, 0.0), 0.1)}, "position of shape"),
+        ({"position": ((0.0, 0.0, np.nan), 0.1)}, "NaN or infinity"),
+        ({"position": ((0.0, 0.0, 1.0), np.inf)}, "NaN or infinity"),
+        ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),
+        ({"vertical": ((0.0, 1.0, 0.0), 0.1)}, "vertical: give"),
+        ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "a direction of length 0"),
+        ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, "give radians from 0 to 1"),
+    ],
+)
+def test_what_is_no_knowledge_is_refused_once(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(rm.InputError, match=text) as refused:
+        rm.PosePrior(**given)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_does_not_go_together_is_refused() -> None:
+    scene = Scene(0)
+    vertical = scene.prior("vertical")
+    with pytest.raises(rm.InputError, match=r"^prior: UP2P has a vertical"):
+        rm.match(scene.body, scene.target, rm.UP2P(CAMERA), prior=vertical)
+    with pytest.raises(rm.InputError, match=r"^prior: rigid has no camera"):
+        rm.match(scene.body, scene.body + 1.0, rm.Rigid(), prior=vertical)
+    with pytest.raises(rm.InputError, match=r"^prior: no body is labelled"):
+        scene.match({"head": vertical}, bodies=["hand"] * 9)
+
+
+def test_all_parts_together_are_a_pose() -> None:
+    scene = Scene(0)
+    known = scene.prior("rotation and position")
+    assert known.pose is not None
+    np.testing.assert_allclose(known.pose.R, scene.measured)
+    upright = rm.PosePrior(rotation=known.rotation, vertical=((0, 1, 0), scene.R[:, 1], 1e-4))
+    assert upright.turn is not None
+    assert np.degrees(np.arccos(upright.turn[0][:, 1] @ scene.R[:, 1])) < 0.02
+    wide = rm.Pose(scene.R, scene.t, np.diag([1.0, 1.0, 1.0, 4.0, 4.0, 4.0]))
+    both = known.with_prediction(wide)
+    assert both.covariance is not None
+    np.testing.assert_allclose(both.t, scene.place, atol=2e-3)
+    np.testing.assert_allclose(np.diag(both.covariance)[3:], MOVE**2, rtol=2e-3)
+    np.testing.assert_allclose(np.diag(both.covariance)[:3], TURN**2, rtol=3e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_more_is_found_with_what_is_known(kind: str) -> None:
+    right = wrong = 0
+    for seed in range(20):
+        scene = Scene(seed)
+        match = scene.match(scene.prior(kind), seed=seed)
+        right += scene.is_right(match)
+        wrong += bool(match) and not scene.is_right(match)
+        if match:
+            assert match.prior_holds
+    blind = sum(scene.is_right(scene.match(seed=k)) for k, scene in enumerate(map(Scene, range(6))))
+    assert right >= 18
+    assert wrong == 0
+    assert right / 20 >= blind / 6
+
+
+def test_three_points_are_enough_with_a_rotation() -> None:
+    scenes = [Scene(seed, visible=3, clutter=1) for seed in range(10)]
+    found = [scene.match(scene.prior("rotation and position")) for scene in scenes]
+    assert sum(scene.is_right(match) for scene, match in zip(scenes, found, strict=True)) >= 6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_pose_is_that_of_detections_and_knowledge(kind: str) -> None:
+    """Against a slow fit of both, and its covariance."""
+    scene = Scene(3, visible=6, clutter=3)
+    match = scene.match(scene.prior(kind))
+    assert scene.is_right(match)
+    pose, used = match.pose, np.flatnonzero(match.assignment >= 0)
+    assert pose is not None
+    assert pose.covariance is not None
+
+    def residuals(x: Floats) -> Floats:
+        R = Rotation.from_rotvec(x[:3]).as_matrix() @ pose.R
+        t = pose.t + x[3:]
+        parts = [((CAMERA.project(scene.body[used] @ R.T + t) - scene.target[match.assignment[used]]) / SIGMA).ravel()]
+        if kind == "vertical":
+            parts.append((R[:, 1] - scene.down) / TILT)
+        if "rotation" in kind:
+            parts.append(Rotation.from_matrix(scene.measured @ R.T).as_rotvec() / TURN)
+        if "position" in kind:
+            parts.append((t - scene.place) / MOVE)
+        return np.concatenate(parts)
+
+    best = least_squares(residuals, np.zeros(6), x_scale=np.r_[np.full(3, 1e-2), np.full(3, 1e-2)])
+    expected = np.linalg.inv(best.jac.T @ best.jac)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(best.x / scale, 0.0, atol=0.02)
+    np.testing.assert_allclose(pose.covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.03)
+
+
+def test_wrong_knowledge_is_noticed() -> None:
+    scene = Scene(5, visible=9, clutter=2)
+    wrong = Rotation.from_euler("y", 90.0, degrees=True).as_matrix() @ scene.R
+    match = scene.match(rm.PosePrior(rotation=(wrong, TURN)))
+    assert scene.is_right(match)
+    assert match.prior_holds is False
+    assert "the prior pose was wrong" in match.advice
+
+
+def test_an_upright_camera_with_a_rotation_or_a_position() -> None:
+    for seed in range(6):
+        scene = Scene(seed)
+        problem = rm.UP2P(CAMERA, scene.down, (0.0, 1.0, 0.0), TILT)
+        for kind in ("rotation", "position"):
+            match = rm.match(scene.body, scene.target, problem, noise=SIGMA, prior=scene.prior(kind))
+            assert scene.is_right(match)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bodies_have_one_each(kind: str) -> None:
+    for seed in range(4):
+        first, second = Scene(seed, clutter=2), Scene(seed + 50, clutter=2)
+        model = np.vstack([first.body, second.body * [1.0, 0.7, 1.2]])
+        scaled = Scene(seed + 50, clutter=2)
+        seen = np.flatnonzero(scaled.truth >= 0)
+        pixels = CAMERA.project(model[9 + seen] @ scaled.R.T + scaled.t) + scaled.rng.normal(0.0, SIGMA, (len(seen), 2))
+        target = np.vstack([first.target, pixels])
+        truth = np.concatenate([first.truth, np.full(9, -1)])
+        truth[9 + seen] = len(first.target) + np.arange(len(seen))
+        prior = {"one": first.prior(kind), "two": scaled.prior(kind)}
+        match = rm.match(
+            model, target, rm.P3P(CAMERA), noise=SIGMA, bodies=["one"] * 9 + ["two"] * 9, prior=prior, seed=seed
+        )
+        assert match.bodies is not None
+        assert not ((match.assignment >= 0) & (match.assignment != truth)).any()
+        assert (match.assignment >= 0).sum() >= 8
+        assert all(body.prior_holds for body in match.bodies.values())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rig_takes_it(kind: str) -> None:
+    side = Rotation.from_euler("y", 20.0, degrees=True).as_matrix()
+    views = [(CAMERA, np.eye(3), np.zeros(3)), (CAMERA, side, np.array([-0.3, 0.0, 0.05]))]
+    for seed in range(4):
+        scene = Scene(seed)
+        rows = [np.column_stack([scene.target, np.zeros(len(scene.target))])]
+        shown = np.flatnonzero(scene.truth >= 0)
+        placed = (scene.body[shown] @ scene.R.T + scene.t) @ side.T + views[1][2]
+        other = CAMERA.project(placed) + scene.rng.normal(0.0, SIGMA, (len(shown), 2))
+        rows.append(np.column_stack([other, np.ones(len(other))]))
+        match = rm.match(
+            scene.body, np.vstack(rows), rm.P3P(rm.Rig(views)), noise=SIGMA, prior=scene.prior(kind), seed=seed
+        )
+        assert match.sightings is not None
+        assert match.prior_holds
+        np.testing.assert_array_equal(match.sightings.assignment[0], scene.truth)
+        np.testing.assert_array_equal(match.sightings.assignment[1][shown], len(scene.target) + np.arange(len(shown)))
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_a_tracker_is_told_in_every_frame(labelled: bool) -> None:
+    labels = {"bodies": ["hand"] * 9} if labelled else {}
+    tracker = rm.Tracker(Scene(0).body, rm.P3P(CAMERA), noise=SIGMA, **labels)  # type: ignore[arg-type]
+    for k in range(5):
+        scene = Scene(7)
+        rng = np.random.default_rng(k)
+        target = scene.target + rng.normal(0.0, 0.1, scene.target.shape)
+        known = scene.prior("rotation")
+        prior: Any = {"hand": known} if labelled else known
+        match = tracker.update(target, prior=prior)
+        assert scene.is_right(match)
+    assert all(state is rm.TrackingState.TRACKING for state in tracker.states.values())
+    with pytest.raises(rm.InputError, match=r"^prior"):
+        tracker.update(scene.target, prior=3)  # type: ignore[arg-type]
