@@ -25,6 +25,7 @@ from commands import descendants
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, read_frames
+from rootmatch.io.known_files import read_known
 from test_tracker import BODY, frame
 from test_worker_lifetime import running
 
@@ -464,3 +465,41 @@ def test_noise_of_the_model_as_an_option_or_as_columns(folder: Path, tmp_path: P
     wrong = run("match", plain, image, *OPTIONS, "--source-noise", "-1")
     assert wrong.exit_code == 2
     assert "--source-noise: -1 given; a standard deviation is not negative" in wrong.stderr
+
+
+def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None:
+    """A rotation of each frame: for one image, for many, and for a tracker; of a body by its label."""
+    both = folder / "model.csv", folder / "frames.csv"
+    records = [json.loads(line) for line in run("track", *both, *OPTIONS, "--json").stdout.splitlines()]
+    poses = {record["frame"]: record["pose"] for record in records if record["pose"] is not None}
+    rows = [[number, *pose["quaternion"], 2.0, *[""] * 4] for number, pose in poses.items()]
+    header = "qx,qy,qz,qw,q_sigma,tx,ty,tz,t_sigma"
+    known = write(tmp_path / "known.csv", f"frame,{header}", rows)
+    for command in ("match", "track"):
+        result = run(command, *both, *OPTIONS, "--known", known, "--json")
+        told = [json.loads(line) for line in result.stdout.splitlines() if line.startswith("{")]
+        assert [one["status"] for one in told].count("matched") >= len(poses) - 1
+    image = write(tmp_path / "image.csv", "x,y", frame(0)[0].tolist())
+    one = write(tmp_path / "one.csv", header, [rows[0][1:]])
+    assert run("match", folder / "model.csv", image, *OPTIONS, "--known", one).exit_code == 0
+    refused = run("match", folder / "model.csv", image, *OPTIONS, "--known", one, "--prior", one)
+    assert "--known: --prior is given" in refused.stderr
+    bodies = write(tmp_path / "model.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
+    labelled = write(tmp_path / "labelled.csv", f"frame,body,{header}", [[row[0], "hmd", *row[1:]] for row in rows])
+    assert "hmd" in run("track", bodies, folder / "frames.csv", *OPTIONS, "--known", labelled, "--json").stdout
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "text"),
+    [
+        ("qx,qy,qz,qw", [0, 0, 0, 1], "the column q_sigma is missing; give qx,qy,qz,qw,q_sigma or none of them"),
+        ("tx,ty,tz,t_sigma", [0, 0, "", 1], "row 2: tz is empty"),
+        ("tx,ty,tz,t_sigma", [0, 0, 1, -1], "row 2: t_sigma is '-1'; give a number of 0 or more"),
+        ("qx,qy,qz,qw,q_sigma", [0, 0, 0, 2, 1], "row 2: pose: a quaternion of length 2 given"),
+        ("frame,time,tx,ty,tz,t_sigma", [0, 0, 0, 0, 1, 1], "columns frame and time; give one of them"),
+        ("vx,vy,vz,wx,wy,wz,v_sigma", [0, 0, 0, 0, 1, 0, 1], "row 2: prior: vertical: a direction of length 0 given"),
+    ],
+)
+def test_knowledge_that_cannot_be_read(tmp_path: Path, header: str, row: list[Any], text: str) -> None:
+    with pytest.raises(InputError, match=re.escape(text)):
+        read_known(write(tmp_path / "bad.csv", header, [row]))

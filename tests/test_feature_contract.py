@@ -92,6 +92,10 @@ class World:
         R, t = self.poses[body]
         return rm.Pose(R, t + off * deviation * np.array([0.5, -0.4, 0.6]), np.eye(6) * deviation**2)
 
+    def turn(self, body: int = 0) -> rm.PosePrior:
+        """A rotation of a body that is known to two degrees."""
+        return rm.PosePrior(rotation=(self.poses[body][0] @ about_y(0.03), math.radians(2.0)))
+
     def options(self, k: int) -> dict[str, Any]:
         """What the features ask for in frame k."""
         target, truth = self.frames[k]
@@ -112,6 +116,11 @@ class World:
                 "prior": {label: self.pose(b) for b, label in enumerate(LABELS)}
                 if "bodies" in self.features
                 else self.pose()
+            },
+            "PosePrior": lambda: {
+                "prior": {label: self.turn(b) for b, label in enumerate(LABELS)}
+                if "bodies" in self.features
+                else self.turn()
             },
             "noises": lambda: {"noise": self.sigma * rng.uniform(0.9, 1.2, n_target)},
             "auto noise": lambda: {"noise": "auto"},
@@ -220,6 +229,7 @@ FEATURES: dict[str, Feature] = {
     "empty frame": Feature("frame", holds_empty),
     "bodies": Feature("bodies", holds_bodies),
     "prior": Feature("prior", holds_prior),
+    "PosePrior": Feature("prior", holds_prior),
     "weights": Feature("candidates", holds_candidates),
     "candidates": Feature("candidates", holds_candidates),
     "noises": Feature("noise"),
@@ -249,6 +259,8 @@ TRIPLES = [
     ("bodies", "Tracker", "normals"),
     ("bodies", "Tracker", "max_seconds"),
     ("source_noise", "rig", "Tracker"),
+    ("PosePrior", "rig", "bodies"),
+    ("PosePrior", "bodies", "Tracker"),
     ("source_noise", "rig", "bodies"),
     ("source_noise", "bodies", "Tracker"),
 ]
@@ -258,6 +270,7 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("UP2P", "rig"): "camera: a Rig given, which P3P alone takes",
     ("Rigid", "Tracker"): "prior: rigid has no camera",
     ("Rigid", "prior"): "prior: rigid has no camera",
+    ("Rigid", "PosePrior"): "prior: rigid has no camera",
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
     ("rig", "auto noise"): "noise: it is not estimated for a rig",
