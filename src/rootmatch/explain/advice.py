@@ -56,5 +56,6 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
         if unsure:
             text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:
-        text += "; the predicted pose was wrong, this one was found without it"
+        known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
+        text += f"; {known} was wrong, this one was found without it"
     return f"{text}; max_seconds ended it before it was finished" if stopped_early else text
