@@ -51,12 +51,12 @@ def read_known(path: Path) -> dict[Key, PosePrior]:
         when = [(name, number(path, row, name, cells[name])) for name in ("frame", "time") if name in cells]
         key: Key = (when[0] if when else None, cells.get("body"))
         keys.append((row, key))
-        values = {name: _value(name, group) for name, group in given.items() if group is not None}
-        if values:
-            try:
+        try:
+            values = {name: _value(name, group) for name, group in given.items() if group is not None}
+            if values:
                 known[key] = PosePrior(**values)  # type: ignore[arg-type]
-            except InputError as error:
-                raise InputError(f"{path}, row {row}: {error}") from None
+        except InputError as error:
+            raise InputError(f"{path}, row {row}: {error}") from None
     refuse_repeats(path, keys, "frame and body")
     return known
 
