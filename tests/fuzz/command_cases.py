@@ -39,7 +39,7 @@ FRESH = 0.005
 DYING = 60.0
 """Seconds of the clock that it then has; other work may keep the processors."""
 USUAL = (0, 1, 2, 130)
-PROGRESS = r"(hyper-edges|kernels|scenes): |.* rows to work out$"
+PROGRESS = r"(hyper-edges|kernels|scenes): |.*: \d+ rows to "
 """How lines of progress begin."""
 
 _world = np.random.default_rng(0).uniform(-2.0, 2.0, (6, 3))
