@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
+from threading import Event
 from typing import Any
 
 import numba
@@ -15,7 +16,7 @@ from rootmatch.deadline import Pace, checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import LONGEST, in_threads
 from rootmatch.options import Options, option
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
@@ -33,6 +34,8 @@ MOST_LISTED = 5_000_000
 """Sets of source points that are listed with their minimal sets, which takes two gigabytes. A round value."""
 SECONDS_PER_SET = 4e-6
 """That this takes."""
+SECONDS_PER_LOOKUP = 5e-9
+"""That a detection takes for each point that an image of a minimal set predicts, at all of its roots."""
 
 
 def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
@@ -101,18 +104,31 @@ class Completion(Options):
         tasks = self._tasks(tables, shape[0], order)
         results: list[tuple[Integers, int]] = [(np.empty((0, 2 * order), np.int64), 0)] * len(tasks)
 
+        # so many images of a minimal set between two looks at the time and for signals
+        most = max(int(LONGEST / (SECONDS_PER_LOOKUP * shape[1] * shape[0])), 1)
+        slices = [images[first : first + most] for first in range(0, len(images), most)]
+        deadline, stopped = task.deadline.part(SEARCHED), Event()
+
         def work(first: int, last: int) -> None:
             completions = Completions(tables, images, self.gate**2, task.allowed)
             for number in range(first, last):
                 base, others = tasks[number]
-                found, evaluated = completions.of(base, others)
+                parts = []
+                for completions.images in slices:
+                    parts.append(completions.of(base, others))
+                    if stopped.is_set() or deadline.passed():
+                        break
+                found = np.concatenate([rows for rows, _ in parts])
                 source = np.concatenate([np.tile(base, (len(found), 1)), found[:, :1]], axis=1)
-                results[number] = np.concatenate([source, found[:, 1:]], axis=1), evaluated
+                results[number] = np.concatenate([source, found[:, 1:]], axis=1), sum(count for _, count in parts)
 
         threads = int(numba.get_num_threads())
-        pace, done = Pace(task.deadline.part(SEARCHED)), 0
+        pace, done = Pace(deadline), 0
         while done < len(tasks) and (few := pace.block(min(AT_ONCE * threads, len(tasks) - done))):
-            in_threads(lambda first, last, done=done: work(done + first, done + last), few, threads, 4)  # type: ignore[misc]
+            in_threads(
+                lambda first, last, done=done: work(done + first, done + last),  # type: ignore[misc]
+                few, threads, 4, stopped=stopped,
+            )  # fmt: skip
             done += few
             if task.progress is not None:
                 task.progress(done, len(tasks))
