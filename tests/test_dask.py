@@ -125,6 +125,14 @@ class TestErrors:
         with pytest.raises(rm.InputError, match=r"127\.0\.0\.1:1 does not answer.*dask scheduler"):
             self.match(scheduler="tcp://127.0.0.1:1")
 
+    @pytest.mark.parametrize("scheduler", ["results", "tcp://127.0.0.1", "tcp://127.0.0.1:99999999", "ftp://x"])
+    def test_what_is_no_address(self, scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        distributed = pytest.importorskip("distributed")
+        # a client that was begun would wait for itself when it is let go
+        monkeypatch.setattr(distributed, "Client", None)
+        with pytest.raises(rm.InputError, match=f"{scheduler} does not answer"):
+            self.match(scheduler=scheduler)
+
     def test_without_dask(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def absent(name: str) -> Any:
             raise ImportError(name)

@@ -207,7 +207,8 @@ def test_every_solver_keeps_to_a_deadline(name) -> None:  # type: ignore[no-unty
     assert not cut.converged
 
 
-def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two() -> None:
+@pytest.mark.parametrize("exchanges", [False, True])
+def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two(exchanges: bool) -> None:
     rng = np.random.default_rng(1)
     tuples = [rng.permuted(np.tile(np.arange(n), (4000, 1)), axis=1)[:, :3] for n in (12, 14)]
     unary = rng.random((12, 14))
@@ -215,12 +216,15 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two() -> None:
     index = build_index(AffinityTensor.unchecked(edges, rng.random(4000), (12, 14), unary).merged())
     nothing = np.full(12, -1)
     (whole,), (value,), (moves,) = climb_from(
-        index, empty_state(index), nothing[None], penalty=0.0, limit=10_000, exchanges=False
+        index, empty_state(index), nothing[None], penalty=0.0, limit=10_000, exchanges=exchanges
     )
     search = MultiStart(MultiStartAscent(), index, Deadline(1e6, clock=Clock(1e-3)))
-    (image,), (same,), (made,) = search.ascent_in_steps(nothing, 0.0, exchanges=False)
+    (image,), (same,), (made,) = search.ascent_in_steps(nothing, 0.0, exchanges=exchanges)
     np.testing.assert_array_equal(image, whole)
     assert (same, made) == (value, moves)
+    images, values, made = search.ascents_in_steps(np.array([nothing, whole]), 0.0, exchanges, threads=2)
+    np.testing.assert_array_equal(images[0], whole)
+    assert (values[0], made[0]) == (value, moves)
     search = MultiStart(MultiStartAscent(), index, Deadline(1e-9, clock=Clock(1.0)))
     search.polish()  # of nothing, as no ascent was made
     assert search.solution().assignment.tolist() == nothing.tolist()

@@ -7,10 +7,12 @@ import pytest
 
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.enumeration import (
+    estimated_count,
     exhaustive_count,
     random_hyperedges,
     source_bases,
     subsets,
+    sweep_cost,
     target_arrangements,
     wide_first,
 )
@@ -40,6 +42,22 @@ def test_subsets_are_all_combinations_and_the_callers_own(n: int, size: int) -> 
 def test_bases_leave_a_later_point() -> None:
     bases = source_bases(6, 4)
     assert [tuple(map(int, row)) for row in bases] == list(combinations(range(5), 3))
+
+
+def test_a_mask_leaves_out_points_without_a_candidate_and_its_sweep_costs_what_is_looked_at() -> None:
+    usable = np.array([True, False, True, True, False, True])
+    assert source_bases(6, 3, usable).tolist() == [[0, 2], [0, 3], [2, 3]]
+    assert target_arrangements(6, 2, usable).tolist() == [list(one) for one in permutations([0, 2, 3, 5], 2)]
+    pairs = np.eye(300, dtype=np.bool_)
+    assert estimated_count(300, 300, 4, pairs) < 1e9 < 1e13 < sweep_cost(300, 300, 4, pairs)
+    assert sweep_cost(9, 8, 4, None) == exhaustive_count(9, 8, 4)
+
+
+def test_a_list_beyond_memory_is_refused() -> None:
+    with pytest.raises(InputError, match="more than is listed"):
+        subsets(3000, 3)
+    with pytest.raises(InputError, match="more than is listed"):
+        target_arrangements(3000, 3)
 
 
 def _drawn(count: int, block: int, **more: object) -> tuple[np.ndarray, np.ndarray]:
