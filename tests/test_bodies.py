@@ -207,14 +207,14 @@ def test_of_two_bodies_that_are_not_sure_the_likelier_keeps_the_detections() -> 
     task = MatchingTask.of(rm.P3P(CAMERA), np.concatenate([first, second]), target, noise=0.3, bodies=[0] * 7 + [1] * 7)
     right, own = (explain(task.body(k)) for k in range(2))
     assert np.array_equal(right.assignment, expected)
-    stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1))
+    stolen = replace(judged(own, rm.Status.MATCHED, 0.93), assignment=np.append(expected[:6], -1), log_odds=1.0)
     ambiguous = judged(right, rm.Status.AMBIGUOUS, 0.55)
     bodies = [
         _Body(0, 0, np.arange(7), match=ambiguous),
         _Body(1, 1, np.arange(7, 14), match=stolen),
     ]
-    assert _evidence(task, bodies[0]) > _evidence(task, bodies[1])
-    assert _evidence(task, _Body(0, 0, np.arange(7), match=replace(right, assignment=np.full(7, -1)))) == -np.inf
+    assert _evidence(bodies[0]) > _evidence(bodies[1])
+    assert _evidence(_Body(0, 0, np.arange(7), match=replace(right, log_odds=None))) == -np.inf
     _make_exclusive(task, bodies, np.ones(len(target), np.bool_), explain, 1000)
     for one, there in zip(bodies, (expected, other), strict=True):
         assert one.match is not None

@@ -7,49 +7,8 @@ import pytest
 
 import rootmatch as rm
 from posteriors import told
-from rootmatch.explain.assessment import confidence_against_chance
-from rootmatch.explain.assignment_posterior import Misfit, Ranked
-from rootmatch.explain.confidence import Marginals, marginals
 from rootmatch.explain.task import MatchingTask
-from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.simulation import three_plus_one_scene, up2p_scene
-
-
-def test_marginals_sum_over_local_changes_and_other_poses() -> None:
-    # of three assignments: the second exchanges two points, the third is another pose
-    best, swapped, other = np.array([0, 1, 2, 3, 4]), np.array([1, 0, 2, 3, 4]), np.array([4, 3, 1, 0, 2])
-    logarithms = np.log([1.0, 0.5, 0.25])
-    changes = one_change_neighbours(best, 5, resize=True)
-    found = marginals([best, swapped, other], logarithms, changes, np.full(len(changes.source), -50.0), 1.0)
-    pose = 1.5 / 1.75
-    assert found.pose == pytest.approx(pose)
-    np.testing.assert_allclose(found.each, pose * np.array([1 / 1.5, 1 / 1.5, 1.0, 1.0, 1.0]))
-    assert found.unmatched.max() < 1e-12
-    # with a pose as likely as that, nothing is sure enough
-    assert found.without_unsure(best, 3, 0.1) is None
-    sure = marginals([best, swapped], logarithms[:2], changes, np.full(len(changes.source), -50.0), 1.0)
-    np.testing.assert_array_equal(sure.without_unsure(best, 3, 0.1), [-1, -1, 2, 3, 4])
-    assert sure.without_unsure(best, 4, 0.1) is None
-
-
-def test_confidence_where_all_may_be_chance() -> None:
-    each, assignment = np.array([0.9, 0.6, 0.8]), np.array([4, 1, -1])
-    pose = Marginals(each, np.zeros(3), 1.0)
-    before = 0.0
-    for odds in (-700.0, -10.0, -3.0, 0.0, 5.0, 700.0):
-        found = Ranked([assignment], np.zeros(1), odds, Misfit(0.0, 1.0, 1), pose)
-        first, second, unmatched = confidence_against_chance(found, assignment)
-        assert first / each[0] == pytest.approx(second / each[1])
-        # of what is chance no match is right, and every point is rightly unmatched
-        real = first / each[0]
-        assert unmatched == pytest.approx(1.0 - real + real * each[2])
-        assert before <= real <= 1.0
-        before = real
-        if odds == -10.0:
-            assert real < 1e-3
-        if odds == 0.0:
-            assert 0.9 < real < 0.99
-    assert before == 1.0
 
 
 def test_no_confidence_in_matches_of_unrelated_points() -> None:

@@ -7,10 +7,8 @@ import pytest
 
 import rootmatch as rm
 from posteriors import told
-from rootmatch.explain import assessment
-from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.explain.task import MatchingTask
-from rootmatch.simulation import p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import p3p_scene, up2p_scene
 
 
 def task_of(scene, **more):  # type: ignore[no-untyped-def]
@@ -95,30 +93,3 @@ def test_noise_said_to_be_too_small_does_not_empty_the_answer() -> None:
         scene = up2p_scene(10, 5, 1.0, seed)
         right += scene.accuracy(rm.match(scene.source, scene.target, scene.problem, noise=0.5).assignment)
     assert right >= 9.5
-
-
-def test_two_views_are_told_from_chance() -> None:
-    """The odds against clutter alone: high for what belongs together, low for what does not."""
-    true, false = [], []
-    for seed in range(8):
-        scene = three_plus_one_scene(10, 10, 1.0, seed, baseline=1.0)
-        true.append(ranked(task_of(scene), [scene.truth]).beyond_chance)
-        rng = np.random.default_rng(seed)
-        chosen = rng.permutation(20)[:10]
-        unrelated = MatchingTask.of(scene.problem, rng.uniform((120, 40), (520, 440), (10, 2)), scene.target, noise=1.0)
-        false.append(ranked(unrelated, [chosen]).beyond_chance)
-    assert min(true) > np.log(100.0) > 0.0 > max(false)
-
-
-def test_a_clear_answer_is_the_most_probable_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is not looked at any closer would have come to the same."""
-    clear = []
-    for seed in range(20):
-        scene = three_plus_one_scene(8, 4, 0.3, seed, baseline=1.0)
-        given = rm.match(scene.source, scene.target, scene.problem, noise=0.3, sampler="exhaustive")
-        with monkeypatch.context() as patch:
-            patch.setattr(assessment, "clear", lambda *_: clear.append(False))
-            closer = rm.match(scene.source, scene.target, scene.problem, noise=0.3, sampler="exhaustive")
-        np.testing.assert_array_equal(given.assignment, closer.assignment)
-        assert given.status is closer.status
-    assert len(clear) == 20

@@ -225,7 +225,8 @@ def test_match(name: str, case: Case) -> None:
     right(match, case)
     assert match.status is rm.Status.MATCHED
     assert match.score == pytest.approx(match.tensor.score(match.assignment))
-    weighed = case.problem.fits_answers or case.problem.point_clouds(match.task.points) is not None
+    points, problem = match.task.points, case.problem
+    weighed = problem.takes_prior or any(one(points) is not None for one in (problem.point_clouds, problem.two_views))
     assert (match.probability is not None) == weighed
 
 

@@ -136,7 +136,7 @@ def match(
         against the pose. Estimated by default.
     min_probability : float, optional
         Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
-        doubtful ones are left out. By default 0.95, and 0.9 between two views.
+        doubtful ones are left out. By default 0.95.
     candidates : (n, n') array, optional
         Bool: the possible correspondences. Numbers: prior weights; 0 excludes a correspondence.
     bodies : (n,) array of whole numbers or strings, optional

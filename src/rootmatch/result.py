@@ -13,12 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.explain.advice import advice
-from rootmatch.explain.assessment import (
-    confidence_against_chance,
-    confidence_in,
-    weighed,
-)
-from rootmatch.explain.assignment_posterior import Ranked
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
@@ -167,9 +161,8 @@ class Match:
     def probability(self) -> float | None:
         """Posterior probability that the whole assignment is right.
 
-        For a camera pose and for two point sets it comes from a model of all observations, in which the object may also
-        be absent (docs/model.md). Between two views it assumes that one of the assignments considered is right. None if
-        the problem fits no poses, for the paper's residuals and with several motions.
+        It comes from a model of all observations, in which the object may be absent, or two views may have nothing in
+        common (docs/model.md). None if the problem fits no poses, for the paper's residuals and with several motions.
         """
         if self.finding.probability is not None:
             return self.finding.probability
@@ -178,8 +171,7 @@ class Match:
         if self.bodies is not None:
             known = [body.probability for body in self.bodies.values()]
             return None if None in known else float(np.prod(np.array(known, np.float64)))
-        found = self._weighed
-        return None if found is None else found.probability_of_assignment(self.assignment)
+        return None
 
     @cached_property
     def confidence(self) -> NDArray[np.float64]:
@@ -201,14 +193,7 @@ class Match:
             return confidence
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motion_labels)
-        if self.status is Status.UNTRUSTED and self._weighed is not None:
-            return confidence_against_chance(self._weighed, self.assignment)
-        return confidence_in(self._weighed, self.assignment)
-
-    @cached_property
-    def _weighed(self) -> Ranked | None:
-        """Source of probability and confidence if the status needed neither: computed once for both."""
-        return weighed(self.task, self.finding.every)
+        return np.full(len(self.assignment), np.nan)
 
     @cached_property
     def log_odds(self) -> float | None:
@@ -220,8 +205,7 @@ class Match:
         if self.bodies is not None:
             known = [body.log_odds for body in self.bodies.values()]
             return None if None in known else float(np.sum(np.array(known, np.float64)))
-        found = self._weighed
-        return None if found is None else found.beyond_chance
+        return None
 
     @property
     def source(self) -> Floats:

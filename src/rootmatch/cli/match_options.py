@@ -147,7 +147,7 @@ MinProbability = Annotated[
     typer.Option(
         metavar="P",
         help="Lowest posterior probability of a match that is trusted.",
-        show_default="0.95, and 0.9 between two views",
+        show_default="0.95",
         rich_help_panel=INPUT,
     ),
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.decide import TRUST, Status
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.problems.base import Problem
 
@@ -52,7 +52,7 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
             f'give {told}, or noise="auto", and check {problem.to_check}'
         )
     if finding.status is Status.MATCHED and confidence is not None:
-        unsure = int((confidence < TRUST.probability).sum())
+        unsure = int((confidence < MIN_PROBABILITY).sum())
         if unsure:
             text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:

@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.errors import UnseenPixelError
-from rootmatch.explain.assessment import fits
-from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.explain.body_findings import among_all, joined
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
-from rootmatch.explain.decide import TRUST, Status
-from rootmatch.explain.detection_odds import DEFAULT_OPTIONS
+from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
 from rootmatch.explain.rig_copies import RigCopies
@@ -39,8 +36,6 @@ LATE = "max_seconds were over before it was searched for"
 LISTED = 5
 """Number of alternatives of a doubtful match that another body may rule out by taking their detections. A round
 value."""
-AS_GIVEN = replace(DEFAULT_OPTIONS, rounds=0)
-"""Options without a search for neighbours of assignments."""
 ORDER = (Status.MATCHED, Status.AMBIGUOUS, Status.UNTRUSTED)
 """Statuses in the order in which uncertain bodies get their detections."""
 
@@ -85,7 +80,7 @@ class _Body:
             return True
         fewer = int(free.sum()) < self.among
         if self.cut:
-            doubt = self.match.status is Status.AMBIGUOUS and self.probability < TRUST.probability
+            doubt = self.match.status is Status.AMBIGUOUS and self.probability < MIN_PROBABILITY
             return fewer or (budget > self.budget and not doubt)
         if self.match.status is Status.UNTRUSTED:
             return fewer
@@ -233,7 +228,7 @@ def _make_exclusive(
     """Give the free detections to the uncertain bodies, first to those whose matches are least likely to be chance."""
     waiting = [body for body in bodies if not body.settled]
     _contest(waiting)
-    evidence = {body.number: _evidence(task, body) for body in waiting}
+    evidence = {body.number: _evidence(body) for body in waiting}
     doubtful = np.zeros(task.shape[1], np.bool_)  # taken by a body that may also be elsewhere
     while waiting:
         waiting.sort(key=lambda body: (ORDER.index(body.match.status), -evidence[body.number]))  # type: ignore[union-attr]
@@ -259,11 +254,8 @@ def _contest(waiting: list[_Body]) -> None:
             body.match = body.match.with_facts(contested=True)
 
 
-def _evidence(task: MatchingTask, body: _Body) -> float:
+def _evidence(body: _Body) -> float:
     """Log-odds of a body's matches against all detections being clutter; −∞ where they have none."""
     assert body.match is not None
-    own = task.body(body.number)
-    if not fits(own, body.match.assignment):
-        return -math.inf
-    found = ranked(own, [body.match.assignment], AS_GIVEN).beyond_chance
-    return found if math.isfinite(found) else -math.inf
+    found = body.match.log_odds
+    return found if found is not None and math.isfinite(found) else -math.inf

@@ -17,30 +17,13 @@ class TrustOptions:
 
     Parameters
     ----------
-    probability : float
-        Least probability of a matched assignment: above it, 99 in 100 are right (`benchmarks/reliability.py`).
     margin : float
         Least lead in score of a matched assignment if no probability is known.
     false_alarms : float
         Decimal logarithm of the expected number of false alarms up to which an assignment is trusted.
-    beyond_clutter : float
-        Logarithm of the odds against clutter alone from which an assignment of two views is trusted, whatever its
-        score.
-    present : float
-        Prior log-odds that two views show the same points: they enter the confidence of untrusted matches, not the
-        status. On tuning seeds (`benchmarks/constellations.py`, `benchmarks/accuracy.py`) 9 of 10 matches of untrusted
-        assignments with even odds against chance were right, and unrelated points never had odds above −6.
-    listed, listed_probability : int, float
-        Such an assignment is trusted if, with that probability, the right one is among it and so many alternatives, or
-        its pose is right.
-    wrong : float
-        Fraction of its matches that may be expected to be wrong in a matched assignment of many points. A round value.
     missed : float
         Probability of having missed another pose that explains as much, beyond which an assignment is ambiguous: the
         search was cut short before it looked for one. A round value; searches that end by themselves are below 0.05.
-    kept : float
-        Least fraction of matches that must remain when doubtful ones are left out for an assignment to be called
-        matched rather than ambiguous. A round value.
     noise_factor, noise_chance : float
         Factor on σ suggested by the residuals about the best pose, from which an assignment is not trusted if such
         residuals are rarer than this chance when σ is right: σ was stated too small, and points may be missing. With σ
@@ -54,38 +37,24 @@ class TrustOptions:
         0.3, accidental ones seldom more than 0.2.
     last_support, last_pairs : float, int
         The same share if at most so many pairs would remain, which leaves little room for accidents.
-    clear_margin, clear_support, clear_rival : float
-        Lead in score, least support of a matched point and most support of any other match, both over the median
-        support, with which an assignment is clear and its neighbours are not fitted: none of 2050 such assignments on
-        the tuning seeds was wrong.
     """
 
-    probability: float = 0.9
     margin: float = 0.2
     false_alarms: float = -2.0
-    beyond_clutter: float = math.log(100.0)
-    present: float = 3.0
-    listed: int = 5
-    listed_probability: float = 0.95
     noise_factor: float = 1.9
     noise_chance: float = 1e-3
     most_named: float = 8.0
-    kept: float = 0.9
-    wrong: float = 0.01
     missed: float = 0.5
     alternatives: int = 16
     support: float = 0.25
     last_support: float = 0.1
     last_pairs: int = 4
-    clear_margin: float = 0.5
-    clear_support: float = 0.4
-    clear_rival: float = 0.05
 
 
 TRUST = TrustOptions()
 MIN_PROBABILITY = 0.95
-"""Least probability of a match that is trusted by a model of the image or of two point sets. On seeds from 1000 of
-benchmarks/evidence.py, 0.9 trusted 5 wrong matches of 480 controllers with 4 and 5 LEDs, and 0.95 none."""
+"""Least probability of a match that is trusted by a model of the image, of two views, or of point sets. On seeds from
+1000 of benchmarks/evidence.py, 0.9 trusted 5 wrong matches of 480 controllers with 4 and 5 LEDs, and 0.95 none."""
 
 
 class Status(Enum):
@@ -122,7 +91,7 @@ class Facts:
     """Posterior probability of the assignment, given that one of those considered is right."""
     present: float | None = None
     """Posterior probability that the object is there, if a model of all observations gives one."""
-    min_probability: float = TRUST.probability
+    min_probability: float = MIN_PROBABILITY
     """Least probability of a match that is trusted."""
     missed: float = 0.0
     """Probability that a pose which explains as much was never met."""

@@ -26,8 +26,9 @@ from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
 from rootmatch.explain.rig_copies import RigCopies, copies_task, is_rig
 from rootmatch.explain.rig_search import match_copies
 from rootmatch.explain.sampling import affordable, sample, swept
-from rootmatch.explain.searched_solution import searched_solution
 from rootmatch.explain.task import MatchingTask
+from rootmatch.explain.two_view_decision import assessed as judged_by_views
+from rootmatch.explain.two_view_decision import model_of as two_view_model
 from rootmatch.solvers.base import solved
 
 SOLVED = 0.6
@@ -90,20 +91,20 @@ def _several_motions(task: MatchingTask) -> Finding:
 def _one_motion(task: MatchingTask) -> Finding:
     """Sampled hyper-edges, solved and judged; all of them if a quick search finds no match to trust."""
     sampled = sample(task)
-    by_image = is_modelled(task)
-    if by_image and sampled.assignments is not None and len(sampled.assignments) and task.options.solver is None:
-        found = judged_by_image(task, sampled)
+    by_image, views = is_modelled(task), two_view_model(task)
+    modelled, named = by_image or views is not None, sampled.assignments
+    solution = None
+    if not modelled or named is None or not len(named) or task.options.solver is not None:
+        deadline = task.deadline.part(SOLVED)
+        solver = task.options.solver_after(named is not None)
+        solution = solved(solver, affordable(sampled.tensor, deadline), task.options.seed, deadline)
+    if by_image:
+        found = judged_by_image(task, sampled, solution)
+    elif views is not None:
+        found = judged_by_views(task, views, sampled, solution)
     else:
-        solution = searched_solution(task, sampled)
-        if solution is None:
-            deadline = task.deadline.part(SOLVED)
-            tensor = affordable(sampled.tensor, deadline)
-            solver = task.options.solver_after(sampled.assignments is not None)
-            solution = solved(solver, tensor, task.options.seed, deadline)
-        if by_image:
-            found = judged_by_image(task, sampled, solution)
-        else:
-            found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
+        assert solution is not None
+        found = solution_by_model(task, solution, sampled) or assess(task, solution, sampled)
     if not found.status and (every := swept(task, sampled)) is not None:
         again = _explained(every)
         return replace(again, task=task, evaluated=again.evaluated + sampled.evaluated)

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, OutOfTime
-from rootmatch.explain.assessment import does_not_fit
-from rootmatch.explain.assignment_posterior import Misfit
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import Candidate
+from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.predicted_poses import about_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS

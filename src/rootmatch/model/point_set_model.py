@@ -35,7 +35,7 @@ Integers = NDArray[np.int64]
 
 NOISE_FREEDOM = 20.0
 """Degrees of freedom for which the given σ counts: it is known to a sixth. A round value, as
-`PosteriorOptions.noise_freedom`."""
+`rootmatch.model.evidence`."""
 
 
 @dataclass(frozen=True, eq=False)

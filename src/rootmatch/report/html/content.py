@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.explain.assignment_posterior import ranked
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.report.html.camera_view import camera_view
 from rootmatch.report.text import match_weights, summary, weight
@@ -133,13 +132,11 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
 
 def _odds(match: Match) -> Callable[[Integers], float | None]:
     """The posterior probability of each alternative, None if the match has none."""
-    if not match.alternatives or match.bodies or match.probability is None:
-        return lambda other: None
     known = match.finding.other_probabilities
-    if known is not None:
-        chances = {other.tobytes(): chance for (other, _), chance in zip(match.alternatives, known, strict=True)}
-        return lambda other: chances[other.tobytes()]
-    return ranked(match.task, [match.assignment, *(other for other, _ in match.alternatives)]).probability_of_assignment
+    if match.bodies or known is None:
+        return lambda other: None
+    chances = {other.tobytes(): chance for (other, _), chance in zip(match.alternatives, known, strict=True)}
+    return lambda other: chances[other.tobytes()]
 
 
 def _view(

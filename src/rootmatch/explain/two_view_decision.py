@@ -1,0 +1,138 @@
+"""From what was found of two images to what the model of their geometry says of it, and to the facts of a status.
+
+The rule is that of the image of a body: the images show the same points with the probability that is asked for, and so
+do enough of the matches together; they are ambiguous if they show the same points, but not enough matches are sure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import OutOfTime
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import KEPT
+from rootmatch.explain.misfit import Misfit, does_not_fit
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.model.clutter import clutter_areas, clutter_of
+from rootmatch.model.detection_model import HIGHEST_RATE
+from rootmatch.model.two_view_model import TwoViewModel
+from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Solution
+
+Integers = NDArray[np.int64]
+
+AGREED = 0.5
+"""Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
+WRONG = 0.001
+"""Part of the matches of a large assignment that may be expected to be wrong, as of the image of a body."""
+
+
+def model_of(task: MatchingTask) -> TwoViewModel | None:
+    """The model of a task of two views and one motion, in units of the noise; None for every other one."""
+    in_noise = task.affinity.residual.kind in NOISE_KINDS
+    if not in_noise or task.options.is_paper or task.options.packs_motions:
+        return None
+    problem = task.problem
+    if problem.small_baseline > 0.0:  # a prior of hyper-edges, which the model of how far away points are replaces
+        problem = replace(problem, small_baseline=0.0)  # type: ignore[type-var]
+    views = problem.two_views(task.points)
+    if views is None:
+        return None
+    tilt = math.sqrt(2.0) * float(getattr(task.problem, "axis_noise", 0.0))
+    pixels, sigma = task.image
+    camera = getattr(task.problem, "camera2", None) or task.problem.camera  # type: ignore[attr-defined]
+    areas = camera.image_areas(task.points.target)
+    clutter = clutter_of(pixels, sigma, clutter_areas(pixels, sigma) if areas is None else areas)
+    log_weights = None if task.weights is None else candidate_log_odds(task)
+    if task.allowed is not None:
+        log_weights = np.where(task.allowed, 0.0 if log_weights is None else log_weights, -np.inf)
+    rate = task.options.detection_rate
+    return TwoViewModel(
+        views.source.T,
+        views.target.T,
+        views.source_variance - tilt**2,
+        views.target_variance,
+        # a pixel is seen under the angle whose square is that of its noise over that in pixels
+        clutter.log_density - np.log(views.target_variance) + 2.0 * np.log(sigma),
+        planar=views.planar,
+        tilt=tilt,
+        log_weights=log_weights,
+        detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
+    )
+
+
+def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, solution: Solution | None) -> Finding:
+    """The finding of what a search named, or a solver: judged by the model of two views."""
+    named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
+    named += [] if sampled.assignments is None else list(sampled.assignments)
+    named += [] if sampled.consensus is None else [sampled.consensus]
+    nothing = np.full(task.shape[0], -1, np.int64)
+    every = np.array(named, np.int64).reshape(-1, task.shape[0])
+    base = Finding(
+        task=task,
+        assignment=named[0] if named else nothing,
+        others=named[1 : 1 + TRUST.alternatives],
+        facts=Facts(confirmed=False),
+        tensor=sampled.tensor,
+        soft=None if solution is None else solution.soft,
+        converged=solution is None or solution.converged,
+        evaluated=sampled.evaluated,
+    )
+    try:
+        told = posterior(model, every, task.options.seed)
+    except OutOfTime:
+        return base
+    return told_by(base, told, sampled.missed)
+
+
+def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
+    """A finding with the assignment, its facts and its confidence as a posterior tells them."""
+    least = base.task.options.least_probability(MIN_PROBABILITY)
+    facts = Facts(present=told.present, contested=True, min_probability=least)
+    if not len(told.proposals):
+        nothing = np.full(base.task.shape[0], -1, np.int64)
+        return replace(
+            base,
+            assignment=nothing,
+            others=[],
+            facts=replace(facts, probability=told.probability_of(nothing), lead=0.0),
+            scores=[0.0],
+            confidence=told.confidence_in(nothing),
+        )
+    first = told.proposals[0] if told.shares[0] >= AGREED else told.likeliest_pairs
+    probability, confidence = told.probability_of(first), told.confidence_in(first)
+    fault = Misfit.of(*told.chi2_of(first))
+    matched = np.flatnonzero(first >= 0)
+    order = matched[np.argsort(-confidence[matched], kind="stable")]
+    doubt = max(1.0 - least, WRONG * len(matched))
+    kept = order[np.cumsum(1.0 - confidence[order]) <= doubt]
+    enough = len(kept) >= max(base.task.problem.minimal + 1, KEPT * len(matched))
+    if enough and missed <= TRUST.missed:
+        facts = replace(facts, contested=False, sure_of_the_rest=True)
+    facts = replace(facts, false_alarms=math.inf if does_not_fit(fault) else -math.inf)
+    if replace(base, facts=facts).status is Status.MATCHED and len(kept) < len(matched):
+        sure = np.full_like(first, -1)
+        sure[kept] = first[kept]
+        probability = told.together(first, kept)
+        first, confidence = sure, np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
+    different = ((told.proposals >= 0) & (told.proposals != first)).any(axis=1)
+    others = told.proposals[different][: TRUST.alternatives]
+    return replace(
+        base,
+        assignment=first,
+        others=list(others),
+        other_probabilities=[told.probability_of(other) for other in others],
+        facts=replace(facts, probability=probability),
+        soft=told.present * told.marginals if base.soft is None else base.soft,
+        confidence=confidence,
+        log_odds=told.log_odds_of(first),
+        noise_factor=fault.sigma,
+    )

@@ -1,0 +1,250 @@
+"""The model of two images with a known common direction: where a point of the first is seen in the second.
+
+Frames are those of `rootmatch.problems.two_views.TwoViews`: bearings q of the first and p of the second image, y along
+the common direction. A point fulfils λ' p = λ R q + b t, so with u = R q and β the angle between u and t it is seen at
+
+- an angle e from the plane of t and u, N(0, s² (σ'² + σ² (sin(p, t) / sin β)²)): both detections are noisy;
+- a parallax φ from u towards t, which tells its inverse distance r = b / λ = sin φ / sin(β − φ). Inverse distances of a
+  scene are of one order: log r ~ N(μ, τ²), so that φ has the density N(log r; μ, τ²) dr/dφ / r. Noise of φ is added to
+  τ to first order, r is never below its own noise, and a point may lie behind a camera by the noise alone.
+
+Every other detection of the second image is clutter of density f (`rootmatch.model.clutter`), their number Poisson.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.directions import tangent_bases
+from rootmatch.algebra.rotation import cross, rotation_about_y, rotation_from_vector
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NOISE_FREEDOM = 20.0
+"""Degrees of freedom for which the given σ counts: it is known to a sixth. As of point sets."""
+SCALES = (math.log(1e-3), math.log(10.0))
+"""Baselines over distances, from points that hardly move to nearer ones; logarithms. Round values."""
+SPREADS = (math.log(0.05), math.log(1.5))
+"""Spread τ of the logarithm of the distances of one scene: from a shell to all within a factor 20. Round values."""
+LEAST_SINE = 1e-6
+"""Of the angle between a bearing and the baseline. By construction: far below any noise."""
+
+
+class Relative(NamedTuple):
+    """K relative poses, and how far away the points are."""
+
+    turn: Floats
+    """(K,) rotation about y, radians."""
+    translation: Floats
+    """(K, 3) unit vectors t."""
+    tilt: Floats
+    """(K, 2) turns about x and z after that, radians: zero where the common direction is exact."""
+    scale: Floats
+    """(K,) mean μ of the logarithms of the inverse distances, in baselines."""
+    spread: Floats
+    """(K,) logarithm of their standard deviation τ."""
+
+    def take(self, rows: Integers | slice) -> Relative:
+        """Some of them."""
+        return Relative(*(part[rows] for part in self))
+
+    @property
+    def rotation(self) -> Floats:
+        """(K, 3, 3) rotations of the first onto the second view."""
+        rotation = rotation_about_y(np.cos(self.turn), np.sin(self.turn))
+        if not self.tilt.any():
+            return rotation
+        vector = np.zeros((len(self.turn), 3))
+        vector[:, 0], vector[:, 2] = self.tilt[:, 0], self.tilt[:, 1]
+        return np.asarray(rotation_from_vector(vector) @ rotation)
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """All of several, one after the other."""
+        return cls(*(np.concatenate(every) for every in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class TwoViewModel:
+    """Two images, and what is known of them.
+
+    Attributes
+    ----------
+    first, second : (n, 3) and (n', 3) arrays
+        Unit bearings.
+    first_variance, second_variance : (n,) and (n',) arrays
+        Radians² on each axis.
+    log_clutter : (n',) array
+        Logarithm of the density of clutter at each detection, in steradians⁻¹.
+    planar : bool
+        Whether t is orthogonal to the common direction.
+    tilt : float
+        Standard deviation in radians of the one common direction against the other, on each of two axes.
+    log_weights : (n, n') array, optional
+        Of correspondences before anything is seen: zero for the likeliest, −∞ for those that cannot be.
+    detection_rate : float, optional
+        Probability that a point of the first image is in the second; unknown by default.
+    """
+
+    first: Floats
+    second: Floats
+    first_variance: Floats
+    second_variance: Floats
+    log_clutter: Floats
+    planar: bool = False
+    tilt: float = 0.0
+    log_weights: Floats | None = None
+    detection_rate: float | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of points, and of detections."""
+        return len(self.first), len(self.second)
+
+    @property
+    def size(self) -> int:
+        """Parameters p of a pose: an angle, a direction, two tilts if they are unknown, scale and spread."""
+        return (4 if self.planar else 5) + (2 if self.tilt > 0.0 else 0)
+
+    @cached_property
+    def log_volume(self) -> float:
+        """Logarithm of the volume over which the reference prior of a pose is spread, the tilts apart."""
+        directions = 2.0 * math.pi if self.planar else 4.0 * math.pi
+        spans = (SCALES[1] - SCALES[0]) * (SPREADS[1] - SPREADS[0])
+        return math.log(2.0 * math.pi * directions * spans)
+
+    def log_prior(self, poses: Relative) -> Floats:
+        """Logarithm (K,) of the reference density: all rotations and directions, tilts as measured."""
+        inside = (poses.scale > SCALES[0]) & (poses.scale < SCALES[1])
+        inside &= (poses.spread > SPREADS[0]) & (poses.spread < SPREADS[1])
+        tilts = 0.0
+        if self.tilt > 0.0:
+            squared = (poses.tilt**2).sum(axis=1) / self.tilt**2
+            tilts = -0.5 * squared - math.log(2.0 * math.pi * self.tilt**2)
+        return np.where(inside, tilts - self.log_volume, -np.inf)
+
+    def log_ratios(self, poses: Relative, variance: Floats, rows: Integers, columns: Integers) -> Floats:
+        """Log density ratios (K, P) of detections ``columns`` as the images of points ``rows``, against clutter.
+
+        ``variance`` (K,): factor s² on all variances.
+        """
+        log = self.seen(poses, rows, columns, variance[:, None]).log_density
+        log -= self.log_clutter[columns]
+        return log if self.log_weights is None else log + self.log_weights[rows, columns]
+
+    def seen(self, poses: Relative, rows: Integers, columns: Integers, factor: Floats | float = 1.0) -> Seen:
+        """Pairs of points (P,) and detections (P,), or (K, P), at K poses."""
+        u = (self.first @ poses.rotation.swapaxes(-1, -2))[:, rows]
+        p, t = self.second[columns], poses.translation[:, None]
+        k, pt, pu = _dot(u, t), _dot(p, t), _dot(p, u)
+        sine = np.sqrt(np.maximum(1.0 - k * k, LEAST_SINE**2))
+        own = self.first_variance[rows], self.second_variance[columns]
+        ahead, parallax, size2 = pu - k * pt, pt - k * pu, sine * sine
+        with np.errstate(all="ignore"):
+            across = factor * (own[1] + own[0] * (1.0 - pt * pt) / size2)
+            noise = factor * (own[0] + own[1])
+            slope = size2 * sine / (ahead * ahead)
+            floor2 = noise * slope * slope
+            r2 = (parallax / ahead) ** 2 + floor2
+            mean = np.exp(poses.scale)[:, None]
+            # dr / dφ = (1 + 2 r cos β + r²) / sin β
+            mean2 = mean * mean + noise * ((1.0 + mean * (2.0 * k + mean)) / sine) ** 2
+            spread2 = np.exp(2.0 * np.minimum(poses.spread, SPREADS[1]))[:, None] + floor2 / r2
+            z = 0.5 * np.log(r2 / mean2) / np.sqrt(spread2)
+        e = _dot(cross(t, u), p) / (sine * np.sqrt(across))
+        behind = np.minimum(parallax / sine, 0.0) / np.sqrt(noise)
+        return Seen(
+            u=u, p=p, k=k, pt=pt, pu=pu, sine=sine, parallax=parallax, ahead=ahead, across=across, noise=noise,
+            slope=slope, floor2=floor2, r2=r2, mean2=mean2, spread2=spread2, e=e, z=z, behind=behind,
+        )  # fmt: skip
+
+    def moved(self, poses: Relative, step: Floats) -> Relative:
+        """Poses after steps (K, p): turn, direction of t, tilts if they are unknown, scale and spread."""
+        moves = self.bases(poses.translation)
+        d = moves.shape[1]
+        t = poses.translation + (step[:, 1 : 1 + d, None] * moves).sum(axis=1)
+        t /= np.linalg.norm(t, axis=1, keepdims=True)
+        tilt = poses.tilt + (step[:, 1 + d : 3 + d] if self.tilt > 0.0 else 0.0)
+        return Relative(poses.turn + step[:, 0], t, tilt, poses.scale + step[:, -2], poses.spread + step[:, -1])
+
+    def steps_to(self, poses: Relative, others: Relative) -> tuple[Floats, Floats]:
+        """Steps (C, K, p) from C poses to K others, and the logarithm (C, K) of their volume over that of poses.
+
+        Steps to directions on the other side, which `moved` does not reach, are huge.
+        """
+        moves = self.bases(poses.translation)
+        cosine = poses.translation @ others.translation.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            direction = (others.translation @ moves.swapaxes(-1, -2)) / cosine[..., None]
+        direction = np.where(cosine[..., None] > 1e-9, direction, 1e9)
+        turn = (others.turn - poses.turn[:, None] + np.pi) % (2.0 * np.pi) - np.pi
+        parts = [turn[..., None], direction]
+        if self.tilt > 0.0:
+            parts.append(others.tilt - poses.tilt[:, None])
+        parts += [(others.scale - poses.scale[:, None])[..., None], (others.spread - poses.spread[:, None])[..., None]]
+        log_area = 0.5 * (moves.shape[1] + 1.0) * np.log1p((direction**2).sum(axis=-1))
+        return np.concatenate(parts, axis=-1), log_area
+
+    def bases(self, t: Floats) -> Floats:
+        """Directions (K, d, 3) in which t can move."""
+        if self.planar:
+            return cross(np.array([0.0, 1.0, 0.0]), t)[:, None]
+        return np.stack(tangent_bases(t), axis=1)
+
+
+class Seen(NamedTuple):
+    """What a detection p is as the image of a point seen along u after the rotation; all (K, P), vectors (…, 3)."""
+
+    u: Floats
+    p: Floats
+    k: Floats
+    """Cosine of the angle β between u and t."""
+    pt: Floats
+    pu: Floats
+    sine: Floats
+    """Of β."""
+    parallax: Floats
+    """sin β sin φ."""
+    ahead: Floats
+    """sin β sin(β − φ): positive in front of both cameras."""
+    across: Floats
+    """Variance of the angle from the epipolar plane."""
+    noise: Floats
+    """Variance of φ."""
+    slope: Floats
+    """dr / dφ."""
+    floor2: Floats
+    """Square of the noise of r."""
+    r2: Floats
+    """Square of r, not below that."""
+    mean2: Floats
+    """Square of e^μ, not below the square of the noise of r there."""
+    spread2: Floats
+    """Variance of log r, by the scene and by noise."""
+    e: Floats
+    """Angle from the epipolar plane over its σ."""
+    z: Floats
+    """Deviation of log r over its σ."""
+    behind: Floats
+    """Parallax of the wrong sign over its σ, else 0."""
+
+    @property
+    def log_density(self) -> Floats:
+        """Logarithm of the density of the detection per steradian; −∞ behind the second camera."""
+        with np.errstate(all="ignore"):
+            squares = self.e * self.e + self.z * self.z + self.behind * self.behind
+            log = np.log(self.slope * self.slope / (self.across * self.spread2 * self.r2))
+            log = 0.5 * (log - squares) - math.log(2.0 * math.pi)
+        return np.where((self.ahead > 0.0) & np.isfinite(log), log, -np.inf)
+
+
+def _dot(first: Floats, second: Floats) -> Floats:
+    """Products (…,) of vectors (…, 3)."""
+    return np.asarray(np.einsum("...i,...i->...", first, second))

@@ -1,0 +1,299 @@
+"""The posterior of the matches of two images: poses are sampled, and at each pose all assignments are summed.
+
+Given a pose, the number of clutter points Λ and the detection rate δ, the pairs are independent but for their being one
+to one, and the sum over all assignments is exact (`rootmatch.model.matchings`):
+
+    p(y | T, δ, Λ) = e^(−Λ) Λ^n' (1 − δ)ⁿ Σ_o Π_(i,j in o) [δ / (1 − δ)] w_ij p_ij(T) / (Λ f_j) · Π_j f_j
+
+The integral over T, s², δ and Λ is a mean over samples about the poses of proposed assignments (importance sampling
+from a mixture of Student's t distributions, its weights by the density of the whole mixture). Nothing is of first
+order, and no assignment is preferred because it was proposed. What no proposal is near is missed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import checkpoint
+from rootmatch.model.matchings import FEWEST as LEAST_MATCHES
+from rootmatch.model.matchings import Matchings, log_of_enough, matchings
+from rootmatch.model.two_view_fit import distinct, fitted
+from rootmatch.model.two_view_model import Relative, TwoViewModel
+from rootmatch.model.two_view_samples import Samples, about_samples, centres_of, drawn_about, log_drawn, log_prior
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+PRESENT = 0.5
+"""Probability that the two images show the same points, before they are seen. A round value, as of point sets."""
+MISSED = 0.1
+"""Probability that a search proposes no pose near the right one. It bounds how sure it is that the images have
+nothing in common: what was missed may explain them. A stated value, not measured."""
+WRONG_MODEL = 1e-3
+"""Chance that all of it is wrong, whatever the evidence. A round value."""
+FIRST = 128
+"""First samples, which tell where to draw. A round value."""
+FEWEST = 16
+"""First samples of images with so many points that there are less than so many. A round value."""
+MOST_RATIOS = 4_000_000
+"""Pairs of points times first samples: 32 MB."""
+TOGETHER = 100_000
+"""Pairs times samples that are computed together, which bounds the memory: some twenty arrays. Changes no result."""
+NAMED = 5
+"""First of the distinct assignments that were named which are fitted. A round value."""
+SAMPLES = 768
+"""Samples that count. A round value; what the mean leaves open is measured in docs/model.md."""
+LEAST = math.log(1e-3)
+"""Log-odds of a pair below which it counts for nothing. A round value."""
+MARGIN = 3.0
+"""Log-odds below that from which a pair of the first samples is looked at in the second ones. A round value."""
+NEGLIGIBLE = 12.0
+"""Log evidence below the best at which samples count for nothing. A round value."""
+ROUNDS = 3
+"""Most times that samples are drawn about those before. A round value."""
+ENOUGH = 40.0
+"""Effective number of samples (Kish) with which that ends. A round value."""
+LOOKED_AT = 6
+"""Samples whose likeliest assignments are proposed. A round value."""
+
+
+@dataclass(frozen=True, eq=False)
+class TwoViewPosterior:
+    """Samples of the pose with all their assignments, and what follows from them.
+
+    Attributes
+    ----------
+    model : TwoViewModel
+    log_evidence : float
+        Logarithm of the odds that the images show the same points, in a pose near those proposed, against clutter
+        alone, by the images.
+    parts : list of (Relative, weights, Matchings)
+        K samples about each pose, their weights (K,), which sum to one over all parts, and their sums over assignments.
+    """
+
+    model: TwoViewModel
+    log_evidence: float
+    parts: list[tuple[Relative, Floats, Matchings]]
+
+    @property
+    def present(self) -> float:
+        """Probability that the images show the same points, in a pose near those proposed."""
+        found = self.log_evidence + math.log(PRESENT * (1.0 - MISSED))
+        rest = math.log(1.0 - PRESENT * (1.0 - MISSED))
+        return (1.0 - WRONG_MODEL) / (1.0 + math.exp(min(rest - found, 700.0)))
+
+    @cached_property
+    def marginals(self) -> Floats:
+        """Probability (n, n') of each pair if the images show the same points."""
+        marginals = np.zeros(self.model.shape)
+        for _, weights, sums in self.parts:
+            np.add.at(marginals, (sums.rows, sums.columns), weights @ sums.marginals)
+        return marginals
+
+    @cached_property
+    def unmatched(self) -> Floats:
+        """Probability (n,) that each point has no match."""
+        nothing = (1.0 - PRESENT) / (1.0 - PRESENT * (1.0 - MISSED))
+        absent = (1.0 - WRONG_MODEL - self.present) * nothing
+        return np.asarray(absent + self.present * np.maximum(1.0 - self.marginals.sum(axis=1), 0.0))
+
+    def confidence_in(self, assignment: Integers) -> Floats:
+        """Probability (n,) that each point's match, or its being unmatched, is right."""
+        own = self.marginals[np.arange(len(assignment)), np.maximum(assignment, 0)]
+        return np.where(assignment >= 0, self.present * own, self.unmatched)
+
+    @cached_property
+    def likeliest_pairs(self) -> Integers:
+        """The assignment (n,) with the most matches that are expected to be right."""
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
+        rows, columns = linear_sum_assignment(self.marginals, maximize=True)
+        # a pair that is less probable than that its point has no match is none
+        free = 1.0 - self.marginals.sum(axis=1)
+        good = self.marginals[rows, columns] > free[rows]
+        assignment = np.full(len(free), -1, np.int64)
+        assignment[rows[good]] = columns[good]
+        return assignment
+
+    @cached_property
+    def proposals(self) -> Integers:
+        """Assignments (A, n) that are the likeliest at some samples of each pose, the most probable one first."""
+        every = [self.likeliest_pairs] if self.parts else []
+        for _, weights, sums in self.parts:
+            for k in np.argsort(-weights, kind="stable")[:LOOKED_AT]:
+                every.append(_likeliest(sums.log_odds[k], sums.rows, sums.columns, self.model))
+        unlike = np.unique(np.array(every, np.int64).reshape(len(every), self.model.shape[0]), axis=0)
+        return np.asarray(unlike[np.argsort([-self.share(one) for one in unlike], kind="stable")])
+
+    @cached_property
+    def shares(self) -> list[float]:
+        """Of the proposals."""
+        return [self.share(one) for one in self.proposals]
+
+    def share(self, assignment: Integers) -> float:
+        """Probability of an assignment (n,) if the images show the same points."""
+        total, count = 0.0, np.count_nonzero(assignment >= 0)
+        if count < LEAST_MATCHES:
+            return 0.0
+        for _, weights, sums in self.parts:
+            own = assignment[sums.rows] == sums.columns
+            if np.count_nonzero(own) == count:
+                total += float(weights @ np.exp(sums.log_odds[:, own].sum(axis=1) - sums.log_total))
+        return total
+
+    def probability_of(self, assignment: Integers) -> float:
+        """Probability of an assignment (n,), which is never above that of one of its matches."""
+        return self.present * self.share(assignment)
+
+    def log_odds_of(self, assignment: Integers) -> float:
+        """Logarithm of the odds of an assignment (n,) against clutter alone, by the images."""
+        return self.log_evidence + math.log(max(self.share(assignment), 1e-300))
+
+    def together(self, assignment: Integers, some: Integers) -> float:
+        """Probability that some matches of an assignment (n,) are all right: of one pose, they are independent."""
+        total = 0.0
+        for _, weights, sums in self.parts:
+            own = np.isin(sums.rows, some) & (assignment[sums.rows] == sums.columns)
+            if np.count_nonzero(own) == len(some):
+                total += float(weights @ np.prod(sums.marginals[:, own], axis=1))
+        return self.present * total
+
+    def chi2_of(self, assignment: Integers) -> tuple[float, int]:
+        """Squared deviations of an assignment from the epipolar planes, and their degrees of freedom.
+
+        At the sample that they fit best.
+        """
+        own = np.flatnonzero(assignment >= 0)
+        poses = Relative.joined([poses for poses, _, _ in self.parts])
+        e = self.model.seen(poses, own, assignment[own]).e
+        lost = (2 if self.model.planar else 3) + (2 if self.model.tilt > 0.0 else 0)
+        return float((e * e).sum(axis=1).min()), max(len(own) - lost, 0)
+
+
+def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoViewPosterior:
+    """The posterior about the poses of proposed assignments (K, n)."""
+    rng = np.random.default_rng([seed, 17])
+    rows, columns = _possible(model)
+    assignments = assignments[(assignments >= 0).sum(axis=1) >= model.size - 1]
+    if not len(assignments):
+        return TwoViewPosterior(model, -math.inf, [])
+    checkpoint()
+    centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
+    checkpoint()
+    drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
+    odds, base = _log_odds(model, drawn, rows, columns)
+    bound = base - log_drawn(model, centres, drawn) + _bound(odds, rows)
+    # the likeliest assignments of the first samples may have another pose
+    best = np.argsort(-bound, kind="stable")[:LOOKED_AT]
+    likely = distinct(np.array([*centres.fits.assignments, *(_likeliest(odds[k], rows, columns, model) for k in best)]))
+    likely = likely[len(distinct(centres.fits.assignments)) :]
+    likely = likely[(likely >= 0).sum(axis=1) >= model.size - 1]
+    checkpoint()
+    if len(likely):
+        centres = centres_of(model, centres.fits.joined(fitted(model, likely)))
+    fits = centres
+    for _ in range(ROUNDS):
+        if not np.isfinite(bound.max(initial=-np.inf)):
+            return TwoViewPosterior(model, -math.inf, [])
+        some = odds[bound > bound.max() - NEGLIGIBLE].max(axis=0) > LEAST - MARGIN
+        rows, columns = rows[some], columns[some]
+        centres = about_samples(model, fits, drawn, np.exp(bound - bound.max()))
+        drawn = drawn_about(model, centres, SAMPLES, rng)
+        odds, base = _log_odds(model, drawn, rows, columns)
+        base -= log_drawn(model, centres, drawn)
+        bound = base + _bound(odds, rows)
+        checkpoint()
+        if not np.isfinite(bound.max()):
+            return TwoViewPosterior(model, -math.inf, [])
+        weights = np.exp(bound - bound.max())
+        if weights.sum() ** 2 >= ENOUGH * (weights**2).sum():
+            break
+    group = centres.group[drawn.centre]
+    groups = sorted(set(group.tolist()), key=lambda g: -float(bound[group == g].max()))
+    found, values, every = -math.inf, [], []
+    for g in groups:
+        own = np.flatnonzero((group == g) & (bound > max(found, float(bound[group == g].max())) - NEGLIGIBLE))
+        if not len(own):
+            continue
+        order = _around(model, drawn.poses.take(own[bound[own].argmax()][None]))
+        sums = matchings(odds[own], rows, columns, order, LEAST)
+        known = np.flatnonzero(np.isfinite(sums.log_total))
+        if not len(known):
+            continue
+        own, sums = own[known], sums.take(known)
+        values.append(base[own] + sums.log_total)
+        every.append((drawn.poses.take(own), sums))
+        found = max(found, float(values[-1].max()))
+    if not values:
+        return TwoViewPosterior(model, -math.inf, [])
+    total = float(np.logaddexp.reduce(np.concatenate(values)))
+    parts = [(poses, np.exp(some - total), sums) for some, (poses, sums) in zip(values, every, strict=True)]
+    return TwoViewPosterior(model, total - math.log(SAMPLES), parts)
+
+
+def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:
+    """Points and detections (P,) of the pairs that may be matches."""
+    if model.log_weights is None:
+        every = np.arange(model.shape[0] * model.shape[1])
+    else:
+        every = np.flatnonzero(np.isfinite(model.log_weights))
+    return every // model.shape[1], every % model.shape[1]
+
+
+def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Integers) -> tuple[Floats, Floats]:
+    """Log-odds (K, P) of pairs against being unmatched, and the logarithm (K,) of all else but the density of drawing.
+
+    That is the prior, and the probability that no point is detected, against clutter whatever its number.
+    """
+    from scipy.special import gammaln  # slow to import
+
+    n, n_target = model.shape
+    count = max(TOGETHER // max(len(rows), 1), 1)
+    every = []
+    for begin in range(0, len(drawn.rate), count):
+        checkpoint()
+        some = slice(begin, begin + count)
+        every.append(model.log_ratios(drawn.poses.take(some), drawn.variance[some], rows, columns))
+    odds = np.concatenate(every)
+    odds += (np.log(drawn.rate) - np.log1p(-drawn.rate) - np.log(drawn.clutter))[:, None]
+    log = n_target * np.log(drawn.clutter) - drawn.clutter - float(gammaln(n_target + 0.5))
+    return odds, log + n * np.log1p(-drawn.rate) + log_prior(model, drawn)
+
+
+def _bound(odds: Floats, rows: Integers) -> Floats:
+    """Logarithm (K,) of the sum over assignments if a detection could have many points: no sum is larger."""
+    if not len(rows):
+        return np.full(len(odds), -np.inf)
+    first = np.flatnonzero(np.diff(rows, prepend=-1))  # rows are in order
+    of_rows = np.add.reduceat(np.exp(np.minimum(odds, 300.0)), first, axis=1)
+    with np.errstate(divide="ignore"):
+        return log_of_enough(np.log1p(of_rows).sum(axis=1), np.log(of_rows), np.arange(len(first)), None)
+
+
+def _around(model: TwoViewModel, pose: Relative) -> Integers:
+    """The points (n,) in the order of their epipolar planes about the baseline."""
+    u = (model.first @ pose.rotation.swapaxes(-1, -2))[0]
+    first, second = np.linalg.svd(pose.translation[0][None])[2][1:]
+    angle = np.arctan2(u @ first, u @ second) % (2.0 * math.pi)
+    order = np.argsort(angle, kind="stable")
+    # from the widest gap on
+    gaps = np.diff(np.append(angle[order], angle[order[0]] + 2.0 * math.pi))
+    return np.roll(order, -1 - int(gaps.argmax()))
+
+
+def _likeliest(odds: Floats, rows: Integers, columns: Integers, model: TwoViewModel) -> Integers:
+    """The assignment (n,) with the largest odds, by log-odds (P,) of pairs."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
+    gain = np.zeros(model.shape)
+    gain[rows, columns] = np.maximum(odds, 0.0)
+    source, target = linear_sum_assignment(gain, maximize=True)
+    assignment = np.full(len(gain), -1, np.int64)
+    good = gain[source, target] > 0.0
+    assignment[source[good]] = target[good]
+    return assignment
