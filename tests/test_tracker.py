@@ -13,7 +13,14 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
+from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.explain.near_symmetries import near_symmetries
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import log_detected, squared_deviations
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.proposals import Proposals
+from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.belief import Belief, FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter, transition
 from rootmatch.tracking.tracker import TrackingOptions
@@ -369,3 +376,49 @@ def test_nothing_is_kept_from_frame_to_frame() -> None:
 
     first = objects(range(1, 15))
     assert objects(range(15, 55)) <= first + 20
+
+
+@pytest.mark.parametrize("seed", [11, 12, 14])
+def test_a_pose_that_few_points_determine_is_averaged_over_what_they_leave_open(seed: int) -> None:
+    """Mean and covariance of three points and a prediction, against importance sampling."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.06, 0.06, (8, 3))
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    R, position, spread = np.eye(3), np.array([0.05, 0.0, 0.9]), np.array([0.3] * 3 + [0.02] * 3)
+    seen = points @ R.T + position
+    facing = -(normals * seen).sum(axis=1) / np.linalg.norm(seen, axis=1)
+    shown = np.argsort(-facing)[:3]
+    target = CAMERA.project(points - points.mean(axis=0) + position)[shown] + rng.normal(0.0, 2.0, (3, 2))
+    model = DetectionModel(
+        CAMERA, points, target, np.full(3, 2.0), normals=normals, view_cosine=np.full(8, np.cos(np.radians(70.0))),
+        rate=0.9, prior=Gaussian(R, position, np.diag(spread**2)),
+    )  # fmt: skip
+    assignment = np.full(8, -1)
+    assignment[shown] = np.arange(3)
+    modes = modes_of(model, Proposals(assignment[None], R[None], position[None]))
+    pose = averaged_pose(model, modes, 0)
+    fitted = pose_of_mode(model, modes, 0)
+    # samples of the fit, twice as wide, weighed by the posterior
+    wide = 4.0 * modes.covariance[0]
+    steps = rng.standard_normal((100_000, 6)) @ np.linalg.cholesky(wide).T
+    turns = Rotation.from_rotvec(steps[:, :3]).as_matrix() @ modes.rotation[0]
+    at = model.linearised(turns, modes.position[0] + steps[:, 3:])
+    every = np.repeat(assignment[None], len(steps), axis=0)
+    visible = model.visibility(at, np.zeros(len(steps)))
+    terms = model.prior.terms(turns, modes.position[0] + steps[:, 3:])
+    value = -0.5 * squared_deviations(model, every, at) + terms.log_density - 0.5 * terms.squared
+    value += log_detected(model, every >= 0, visible) + 0.5 * (steps @ np.linalg.inv(wide) * steps).sum(axis=1)
+    weight = np.exp(value - value.max())
+    weight /= weight.sum()
+    assert 1.0 / (weight**2).sum() > 300.0
+    mean = weight @ steps[:, :3]
+    deviation = np.sqrt(weight @ (steps[:, :3] - mean) ** 2)
+    errors = [
+        np.linalg.norm((Rotation.from_matrix(one.R @ modes.rotation[0].T).as_rotvec() - mean) / deviation)
+        for one in (pose, fitted)
+    ]
+    assert errors[0] < 0.5 * errors[1]
+    assert errors[1] > 3.0
+    assert pose.covariance is not None
+    ratio = np.trace(pose.covariance[:3, :3]) / (deviation**2).sum()
+    assert 0.8 < ratio < 1.25

@@ -67,7 +67,8 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
     assert prior.covariance is not None
     gaussian = Gaussian(prior.R, prior.t, prior.covariance, freedom=task.prior_freedom)
     squared = replace(gaussian, freedom=math.inf).terms(near.R[None], near.t[None]).squared
-    return Pose.unchecked(prior.R, prior.t, prior.covariance / float(gaussian.tail_weight(squared)[0]))
+    weight = min(float(gaussian.tail_weight(squared)[0]), 1.0)  # a near prediction makes a pose no surer
+    return Pose.unchecked(prior.R, prior.t, prior.covariance / weight)
 
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:

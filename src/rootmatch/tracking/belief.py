@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import pose_of_mode
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.task import Rivals
 from rootmatch.model.evidence import about, log_detected, settled, stepped
@@ -26,6 +25,7 @@ from rootmatch.model.pose_prior import Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.motion_filter import MotionFilter, MotionOptions
 
 Floats = NDArray[np.float64]
@@ -127,7 +127,10 @@ class Belief:
         if not math.isfinite(of_few.log_odds[0]):
             return
         hidden = log_detected(model, few.assignments >= 0, of_few.visible)
-        lead = TEMPER * (of_few.log_odds - hidden - of_few.log_odds[0] + hidden[0])
+        lead = np.full(len(hidden), -math.inf)
+        possible = np.isfinite(of_few.log_odds)
+        lead[possible] = TEMPER * (of_few.log_odds[possible] - hidden[possible])
+        lead -= lead[0]
         for k in np.argsort(-lead, kind="stable").tolist():
             if math.log(DOUBTED) + lead[k] > -NEGLIGIBLE:
                 at_origin = about_point(rotation[k], position[k], of_few.covariance[k], -model.centre)
@@ -163,7 +166,7 @@ class Belief:
         after = [replace(one, log_weight=one.log_weight + nothing) for one in after]
         gone = set()
         for k in range(len(origin)):
-            of, pose = int(origin[k]), pose_of_mode(model, modes, k)
+            of, pose = int(origin[k]), averaged_pose(model, modes, k)
             if of < 0:
                 shown = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
                 if shown and found.status is not Status.UNTRUSTED:

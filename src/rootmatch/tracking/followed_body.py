@@ -72,7 +72,7 @@ class FollowedBody:
     ) -> None:
         self.options, self.symmetries = options, symmetries
         self.belief = Belief(source, options.motion)
-        self.detections = self.searched = 0
+        self.detections = self.searched = self.confirmed = 0
         self.forget()
 
     def forget(self) -> None:
@@ -93,13 +93,22 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
-        assert found.model is not None
-        assert found.posterior is not None
-        enough = is_enough(found.model, found.posterior, found.task.problem.minimal)
-        if enough or frame - self.searched < self.options.search_every:
-            return False
-        self.searched = frame
-        return True
+        return not _is_enough(found) and frame - self.searched >= self.options.search_every
+
+    def checked(self, found: Finding, frame: int, searched: bool) -> Finding:
+        """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no late search excluded it.
+
+        ``searched``: whether this frame was searched.
+        """
+        if searched:
+            self.searched = frame
+        if found.status is not Status.MATCHED:
+            return found
+        if searched or _is_enough(found):
+            self.confirmed = frame
+        if frame - self.confirmed > self.options.search_every:
+            return found.with_facts(contested=True, sure_of_the_rest=False)
+        return found
 
     def take(self, found: Finding, time: float, frame: int) -> None:
         """Take in the finding of a frame.
@@ -118,3 +127,10 @@ class FollowedBody:
         if frame % self.options.search_every == 0 and self.belief:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
+
+
+def _is_enough(found: Finding) -> bool:
+    """Whether no pose elsewhere could explain more than what was found; see `is_enough`."""
+    assert found.model is not None
+    assert found.posterior is not None
+    return is_enough(found.model, found.posterior, found.task.problem.minimal)

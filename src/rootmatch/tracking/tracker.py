@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -261,11 +262,18 @@ max_evaluations
             )  # fmt: skip
 
         found = explained(False) if poses else None
-        if found is None or self._searches(found):
+        searched = found is None or self._searches(found)
+        if found is None or searched:
             found = explained(True)
-        for label, part in self._parts(found).items():
+        parts = {
+            label: self._bodies[label].checked(part, self._frame, searched)
+            for label, part in self._parts(found).items()
+        }
+        for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame)
-        return found
+        if found.parts is None:
+            return parts[None]
+        return replace(found, parts={label: part for label, part in parts.items() if label is not None})
 
     def _searches(self, found: Finding) -> bool:
         """Whether to search a frame, judged by the finding about predicted poses.

@@ -1,0 +1,85 @@
+"""Mean and covariance of a pose along the directions that its detections hardly determine.
+
+A fit ends where the residuals are least; its covariance is that of a linear image, and knows nothing of which points
+ought to be visible. Where few points are seen both are wrong by degrees in some directions, and a filter that is told
+so in frame after frame drifts away, sure of it. There the posterior is evaluated at some poses on a line, and averaged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import one_rotation_matrix, rotation_from_vector, rotation_vector
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import evidence, log_detected, squared_deviations
+from rootmatch.model.modes import Modes
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.reference_point import about_point
+
+Floats = NDArray[np.float64]
+
+WEAK = 0.02
+"""Standard deviation in radians, or over the distance, from which a direction is averaged over. A round value."""
+PLACES = np.linspace(-3.0, 3.0, 7)
+"""Poses on the line, in standard deviations of the fit. A round value."""
+LEAST = 0.25
+"""Least variance along the line, over that of the fit: the poses on it are no closer. By construction."""
+
+
+def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
+    """The pose of one of some modes, averaged along its weak directions, one after another.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    modes : Modes
+    k : int
+
+    Returns
+    -------
+    Pose
+        Of the points as they were given, with its covariance.
+    """
+    R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
+    unit = np.repeat([1.0, max(float(np.linalg.norm(position)), 1e-300)], 3)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    weak = np.flatnonzero(values >= WEAK**2)[::-1]
+    lines = np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak]
+    for line in lines.T:
+        moments = _along(model, modes.assignments[k], (R, position), line, lines=lines)
+        if moments is not None:
+            mean, spread = moments
+            R, position = one_rotation_matrix(mean[:3]) @ R, position + mean[3:]
+            covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
+    return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+
+
+def _along(
+    model: DetectionModel, assignment: NDArray[np.int64], pose: tuple[Floats, Floats], line: Floats, *, lines: Floats
+) -> tuple[Floats, Floats] | None:
+    """Mean (6,) and covariance (6, 6) of steps from a pose along a line, by the posterior at some places on it.
+
+    ``lines`` (6, w): all weak directions.
+    """
+    R, position = pose
+    rotation, places = rotation_from_vector(PLACES[:, None] * line[:3]) @ R, position + PLACES[:, None] * line[3:]
+    assignments = np.repeat(assignment[None], len(PLACES), axis=0)
+    found = evidence(model, assignments, model.linearised(rotation, places))
+    # to the valley, but along none of its weak directions
+    precise = np.linalg.inv(found.covariance) @ lines
+    along = np.linalg.solve(lines.T @ precise, (found.step[:, None] @ precise).swapaxes(1, 2))
+    across = found.step - (lines @ along)[..., 0]
+    rotation, places = rotation_from_vector(across[:, :3]) @ rotation, places + across[:, 3:]
+    at = model.linearised(rotation, places)
+    prior = model.prior.terms(rotation, places)
+    value = -0.5 * squared_deviations(model, assignments, at) + prior.log_density - 0.5 * prior.squared
+    value += log_detected(model, assignments >= 0, model.visibility(at, np.zeros(len(PLACES))))
+    value = np.where(np.isfinite(value), value, -np.inf)
+    if not np.isfinite(value.max()):
+        return None
+    weight = np.exp(value - value.max())
+    weight /= weight.sum()
+    off = np.concatenate([rotation_vector(rotation @ R.T), places - position], axis=1)
+    mean = weight @ off
+    return mean, (weight[:, None] * (off - mean)).T @ (off - mean)
