@@ -8,13 +8,14 @@ several detections, single correspondences are tried first: each moves the whole
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.deadline import checkpoint
+from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.detection_model import DetectionModel, Linearised
 from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, stepped
 from rootmatch.model.pose_prior import Gaussian
@@ -24,6 +25,9 @@ from rootmatch.options import Options, option
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+ENTRIES = 200_000
+"""Densities of detections that are computed between two looks at the time: some milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +110,12 @@ def proposals_about(
     known: dict[bytes, Settled] = {}
     start = settle(model, first, covariance, options=options, known=known)
     if start is None or not start.is_convincing(options):
-        for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
-            moved = model.linearised(
-                rotation_from_vector(step[None, :3]) @ first.rotation, first.position + step[None, 3:]
-            )
-            settle(model, moved, narrowed, options=options, known=known)
+        with suppress(OutOfTime):  # what is known by then is handed on
+            for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
+                moved = model.linearised(
+                    rotation_from_vector(step[None, :3]) @ first.rotation, first.position + step[None, 3:]
+                )
+                settle(model, moved, narrowed, options=options, known=known)
     ranked = sorted(known.values(), key=lambda one: -one.log_odds)
     ranked = [one for one in ranked if math.isfinite(one.log_odds)]
     if not ranked:
@@ -240,11 +245,17 @@ def _updates(
     spreads = np.einsum("nqp,kpr,nsr->knqs", rows, covariances, rows, optimize=True)
     if of_points is not None:
         spreads += of_points[0, shown]
-    squared, determinant = deviations(model, moved, spreads)
-    log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
-    ratio = np.where(_possible(model, visible)[shown], np.exp(np.minimum(log_density, 700.0)), 0.0)
-    chance = (model.rate or options.usual_rate) * visible[shown]
-    return steps, covariances, np.log(1.0 - chance + chance * ratio.max(axis=2)).sum(axis=1)
+    possible, chance = _possible(model, visible)[shown], (model.rate or options.usual_rate) * visible[shown]
+    scores = np.empty(len(steps))
+    most = max(ENTRIES // max(len(shown) * len(model.target), 1), 1)
+    for begin in range(0, len(steps), most):
+        checkpoint()
+        part = slice(begin, begin + most)
+        squared, determinant = deviations(model, moved[part], spreads[part])
+        log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
+        ratio = np.where(possible, np.exp(np.minimum(log_density, 700.0)), 0.0)
+        scores[part] = np.log(1.0 - chance + chance * ratio.max(axis=2)).sum(axis=1)
+    return steps, covariances, scores
 
 
 def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[Floats, Floats]:
