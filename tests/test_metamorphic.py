@@ -72,7 +72,9 @@ def same(one: rm.Match, other: rm.Match, tolerance: float = 1e-6) -> None:
     assert other.score == pytest.approx(one.score, rel=tolerance)
     assert other.margin == pytest.approx(one.margin, abs=tolerance)
     if one.probability is not None:
-        assert other.probability == pytest.approx(one.probability, abs=1e-2)  # of two views a mean over samples
+        two_views = one.problem.source_dimension == 2 and one.problem.order == 4
+        sampled = 1e-2 if two_views else 1e-3  # of two views it is a mean over samples
+        assert other.probability == pytest.approx(one.probability, abs=sampled)
 
 
 def found(problem: Any, source: np.ndarray, target: np.ndarray, noise: Any = NOISE) -> rm.Match:
