@@ -181,7 +181,7 @@ class TestChoice:
             "    print(error)\n"
         )
         said = run("-c", code, CUDA_VISIBLE_DEVICES="", NUMBA_ENABLE_CUDASIM="0")
-        assert "no card" in said
+        assert "finds no GPU" in said
         assert said.count("\n") == 1
 
     @needs_numba_cuda

@@ -116,7 +116,7 @@ class TestErrors:
 
     @pytest.mark.parametrize("backend", ["cuda", "cuda-float32"])
     def test_card(self, scheduler: str, backend: str) -> None:
-        with pytest.raises(rm.InputError, match=rf'processors.*leave backend="{backend}"'):
+        with pytest.raises(rm.InputError, match=rf'CPUs.*leave backend="{backend}"'):
             self.match(scheduler=scheduler, backend=backend)
 
     def test_nobody_there(self, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,10 +51,20 @@ ALIKE = 1.0 + 2.0 * math.cos(0.2)
 
 @dataclass(frozen=True, eq=False)
 class FollowedPose:
-    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses."""
+    """A hypothesis: the pose and motion of the body, with the logarithm of its weight among the hypotheses.
+
+    ``shown``: log-probability that just these of its visible points were seen in the last frame. It is no part of the
+    weight, as the same points are hidden in the next frame, which tells it anew.
+    """
 
     filter: MotionFilter
     log_weight: float = 0.0
+    shown: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Logarithm of its weight with the last frame."""
+        return self.log_weight + self.shown
 
 
 class Belief:
@@ -141,7 +151,7 @@ class Belief:
         """Follow another pose, unless one like it is followed, or as many as are followed at once."""
         known = any(float((filter_.R * one.filter.R).sum()) > ALIKE for one in self.poses)
         if len(self.poses) < MOST and not known:
-            self.poses.append(FollowedPose(filter_, self.poses[0].log_weight + log_share))
+            self.poses.append(replace(self.poses[0], filter=filter_, log_weight=self.poses[0].log_weight + log_share))
 
     def take(self, found: Finding, time: float) -> None:
         """Take in a frame's posterior: its modes continue the hypotheses about which they lie, or are new ones.
@@ -157,10 +167,9 @@ class Belief:
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
             origin = model.prior.prediction_of(modes.rotation, modes.position)
-        # the same points are hidden in the next frame, so this evidence does not add up
-        hidden = log_detected(model, modes.assignments >= 0, modes.visible)
+        shown = log_detected(model, modes.assignments >= 0, modes.visible)
         each = _log(told.probabilities[: len(origin)])
-        weight = log_share[origin] + TEMPER * (each - log_share[origin] - hidden)
+        weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
         after = [FollowedPose(one.filter, share) for one, share in zip(self.poses, log_share, strict=False)]
         nothing = TEMPER * float(_log(np.array(told.clutter)))
         after = [replace(one, log_weight=one.log_weight + nothing) for one in after]
@@ -168,20 +177,20 @@ class Belief:
         for k in range(len(origin)):
             of, pose = int(origin[k]), averaged_pose(model, modes, k)
             if of < 0:
-                shown = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
-                if shown and found.status is not Status.UNTRUSTED:
+                many = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
+                if many and found.status is not Status.UNTRUSTED:
                     filter_ = MotionFilter(self.source, pose, time, self.motion)
-                    after.append(FollowedPose(filter_, float(weight[k])))
+                    after.append(FollowedPose(filter_, float(weight[k]), float(shown[k])))
                 continue
             chance = math.exp(each[k] - np.logaddexp(each[k], _log(np.array(told.clutter)) + log_share[of]))
             if chance >= LIKELY:
                 filter_ = self.poses[of].filter.copy()
                 filter_.update(pose, time, chance)
-                after.append(FollowedPose(filter_, float(weight[k])))
+                after.append(FollowedPose(filter_, float(weight[k]), float(shown[k])))
                 gone.add(of)
         after = [one for k, one in enumerate(after) if k not in gone]
-        after.sort(key=lambda one: -one.log_weight)
-        self.poses = [one for one in after if one.log_weight > after[0].log_weight - NEGLIGIBLE][:MOST]
+        after.sort(key=lambda one: -one.total)
+        self.poses = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
 
 
 def _log(chance: Floats) -> Floats:
