@@ -188,13 +188,6 @@ class MatchingTask:
         return self.problem.image(self.points)
 
     @cached_property
-    def image_area(self) -> float:
-        """Area that clutter fills there: that of the bounding box, corrected for the bias of n' uniform points."""
-        image, n_target = self.image[0], self.shape[1]
-        sides = image.max(axis=0) - image.min(axis=0)
-        return max(float(sides.prod()) * ((n_target + 1) / (n_target - 1)) ** 2, 1e-300)
-
-    @cached_property
     def permutation(self) -> NDArray[np.int64]:
         """Source points in the order in which kernels get them, (n,): points far apart first.
 
