@@ -59,7 +59,7 @@ class Candidate:
         return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments, predicted)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
-        """The same body by other assignments, and by what a prediction proposes."""
+        """The candidate by other assignments and by what a prediction proposes."""
         proposals = proposals_of(self.task, self.model, assignments)
         if predicted is not None:
             proposals = joined([proposals, predicted])

@@ -178,7 +178,7 @@ class MatchingTask:
         return any(one is not None for one in (self.prior_pose, self.known)) or bool(self.prior_poses or self.known_of)
 
     def without_priors(self) -> Self:
-        """The same task with nothing known of any pose."""
+        """A copy of the task without any knowledge of poses."""
         bare = replace(self, prior_pose=None, rival_poses=(), prior_poses={}, prior_rivals={})
         return replace(bare, known=None, known_of={})
 

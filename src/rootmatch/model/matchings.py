@@ -40,7 +40,7 @@ class Matchings(NamedTuple):
     """(K, P)"""
 
     def take(self, tables: Integers) -> Matchings:
-        """Those of some tables."""
+        """The sums of some of the tables."""
         chosen = self.marginals[tables], self.log_odds[tables]
         return Matchings(self.log_total[tables], self.rows, self.columns, *chosen)
 

@@ -67,7 +67,7 @@ class PoseDensity(ABC):
 
     @abstractmethod
     def terms(self, rotation: Floats, position: Floats) -> Terms:
-        """Its logarithm about poses (K, 3, 3) and (K, 3)."""
+        """The logarithm of the density about poses (K, 3, 3) and (K, 3)."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class Known(PoseDensity):
 
     @cached_property
     def _place(self) -> tuple[Floats, Floats, float] | None:
-        """The same of the position."""
+        """The position that is known, its precision, and the logarithm of its density at the peak."""
         place = self.prior.place
         return None if place is None else (place[0], *_peak(place[1], EXACT * float(np.linalg.norm(place[0]))))
 
@@ -218,7 +218,7 @@ class Gaussian(PoseDensity):
         return self._with_tails(Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)))
 
     def _with_tails(self, terms: Terms) -> Terms:
-        """The same with a factor on the covariance integrated out: value, slope and curvature of a t-distribution.
+        """Terms with a factor on the covariance integrated out: value, slope and curvature of a t-distribution.
 
         Of a factor s² under an inverse gamma distribution of ν degrees of freedom, p ∝ (1 + d²/ν)^(−(ν+6)/2).
         """

@@ -65,7 +65,7 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 def _poses_in_camera(
     model: DetectionModel, assignments: Integers, camera: CameraModel, own: NDArray[np.bool_], offset: Floats = ORIGIN
 ) -> Proposals:
-    """The same in the frame of a camera that has some of the points, and whose image lies at an offset."""
+    """`poses_of_few` in the frame of a camera that has some of the points, and whose image lies at an offset."""
     used = (assignments >= 0) & own
     count = used.sum(axis=1)
     few = (count >= 3) & (count <= FEW)
