@@ -42,7 +42,7 @@ class Tracker:
     """`rootmatch.match` for the frames of a sequence, each of which predicts the next.
 
     The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a
-    pose with its covariance, which is the prior of the next match: a frame takes about a millisecond. A body that is
+    pose with its covariance, which is the prior of the next match: a frame takes a few milliseconds. A body that is
     not found is still predicted for a while; then it counts as lost and is searched for. Kernels are compiled when a
     frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
 
