@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import Facts, Status, decide, least_trusted
+from rootmatch.explain.decide import TRUST, Facts, Status, decide, least_trusted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
@@ -21,7 +21,8 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.solvers.base import Alternatives
+from rootmatch.samplers.base import SampledTensor
+from rootmatch.solvers.base import Alternatives, Solution
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -146,6 +147,23 @@ class Finding:
     def motion_labels(self) -> Integers:
         """Label of the rigid motion of each point, −1 where unmatched; (n,)."""
         return np.where(self.assignment >= 0, 0, -1) if self.labels is None else self.labels
+
+
+def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | None) -> tuple[list[Integers], Finding]:
+    """Assignments that a solver or a search named, and the finding of them before a model has judged any."""
+    named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
+    named += [] if sampled.assignments is None else list(sampled.assignments)
+    named += [] if sampled.consensus is None else [sampled.consensus]
+    return named, Finding(
+        task=task,
+        assignment=named[0] if named else np.full(task.shape[0], -1, np.int64),
+        others=named[1 : 1 + TRUST.alternatives],
+        facts=Facts(confirmed=False),
+        tensor=sampled.tensor,
+        soft=None if solution is None else solution.soft,
+        converged=solution is None or solution.converged,
+        evaluated=sampled.evaluated,
+    )
 
 
 def nothing_found(task: MatchingTask, reason: str) -> Finding:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.predicted_poses import about_prediction
@@ -47,19 +47,7 @@ def is_modelled(task: MatchingTask) -> bool:
 
 def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None) -> Finding:
     """The finding of what a search or a solver proposed, judged by the model of the image."""
-    named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
-    named += [] if sampled.assignments is None else list(sampled.assignments)
-    named += [] if sampled.consensus is None else [sampled.consensus]
-    base = Finding(
-        task=task,
-        assignment=named[0] if named else np.full(task.shape[0], -1, np.int64),
-        others=named[1 : 1 + TRUST.alternatives],
-        facts=Facts(confirmed=False),
-        tensor=sampled.tensor,
-        soft=None if solution is None else solution.soft,
-        converged=solution is None or solution.converged,
-        evaluated=sampled.evaluated,
-    )
+    named, base = unjudged(task, sampled, solution)
     try:
         body = Candidate.of(task, named)
         told = body.alone()

@@ -54,9 +54,9 @@ class Candidate:
     modes: Modes
 
     @classmethod
-    def of(cls, task: MatchingTask, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
-        """The candidate by the assignments that were found and by what a prediction proposes."""
-        return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments, predicted)
+    def of(cls, task: MatchingTask, assignments: list[Integers]) -> Candidate:
+        """The candidate by the assignments that were found."""
+        return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments and by what a prediction proposes."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.image_decision import KEPT
 from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.task import MatchingTask
@@ -71,21 +71,8 @@ def model_of(task: MatchingTask) -> TwoViewModel | None:
 
 def assessed(task: MatchingTask, model: TwoViewModel, sampled: SampledTensor, solution: Solution | None) -> Finding:
     """The finding of what a search named, or a solver: judged by the model of two views."""
-    named = [] if solution is None else [solution.assignment, *(other for other, _ in solution.alternatives)]
-    named += [] if sampled.assignments is None else list(sampled.assignments)
-    named += [] if sampled.consensus is None else [sampled.consensus]
-    nothing = np.full(task.shape[0], -1, np.int64)
+    named, base = unjudged(task, sampled, solution)
     every = np.array(named, np.int64).reshape(-1, task.shape[0])
-    base = Finding(
-        task=task,
-        assignment=named[0] if named else nothing,
-        others=named[1 : 1 + TRUST.alternatives],
-        facts=Facts(confirmed=False),
-        tensor=sampled.tensor,
-        soft=None if solution is None else solution.soft,
-        converged=solution is None or solution.converged,
-        evaluated=sampled.evaluated,
-    )
     try:
         told = posterior(model, every, task.options.seed)
     except OutOfTime:

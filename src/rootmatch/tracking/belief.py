@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.task import Rivals
+from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, log_detected, settled, stepped
+from rootmatch.model.modes import Modes
 from rootmatch.model.pose_prior import Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
@@ -170,27 +173,52 @@ class Belief:
         shown = log_detected(model, modes.assignments >= 0, modes.visible)
         each = _log(told.probabilities[: len(origin)])
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
-        after = [FollowedPose(one.filter, share) for one, share in zip(self.poses, log_share, strict=False)]
-        nothing = TEMPER * float(_log(np.array(told.clutter)))
-        after = [replace(one, log_weight=one.log_weight + nothing) for one in after]
-        gone = set()
-        for k in range(len(origin)):
-            of, pose = int(origin[k]), averaged_pose(model, modes, k)
+        nothing = float(_log(np.array(told.clutter)))
+        stay = [_Step(share + TEMPER * nothing, 0.0, k, None, 0.0) for k, share in enumerate(log_share[:-1].tolist())]
+        go_on = []
+        for k, of in enumerate(origin.tolist()):
             if of < 0:
                 many = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
-                if many and found.status is not Status.UNTRUSTED:
-                    filter_ = MotionFilter(self.source, pose, time, self.motion)
-                    after.append(FollowedPose(filter_, float(weight[k]), float(shown[k])))
-                continue
-            chance = math.exp(each[k] - np.logaddexp(each[k], _log(np.array(told.clutter)) + log_share[of]))
+                chance = float(many and found.status is not Status.UNTRUSTED)
+            else:
+                chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
             if chance >= LIKELY:
-                filter_ = self.poses[of].filter.copy()
-                filter_.update(pose, time, chance)
-                after.append(FollowedPose(filter_, float(weight[k]), float(shown[k])))
-                gone.add(of)
-        after = [one for k, one in enumerate(after) if k not in gone]
-        after.sort(key=lambda one: -one.total)
-        self.poses = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
+                go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance))
+        gone = {step.origin for step in go_on}
+        after = sorted([*(step for step in stay if step.origin not in gone), *go_on], key=lambda one: -one.total)
+        likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
+        # an average takes several evaluations of the posterior: only poses that are followed have one
+        self.poses = [self._after(step, model, modes, time) for step in likely]
+
+    def _after(self, step: _Step, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
+        """The hypothesis that a step leads to."""
+        if step.mode is None:
+            return FollowedPose(self.poses[step.origin].filter, step.log_weight)
+        pose = averaged_pose(model, modes, step.mode)
+        if step.origin < 0:
+            filter_ = MotionFilter(self.source, pose, time, self.motion)
+        else:
+            filter_ = self.poses[step.origin].filter.copy()
+            filter_.update(pose, time, step.chance)
+        return FollowedPose(filter_, step.log_weight, step.shown)
+
+
+class _Step(NamedTuple):
+    """A hypothesis after a frame, before its pose is known."""
+
+    log_weight: float
+    shown: float
+    origin: int
+    """The hypothesis that it goes on from; −1 for a new one."""
+    mode: int | None
+    """None for a hypothesis that stays as predicted."""
+    chance: float
+    """Probability that the mode is what became of the prediction."""
+
+    @property
+    def total(self) -> float:
+        """See `FollowedPose.total`."""
+        return self.log_weight + self.shown
 
 
 def _log(chance: Floats) -> Floats:
