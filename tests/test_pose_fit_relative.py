@@ -45,21 +45,6 @@ def test_chi2_is_the_least_sampson_error_and_follows_its_law(baseline: float) ->
     assert np.mean(found) == pytest.approx(7.0, abs=4.0 * np.sqrt(14.0 / 25))
 
 
-def test_a_point_adds_its_predictive_density_to_the_evidence() -> None:
-    near = 0
-    for seed in range(10):
-        scene = three_plus_one_scene(10, 4, 1.0, seed, baseline=5.0)
-        without = scene.truth.copy()
-        without[4] = -1
-        fit = scene.problem.fitted(
-            scene.problem.validated(scene.source, scene.target, 1.0), np.array([scene.truth, without])
-        )
-        gained = fit.evidence[0] - fit.evidence[1]
-        near += abs(fit.densities(0)[4, scene.truth[4]] - gained) < 0.5
-        near += abs(fit.densities(1)[4, scene.truth[4]] - gained) < 0.5
-    assert near >= 16
-
-
 def test_parallaxes_of_one_size_are_more_probable() -> None:
     """Two images from nearly one place: exchanged points lie near epipolar lines too, but far along them."""
     right = 0

@@ -121,7 +121,7 @@ def polish(a4, a3, a2, a1, a0, x):  # type: ignore[no-untyped-def]
 
 @scalar
 def polish_twice(a4, a3, a2, a1, a0, x):  # type: ignore[no-untyped-def]
-    """Two steps of `polish`."""
+    """A root of the quartic near x after two steps of `polish`."""
     return polish(a4, a3, a2, a1, a0, polish(a4, a3, a2, a1, a0, x))
 
 

@@ -8,13 +8,13 @@ from rootmatch.jit.decorators import scalar
 
 @scalar
 def dot(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
-    """Scalar product."""
+    """The scalar product of two vectors."""
     return ax * bx + ay * by + az * bz
 
 
 @scalar
 def cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
-    """Vector product."""
+    """The vector product of two vectors."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 

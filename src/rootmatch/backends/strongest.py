@@ -25,7 +25,7 @@ class Found(NamedTuple):
     residuals: NDArray[np.float64]
     """(E,)"""
     evaluated: int
-    """How many were looked at."""
+    """Number of hyper-edges that were evaluated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Enumeration:
 
     @property
     def ranks(self) -> int:
-        """Number of slabs."""
+        """Number of slabs that the enumeration is cut into."""
         return len(self.bases) * len(self.arrangements)
 
     @property

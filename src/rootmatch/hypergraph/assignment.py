@@ -9,9 +9,9 @@ from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 
 SECONDS_PER_ENTRY = 2e-8
-"""To see whether a soft assignment is clear."""
+"""Time that one entry takes when it is checked whether a soft assignment is clear."""
 SECONDS_PER_STEP = 1e-8
-"""Of the Hungarian method, with n² n' steps at the most, as soft assignments take that are a column times a row."""
+"""Time that a step of the Hungarian method takes. It makes n² n' steps at most, as it does if the rank is 1."""
 
 
 def discretise(soft: ArrayLike) -> NDArray[np.int64]:

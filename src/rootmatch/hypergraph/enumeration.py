@@ -40,7 +40,7 @@ def sweep_cost(n: int, n_target: int, order: int, mask: NDArray[np.bool_] | None
 LOOKED = 64
 """First targets of arrangements, or first points of subsets, between two looks at the time."""
 SECONDS_PER_ENTRY = 4e-9
-"""That an index of a list of subsets or arrangements takes."""
+"""Time that an index of a list of subsets or arrangements takes."""
 MOST_BYTES = 3 << 30
 """Memory of such a list, at most. A round value."""
 KEPT_SUBSETS = 16_384

@@ -49,7 +49,7 @@ def scores_of(tensor: AffinityTensor, assignments: NDArray[np.int64]) -> NDArray
 
 
 ALL_STAY = -1.0
-"""In place of a fraction."""
+"""Stands in place of a fraction: no entry of the assignment changes."""
 
 
 def _weighed(tensor: AffinityTensor, kept: NDArray[np.int64], fraction: float) -> NDArray[np.float64]:

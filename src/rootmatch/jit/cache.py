@@ -61,7 +61,7 @@ def interrupts_kept() -> Iterator[None]:
 
 
 HASH_SECRET = b"_numba_hashsecret"
-"""In code that hashes, which needs what Numba sets up for compiling."""
+"""Name that is found in code that hashes: such code needs what Numba sets up for compiling."""
 
 SUFFIX = ".kernel"
 
@@ -70,7 +70,8 @@ class Settings:
     """Where compiled code is looked for and kept, for a process that compiles ahead of need."""
 
     into: Path | None = None
-    """The only folder, for what is prebuilt for a generic processor; None: the prebuilt one, and the user's own."""
+    """The only folder, where kernels are prebuilt for a generic processor. If None, the prebuilt ones are read, then
+    those in the user's own folder."""
     native: bool = False
     """Whether to do without what is prebuilt, and compile for this very processor."""
 

@@ -28,7 +28,7 @@ LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 """Range of normal single-precision numbers: a constant beyond stands for "next to nothing" or "more than all", and is
 clamped to it, so that it neither divides by zero nor is infinite."""
 ROUNDING = 16.0
-"""By how many EPSILON radians a bearing is taken to be blurred; see `rounded`."""
+"""Blur of a bearing in units of EPSILON radians; see `rounded`."""
 
 _twins: dict[Any, Any] = {}
 
@@ -97,7 +97,7 @@ def _remade(function: FunctionType) -> FunctionType:
 
 
 def _referred(value: Any) -> Any:
-    """What a twin has in the place of something that its kernel refers to."""
+    """The twin's counterpart of a function or a constant that its kernel refers to."""
     return twin(value) if hasattr(value, "py_func") or isinstance(value, FunctionType) else constant(value)
 
 

@@ -27,7 +27,7 @@ GENERIC = {
     "x86_64": ("x86-64-v3", ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")),
     "arm64": ("generic", ()),
 }
-"""Of each architecture, the processor that kernels are prebuilt for, by its name for LLVM, and what it must have."""
+"""The processor that kernels are prebuilt for on each architecture, by its name for LLVM, and what it must have."""
 
 
 def architecture() -> str:
@@ -37,7 +37,7 @@ def architecture() -> str:
 
 
 def interpreter() -> str:
-    """What compiled code on disk depends on besides processor and sources."""
+    """A text that names what compiled code on disk depends on, besides the processor and the sources."""
     return f"{sys.implementation.cache_tag} {sys.platform} {architecture()} numba {numba.__version__}"
 
 

@@ -21,7 +21,7 @@ COMPILING = {
     "rootmatch/jit/internal",
     "rootmatch/problems/kernels",
 }
-"""What a file imports that has kernels, or says which they are."""
+"""Modules that a file imports if it has kernels or says which they are."""
 
 _IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+(?P<module>[\w.]+)[ \t]+import[ \t]*(?P<names>\([^)]*\)|[^\n]*)"

@@ -129,8 +129,8 @@ def check_not_collinear(points: NDArray[np.float64], name: str) -> None:
 
 
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e4
-"""Of a coordinate, in pixels: what zero is taken as, and what is wider than an image. Of points whose unit is the
-caller's, a thousandth of their extent stands for a pixel."""
+"""Range of the noise of a coordinate in pixels: zero is taken as the least, and the most is wider than an image. Where
+the unit is the caller's, a thousandth of the extent of the points stands for a pixel."""
 
 
 def check_noise(noise: ArrayLike, count: int, pixel: float, name: str = "noise") -> NDArray[np.float64]:

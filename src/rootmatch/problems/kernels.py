@@ -50,7 +50,7 @@ class ResidualKernels:
 
 @dataclass(frozen=True)
 class ListedKernels:
-    """What the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`).
+    """Kernels that the search among listed image triples needs (`rootmatch.samplers.guided.visible_triples`).
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class ListedKernels:
 
 @dataclass(frozen=True)
 class HypothesisKernels:
-    """What the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',).
+    """Kernels that the guided search needs of a problem, whose tables have ``rays`` (3, n') and ``variance`` (n',).
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class HypothesisKernels:
 
 @dataclass(frozen=True)
 class CompletionKernels:
-    """What the completion of minimal sets needs, of tables with ``rays`` (3, n') and ``variance`` (n',).
+    """Kernels that the completion of minimal sets needs, of tables with ``rays`` (3, n') and ``variance`` (n',).
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ class PointClouds(NamedTuple):
     source_variance: NDArray[np.float64]
     """(n,) variance of a coordinate."""
     target_variance: NDArray[np.float64]
-    """(n',) likewise."""
+    """(n',) variance of a coordinate."""
     scaled: bool
     """Whether the scale is unknown; 1 otherwise."""
     mirror: bool

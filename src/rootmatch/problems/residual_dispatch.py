@@ -26,7 +26,7 @@ from rootmatch.problems.kernels import ResidualKernels, kernels_of
 SCRATCH_ROWS = 32
 """Rows of the scratch array that every caller of a slab kernel provides."""
 SCRATCH_COLUMNS = 8
-"""Least columns of it."""
+"""Least number of columns of that array."""
 PANEL_ROWS = 16
 """Rows of the panel that every caller of a slab kernel provides."""
 BLOCK_ROWS, BLOCK_COLUMNS = 60, 64

@@ -22,6 +22,6 @@ class TwoViews(NamedTuple):
     source_variance: NDArray[np.float64]
     """(n,) variance of a bearing, radians² on each axis across it; that of the direction is part of it."""
     target_variance: NDArray[np.float64]
-    """(n',) likewise, without the direction's."""
+    """(n',) variance of a bearing on each axis, without that of the direction."""
     planar: bool
     """Whether the baseline is known to be across the common direction."""

@@ -24,11 +24,11 @@ class SamplingTask:
     """What a sampler is given: the prepared points of a problem, and which correspondences are possible."""
 
     tables: Any
-    """From `Problem.prepare`, noise included; best with the source points in the order of `wide_first`."""
+    """Tables of `Problem.prepare`, noise included; source points are best in the order of `wide_first`."""
     kind: residual_kinds.Kind
     """Kind of residual; its type selects the kernel."""
     affinity: Affinity
-    """From residual to weight, and the gate beyond which a hyper-edge is dropped."""
+    """Tells the weight of a residual, and the gate beyond which a hyper-edge is dropped."""
     shape: tuple[int, int]
     """Number of source and target points, (n, n')."""
     order: int
@@ -46,7 +46,7 @@ class SamplingTask:
     clouds: PointClouds | None = None
     """Both point sets, where the problem is the motion between two of one space."""
     deadline: Deadline = NEVER
-    """When to return what was found until then."""
+    """Time at which the search returns what it has found."""
     views: TwoViews | None = None
     """Both images, where the problem is one of two views whose relative poses can be searched."""
     problem: str = "the problem"

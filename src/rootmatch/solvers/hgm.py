@@ -17,7 +17,7 @@ from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
 SECONDS_PER_ENTRY = 5e-9
-"""Of one round of the projection, at most (benchmarks/solvers.py)."""
+"""Time that an entry takes in one round of the projection, at most (benchmarks/solvers.py)."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from rootmatch.solvers.base import Solution, empty_solution, is_empty
 TOGETHER = 16
 """Steps on a small tensor between two looks at the clock: some milliseconds at most."""
 SECONDS_PER_ENTRY = 2e-9
-"""Of a step of Sinkhorn's."""
+"""Time that an entry takes in one step of Sinkhorn's method."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class ReweightedWalk(Options):
         return x, done, change
 
     def stepped(self, w: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
-        """Where a step leads from x (n, n') by its contraction w (n n',), and the squared change; None for nowhere."""
+        """The next x (n, n'), by the contraction w (n n',) of this one, and the squared change; None if w is zero."""
         largest = w.max()
         if largest <= 0.0:
             return None

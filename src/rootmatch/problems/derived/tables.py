@@ -39,9 +39,9 @@ class DerivedTables(NamedTuple):
     source_pair_noise: Floats
     """(quantities · 2 · D, n, n): of each quantity D derivatives in the first point's noise, then D in the second's."""
     target_noise: Floats
-    """As `source_noise`."""
+    """(quantities · D, n'), D the noise dimensions of a target point."""
     target_pair_noise: Floats
-    """As `source_pair_noise`."""
+    """(quantities · 2 · D, n', n'), in the order of `source_pair_noise`."""
     tag: Any
     """(1,) record array whose field's name tells the problem."""
 

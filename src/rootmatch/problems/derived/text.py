@@ -77,7 +77,7 @@ def load(shape: Shape, use: Use, places: tuple[int, ...]) -> str:
 
 
 def noise_load(shape: Shape, use: Use, places: tuple[int, ...], dimension: Dimension) -> str | None:
-    """Its derivative in one noise dimension; None where it does not depend on it."""
+    """The derivative of a quantity in one noise dimension, read from its table; None where it does not depend on it."""
     kind, number, slots = use
     place, side, axis = dimension
     axes = shape.axes(side)

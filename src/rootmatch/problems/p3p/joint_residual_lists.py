@@ -29,13 +29,13 @@ DISTANCES, ANGLES, POINTS, NORMALS, RAYS, VARIANCES, LEAST = np.array([8, 11, 14
 
 @scalar
 def three(block, row, k):  # type: ignore[no-untyped-def]
-    """Three rows of a column."""
+    """Entries of a column in three rows that follow each other."""
     return block[row, k], block[row + 1, k], block[row + 2, k]
 
 
 @scalar
 def four(block, row, k):  # type: ignore[no-untyped-def]
-    """Four rows of a column."""
+    """Entries of a column in four rows that follow each other."""
     return block[row, k], block[row + 1, k], block[row + 2, k], block[row + 3, k]
 
 

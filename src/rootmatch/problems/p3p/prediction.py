@@ -180,7 +180,7 @@ def triple_visible(source, frame, normals, rays):  # type: ignore[no-untyped-def
 
 @scalar
 def triple_of(t, i, j):  # type: ignore[no-untyped-def]
-    """What the tables say of a triple: |ab|², the versine of a and b, source frame, normals, bearings, variances."""
+    """A triple as the tables have it: |ab|², the versine of a and b, source frame, normals, bearings, variances."""
     p, m, u, v = t.points, t.normals, t.rays, t.variance
     return (
         t.distance2[i[0], i[1]],

@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 CUT = 100.0
 """Squared deviation at which a point stops counting when starts are compared; see `absolute`."""
 STARTS = 8
-"""Solutions of two triples."""
+"""Most solutions of two triples."""
 
 
 class FittedPoses(NamedTuple):
@@ -40,7 +40,7 @@ class FittedPoses(NamedTuple):
     translation: Floats
     """(K, 3)."""
     chi2: Floats
-    """(K,), of the prior too."""
+    """(K,) sum of squares, that of the prior included."""
     covariance: Floats
     """(K, p, p)."""
     positions: Floats

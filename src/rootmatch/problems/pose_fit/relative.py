@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
+from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
-from rootmatch.problems.pose_fit.relative_steps import ALONG, DELTA
+from rootmatch.problems.pose_fit.relative_steps import ALONG
 
 ANGLES = 90
 """Rotations about the common direction that are tried, 4° apart. Not tuned."""
@@ -113,78 +113,14 @@ class Views:
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
 
 
-@dataclass(frozen=True, eq=False)
-class RelativeFit(Fit):
-    """Relative poses of K assignments; see `Fit`. Detections count by the distance from the epipolar line and along it.
+def relative_fit(views: Views, assignments: NDArray[np.int64]) -> Fit:
+    """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each.
 
-    Points of one scene have parallaxes of one order: they are taken to be normal, on the side of the points that lie
-    in front of the cameras, with a scale of which nothing is known. With m of squared sum Q their density is
-    ½ (2 / √π)ᵐ Γ(m / 2) Q^(−m / 2). This is part of what the pose is fitted to.
+    Detections count by the distance from the epipolar line and along it. Points of one scene have parallaxes of one
+    order: they are taken to be normal, on the side of the points that lie in front of the cameras, with a scale of
+    which nothing is known. With m of squared sum Q their density is ½ (2 / √π)ᵐ Γ(m / 2) Q^(−m / 2). This is part of
+    what the pose is fitted to.
     """
-
-    doubt: ClassVar[float] = 2.0
-    """Factor by which log-odds are too large, as Laplace's method is rough here; see docs/architecture.md."""
-    views: Views
-    assignments: NDArray[np.int64]
-    pose: Floats
-    """(K, p): rotation, two angles of the translation from `base`, and two tilts where the direction is noisy."""
-    base: Floats
-    """(K, 3, 3): translation, and two directions orthogonal to it."""
-    covariance: Floats
-    sign: Floats
-    """(K,) of the translation."""
-
-    def of_pose(self, k: int, density: Floats) -> float:
-        """Logarithm of the prior density of assignment k's pose, which the evidence lacks.
-
-        Rotation and direction of translation are uniform, parallaxes 0.001 to 1 image. ``density`` (n',): detections
-        per pixel² about each; the prior does not depend on it.
-        """
-        laplace = 0.5 * self.pose.shape[1] * np.log(2.0 * np.pi)
-        tilt = np.log(2.0 * np.pi * self.views.tilt**2) if self.views.tilt > 0.0 else 0.0
-        return float(laplace - np.log(8.0 * np.pi**2) - np.log(np.log(1e3)) - tilt)
-
-    def densities(self, k: int, inflation: float = 1.0) -> Floats:
-        """Logarithm of the predictive density per pixel² of each detection as the image of each point, (n, n').
-
-        The prediction is that of the other points of assignment k: a point's own match is left out. ``inflation``:
-        factor on all variances.
-        """
-        views, assignment = self.views, self.assignments[k]
-        n, n_target = len(views.first), len(views.second)
-        i, j = np.divmod(np.arange(n * n_target), n_target)
-        poses = np.concatenate([self.pose[k][None], _moved(self.pose[k])])
-        deviation, width = views.deviations(_essential(poses, self.base[k][None]), i, j)
-        value = deviation[0].reshape(n, n_target)
-        slope = ((deviation[1:] - deviation[0]) / DELTA).T.reshape(n, n_target, -1)
-        covariance = self.covariance[k]
-        matched = np.flatnonzero(assignment >= 0)
-        own, own_slope = value[matched, assignment[matched]], slope[matched, assignment[matched]]
-        hat = np.einsum("mp,pq,mq->m", own_slope, covariance, own_slope)
-        # without its own match: the pose moves, and is less certain
-        spread = np.repeat(covariance[None], n, axis=0)
-        along, rest = own_slope @ covariance, 1.0 / np.maximum(1.0 - hat, 1e-9)
-        spread[matched] += rest[:, None, None] * along[:, :, None] * along[:, None, :]
-        moved = np.zeros((n, covariance.shape[0]))
-        moved[matched] = rest[:, None] * along * own[:, None]
-        value = value + np.einsum("nkp,np->nk", slope, moved)
-        variance = 1.0 + np.einsum("nkp,npq,nkq->nk", slope, spread, slope)
-        width = width[0].reshape(n, n_target)
-        log = np.log(2.0 * np.pi * inflation * variance * width**2)
-        along = self.sign[k] * views.parallax(
-            _rotation(self.pose[k]), _translation(self.pose[k], self.base[k]), i, j
-        ).reshape(n, n_target)
-        size, behind = _sized(along, width)
-        others = np.zeros(n)
-        others[matched] = size[matched, assignment[matched]] ** 2
-        total = (others.sum() - others)[:, None]
-        count = np.maximum((assignment >= 0).sum() - (assignment >= 0), 1)[:, None]
-        position = _parallax_density(total + size**2, count + 1) - _parallax_density(total, count) - behind
-        return np.asarray(position - 0.5 * (value**2 / (variance * inflation) + log))
-
-
-def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
-    """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each."""
     from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
     from rootmatch.problems.pose_fit.relative_descent import fit_assignments, scratch_of
 
@@ -210,30 +146,7 @@ def relative_fit(views: Views, assignments: NDArray[np.int64]) -> RelativeFit:
     lowest = objective - (2.0 * LOG_GAMMA(0.5 * matched) + 2.0 * matched * np.log(2.0 / np.sqrt(np.pi)))[:, None]
     logarithms = widths + (0.5 * np.log(2.0 * np.pi) * matched)[:, None]
     evidence = -0.5 * (lowest + np.linalg.slogdet(normal)[1]) - logarithms - sides.min(axis=2)
-    rows, pick = np.arange(count), evidence.argmax(axis=1)
-    return RelativeFit(
-        chi2=chi2,
-        dof=matched - 3,
-        evidence=np.asarray(evidence[rows, pick], dtype=np.float64),
-        views=views,
-        assignments=assignments,
-        pose=pose[rows, pick],
-        base=base[rows, pick],
-        covariance=np.asarray(np.linalg.inv(normal[rows, pick]), dtype=np.float64),
-        sign=np.where(sides[..., 0] <= sides[..., 1], 1.0, -1.0)[rows, pick],
-    )
-
-
-def _parallax_density(squares: Floats, count: NDArray[np.int64]) -> Floats:
-    """Logarithm of the density of some parallaxes with a sum of squares, their scale unknown."""
-    half = 0.5 * count
-    return np.asarray(LOG_GAMMA(half) + count * np.log(2.0 / np.sqrt(np.pi)) - half * np.log(squares))
-
-
-def _sized(along: Floats, width: Floats) -> tuple[Floats, Floats]:
-    """Sizes of parallaxes, not below their noise, and minus the log probability of those behind a camera."""
-    noise = ALONG * width
-    return np.hypot(along, noise), 0.5 * (np.minimum(along, 0.0) / noise) ** 2
+    return Fit(chi2=chi2, dof=matched - 3, evidence=np.asarray(evidence.max(axis=1), dtype=np.float64))
 
 
 def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tuple[Floats, Floats]) -> Floats:
@@ -241,30 +154,5 @@ def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tu
     essential = cross_matrix(pose[1]) @ pose[0]
     i = np.arange(k.shape[1])
     along = views.parallax(pose[0], pose[1], i, k)
-    return np.asarray(np.where(used, _sized(along, views.deviations(essential, i, k)[1])[1], 0.0).sum(axis=1))
-
-
-def _moved(pose: Floats) -> Floats:
-    """A pose (p,) with each entry moved by `DELTA`, (p, p)."""
-    return np.asarray(pose + DELTA * np.eye(len(pose)))
-
-
-def _rotation(pose: Floats) -> Floats:
-    """Rotations (…, 3, 3) of poses (…, p)."""
-    rotation = rotation_about_y(np.cos(pose[..., 0]), np.sin(pose[..., 0]))
-    if pose.shape[-1] == 3:
-        return rotation
-    tilt = np.zeros((*pose.shape[:-1], 3))
-    tilt[..., 0], tilt[..., 2] = pose[..., 3], pose[..., 4]
-    return np.asarray((np.eye(3) + cross_matrix(tilt)) @ rotation)
-
-
-def _translation(pose: Floats, base: Floats) -> Floats:
-    """Unit translations (…, 3) of poses (…, p)."""
-    translation = base[..., 0, :] + pose[..., 1, None] * base[..., 1, :] + pose[..., 2, None] * base[..., 2, :]
-    return np.asarray(translation / np.linalg.norm(translation, axis=-1, keepdims=True))
-
-
-def _essential(pose: Floats, base: Floats) -> Floats:
-    """Essential matrices (…, 3, 3) of poses (…, p)."""
-    return np.asarray(cross_matrix(_translation(pose, base)) @ _rotation(pose))
+    noise = ALONG * views.deviations(essential, i, k)[1]
+    return np.asarray(np.where(used, 0.5 * (np.minimum(along, 0.0) / noise) ** 2, 0.0).sum(axis=1))

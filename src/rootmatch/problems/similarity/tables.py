@@ -33,11 +33,11 @@ class SimilarityTables(NamedTuple):
     source_variance: NDArray[np.float64]
     """(n,) variance of a coordinate."""
     target_variance: NDArray[np.float64]
-    """(n',) likewise."""
+    """(n',) variance of a coordinate."""
     source_points: NDArray[np.float64]
     """(2, n) points of a plane whose orientation counts; zeros otherwise."""
     target_points: NDArray[np.float64]
-    """(2, n') likewise."""
+    """(2, n') points of that plane in the other set; zeros otherwise."""
     scale: NDArray[np.float64]
     """(1,) target units of one source unit; 0 where it is unknown."""
 

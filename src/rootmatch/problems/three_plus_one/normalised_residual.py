@@ -33,7 +33,7 @@ BLUR = 0.03
 BLUR · |D''| σ_D. Full strength would be ½; 0.03 keeps the distribution of true residuals, measured by
 tests/test_residual_distributions.py, and stops false agreement."""
 FULL_BLUR = 0.5
-"""The same at full strength, where the spread of the roots only widens a tolerance."""
+"""Factor in the place of BLUR where the spread of the roots only widens a tolerance: its full strength."""
 SAME = 1e-4
 """Normals whose vector product is below the root of this times their noise, squared, span no plane: t is unknown. Not
 tuned."""

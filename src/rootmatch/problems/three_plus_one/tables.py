@@ -37,7 +37,7 @@ class ThreePlusOneTables(NamedTuple):
     source_deviation: NDArray[np.float64]
     """(n,) standard deviation of a bearing, radians on each axis across it."""
     target_deviation: NDArray[np.float64]
-    """(n',) likewise."""
+    """(n',) standard deviation of a bearing, radians on each axis across it."""
     tilt_variance: NDArray[np.float64]
     """(1,) variance of the axis of one view against that of the other, radians² on each of two directions."""
 

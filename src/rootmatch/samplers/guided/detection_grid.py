@@ -21,9 +21,9 @@ from rootmatch.jit.decorators import driver, part, scalar
 from rootmatch.options import Options, option
 
 NOBODY = -1
-"""In an empty cell."""
+"""Entry of an empty cell."""
 HALF_DIAGONAL = 0.71
-"""Of a cell of side 1, rounded up."""
+"""Half the diagonal of a cell of side 1, rounded up."""
 LEAST_EXTENT = 1e-9
 """Extent of the detections, in radians, that is taken for a single one."""
 

@@ -17,9 +17,9 @@ class FewDetections(NamedTuple):
     assignment: NDArray[np.int64]
     """(n,)."""
     images: NDArray[np.int64]
-    """(m,) their numbers."""
+    """(m,) numbers of the detections."""
     tables: Any
-    """With padding."""
+    """Tables of these detections, padded."""
     grid: DetectionGrid
     allowed: NDArray[np.bool_]
     """(n, m), or (0, 0) for all."""

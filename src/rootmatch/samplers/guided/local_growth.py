@@ -27,9 +27,9 @@ class Lead(NamedTuple):
 
     evidence: float
     points: Integers
-    """(3,) its triple."""
+    """(3,) points of the triple that it grew from."""
     images: Integers
-    """(3,) their images."""
+    """(3,) detections of those points."""
     best: Integers
     """(n,) image of each source point, −1 for none or not looked up."""
 

@@ -32,7 +32,7 @@ class Level:
     images: int
     """Detections near that of the first point which are tried as images of the others."""
     cost: int
-    """Image triples of each."""
+    """Image triples of each triple of points."""
     size: int
     """Triples of the next wave."""
     triples: Integers | None = None
@@ -40,7 +40,7 @@ class Level:
     done: int = 0
     """Triples tried so far."""
     waves: int = 0
-    """Waves of them."""
+    """Waves of triples tried so far."""
 
     @property
     def ahead(self) -> int:

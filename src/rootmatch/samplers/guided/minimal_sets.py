@@ -19,7 +19,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class MinimalSetOptions(Options):
-    """In which order minimal sets of source points are tried; the work of a search is in benchmarks/guided.py."""
+    """The order in which minimal sets of source points are tried; benchmarks/guided.py measures the work."""
 
     listed: int = option(6_000, least=1)
     """Minimal sets up to which all are listed, each once; beyond, they are drawn. A round value, not tuned."""

@@ -41,7 +41,7 @@ class BatchOptions(Options):
     first: int = option(8_000, least=1)
     """Minimal sets solved before the first look at what was found; each batch is twice the one before. Not tuned."""
     start: int = option(2_000, least=1)
-    """The same for one motion without normals."""
+    """Minimal sets solved before the first look, for one motion without normals. Not tuned."""
     growth: float = option(0.25, above=0.0)
     """Minimal sets of its next batch over all before, if that is more than the last: the right set comes at a random
     time, and a batch is finished first. A tenth to a half fewer evaluations than batches of 8,000 and twice the one
@@ -99,13 +99,14 @@ class RefinementOptions(Options):
     sets: int = option(8, least=1)
     """Minimal sets solved anew of each cluster. A round value, not tuned."""
     sure_sets: int = option(4, least=1)
-    """The same of a cluster beyond chance, for one motion of few points without normals: it mostly grows no more. Half
-    as many; the same matches in benchmarks/record.py and benchmarks/matches.py."""
+    """Minimal sets solved anew of a cluster beyond chance, for one motion of few points without normals: it mostly
+    grows no more. Half of `sets`; it finds the same matches in benchmarks/record.py and benchmarks/matches.py."""
     rival: float = option(0.9, above=0.0, most=1.0)
     """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least. A round
     value."""
     rival_lacks: int = option(3, least=0)
-    """And all but so many: of a hundred, ten fewer are never as probable. A round value."""
+    """Most detections of the best hypothesis that a rival may lack, however many there are: of a hundred, ten fewer are
+    never as probable. A round value."""
     rival_missed: float = option(0.08, above=0.0, most=1.0)
     """Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
     minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:

@@ -31,7 +31,7 @@ class Work(NamedTuple):
     cells: NDArray[np.int32]
     """(2, columns)."""
     places: NDArray[np.uint32]
-    """The same memory."""
+    """(2, columns), the memory of `cells` read as places."""
     met: NDArray[np.bool_]
     """(columns,)."""
     passed: NDArray[np.int64]

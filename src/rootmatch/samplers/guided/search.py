@@ -79,7 +79,7 @@ class Search:
         self.sure_sets = options.refinement.sure_sets if few else options.refinement.sets
         """Minimal sets solved anew of a cluster that is beyond chance."""
         self.first_sets: PreparedSets | None = None
-        """Those of the first wave."""
+        """The minimal sets of the first wave."""
         self._known: tuple[Integers, Integers, Hypotheses] | None = None
         self.hypotheses: list[Hypotheses] = []
         self.conclusive = False

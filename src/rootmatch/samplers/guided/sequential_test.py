@@ -35,7 +35,8 @@ class SequentialTestOptions(Options):
     visible: float = option(0.85, above=0.0, most=1.0)
     """Fraction of the source points assumed visible at first, for one motion. A round value, not tuned."""
     visible_of_many: float = option(0.3, above=0.0, most=1.0)
-    """The same for several motions: the points of the other motions do not count. A round value, not tuned."""
+    """Fraction of the source points assumed visible at first, for several motions, each of which sees its own points
+    alone. A round value, not tuned."""
     decay: float = option(0.75, above=0.0, most=1.0)
     """Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points.
     A round value, not tuned."""
@@ -64,11 +65,11 @@ class SequentialTest(NamedTuple):
     """The sequential test as kernels take it, in log-likelihood ratios."""
 
     hit: float
-    """Of a detection exactly at the prediction."""
+    """Gain of a detection exactly at the prediction."""
     fall: float
     """Loss at the rim of the gate, quadratic in the distance."""
     miss: float
-    """Of an empty position, negative."""
+    """Gain of an empty position; negative."""
     floor: float
     """A hypothesis below it is dropped."""
     least: int

@@ -16,7 +16,7 @@ class Survivors(NamedTuple):
     sets: Integers
     """(K,) number of the minimal set of each."""
     points: Integers
-    """(K, m) its source points."""
+    """(K, m) source points of that set."""
     images: Integers
     """(K, 1 + m) number of the root, and image of each of those points."""
     ratios: NDArray[np.float64]

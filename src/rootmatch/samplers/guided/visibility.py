@@ -54,7 +54,7 @@ class VisibilityOptions(Options):
     sim-5-0-near) it was 0.06 to 0.08, in one scene of twenty above 0.25; in 62 of drones 0.13 where five points of six
     are seen."""
     lost_of_all: float = option(0.05, above=0.0, most=1.0)
-    """The same where all points are detected, so that no hidden one ends a test: 0.001 in 200 scenes of drones."""
+    """`lost` where all points are detected, so that no hidden one ends a test: 0.001 in 200 scenes of drones."""
     largest_wave: int = option(32, least=1)
     """Most triples listed by shape after which it is asked again whether enough were tried. Not tuned."""
     least_matched: int = option(6, least=4)

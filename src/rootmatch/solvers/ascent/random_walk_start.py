@@ -24,7 +24,7 @@ class WalkOptions(Options):
     """Correspondences that keep their mass after a step, at least: 127.65 against 127.65 and 80.4 against 80.3 of the
     full walk on 80 instances (docs/notebook/performance.md)."""
     heaviest_part: int = option(8, least=1)
-    """The same for large problems: one of so many. Set with `heaviest`."""
+    """Large problems keep one correspondence of so many, if that is more than `heaviest`; both were set together."""
     tolerance: float = option(1e-6, least=0.0)
     """Squared change of a step below which the walk is over; as `ReweightedWalk`."""
 
