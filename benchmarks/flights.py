@@ -1,6 +1,7 @@
 """Flights of `xr.py` through `Tracker`: a room with three bodies, a rig with two controllers, a drone before a fisheye.
 
     python benchmarks/flights.py --families room rig drone --flights 6 --first-seed 20000
+    python benchmarks/flights.py --families room --merge 3 --resolution 3  # detections within 3 px are one blob
 
 Right: of the bodies that show five LEDs or more in a frame, those with no match wrong and nine tenths of the shown ones
 matched. Wrong: frames of a body that are called matched and have a wrong match; "run": the longest one. "Covered": of
@@ -20,9 +21,10 @@ from typing import Any
 
 import numba
 import numpy as np
-from constellations import judge, load_scenes
+from constellations import load_scenes
 from evidence import load_xr
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -49,12 +51,12 @@ class Tally:
     times: list[float] = field(default_factory=list)
 
 
-def tracker_of(xr: ModuleType, family: str) -> tuple[rm.Tracker, list[tuple[Any, int]]]:
-    """A tracker, and label and number of each body."""
+def tracker_of(xr: ModuleType, family: str, resolution: float | None) -> tuple[rm.Tracker, list[tuple[Any, int]]]:
+    """A tracker that knows how near detections are one, and label and number of each body."""
     fisheye = rm.Camera.from_opencv_fisheye(xr.FISHEYE_K, xr.FISHEYE_D)
     if family == "drone":
         source = xr.drone()
-        return rm.Tracker(source, rm.P3P(fisheye), noise=0.3), [(None, 0)]
+        return rm.Tracker(source, rm.P3P(fisheye), noise=0.3, resolution=resolution), [(None, 0)]
     kinds = "HLR" if family == "room" else "LR"
     source, normals, labels = xr.bodies(kinds)
     camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -63,7 +65,9 @@ def tracker_of(xr: ModuleType, family: str) -> tuple[rm.Tracker, list[tuple[Any,
             [(rm.Camera.from_opencv_fisheye(K, D), R, t) for K, D, R, t in xr.rig_views()],
             sizes=[xr.RIG_SIZE] * 4,
         )
-    tracker = rm.Tracker(source, rm.P3P(camera), noise=0.3, normals=normals, view_angle=VIEW, bodies=labels)
+    tracker = rm.Tracker(
+        source, rm.P3P(camera), noise=0.3, normals=normals, view_angle=VIEW, bodies=labels, resolution=resolution
+    )
     return tracker, [(kind, k) for k, kind in enumerate(kinds)]
 
 
@@ -72,11 +76,31 @@ def frames_of(xr: ModuleType, family: str, seed: int) -> Iterator[dict[str, Any]
     return {"room": xr.room_flight, "rig": xr.rig_flight, "drone": xr.drone_flight}[family](seed, frames=FRAMES[family])
 
 
-def fly(xr: ModuleType, family: str, seed: int, tally: Tally) -> None:
+def merged(frame: dict[str, Any], nearer: float) -> dict[str, Any]:
+    """A frame in which detections of a camera that are nearer than so many pixels are one, at their mean.
+
+    ``owners`` has all points of each; its ``owner`` is the first of them.
+    """
+    target, camera, owner = frame["target"], frame["camera"], frame["owner"]
+    near = np.linalg.norm(target[:, None] - target[None], axis=2) < nearer
+    near &= camera[:, None] == camera
+    label = connected_components(near, directed=False)[1] if len(target) else np.empty(0, np.int64)
+    first = np.unique(label, return_index=True)[1]
+    parts = [np.flatnonzero(label == label[k]) for k in first]
+    return frame | {
+        "target": np.array([target[own].mean(axis=0) for own in parts]).reshape(-1, 2),
+        "camera": camera[first],
+        "owner": owner[first],
+        "owners": [owner[own] for own in parts],
+    }
+
+
+def fly(xr: ModuleType, family: str, seed: int, tally: Tally, merge: float = 0.0, resolution: float = 0.0) -> None:
     """Add one flight to a tally."""
-    tracker, bodies = tracker_of(xr, family)
+    tracker, bodies = tracker_of(xr, family, resolution or None)
     runs = [0] * len(bodies)
     for k, frame in enumerate(frames_of(xr, family, seed)):
+        frame = merged(frame, merge)
         target: Any = (frame["target"], frame["camera"]) if family == "rig" else frame["target"]
         started = time.process_time()
         match = tracker.update(target, time=float(frame["time"]))
@@ -102,22 +126,16 @@ def fly(xr: ModuleType, family: str, seed: int, tally: Tally) -> None:
 
 def _judged(frame: dict[str, Any], number: int, one: Any, rig: bool) -> tuple[bool, bool, bool]:
     """Whether what is told of a body is right, has a match wrong, and whether it shows `FEW` points."""
-    owner = frame["owner"]
-    mine = owner[:, 0] == number
-    shown = int(mine.sum()) >= FEW
-    if not rig:
-        truth = np.full(len(one.assignment), -1)
-        truth[owner[mine, 1]] = np.flatnonzero(mine)
-        _, wrong, full = judge(one.assignment, truth)
-        return full, wrong > 0, shown
-    told, count = one.sightings.assignment, 0
-    wrong = False
-    for camera, row in enumerate(np.asarray(told)):
-        for point, detection in enumerate(row):
-            if detection >= 0:
-                good = bool(mine[detection]) and owner[detection, 1] == point and frame["camera"][detection] == camera
-                wrong, count = wrong or not good, count + good
-    return not wrong and count >= 0.9 * int(mine.sum()), wrong, shown
+    mine = [set(owners[owners[:, 0] == number, 1].tolist()) for owners in frame["owners"]]
+    count = sum(bool(points) for points in mine)
+    told = one.sightings.assignment if rig else one.assignment[None]
+    named = [
+        point in mine[detection] and (not rig or frame["camera"][detection] == camera)
+        for camera, row in enumerate(np.asarray(told))
+        for point, detection in enumerate(row)
+        if detection >= 0
+    ]
+    return all(named) and sum(named) >= 0.9 * count - 1e-9, not all(named), count >= FEW
 
 
 def _covered(pose: rm.Pose | None, R: NDArray[np.float64], t: NDArray[np.float64]) -> bool:
@@ -133,6 +151,8 @@ def main() -> None:
     parser.add_argument("--families", nargs="+", choices=sorted(FRAMES), default=sorted(FRAMES))
     parser.add_argument("--flights", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
+    parser.add_argument("--merge", type=float, default=0.0, help="pixels below which detections are one blob")
+    parser.add_argument("--resolution", type=float, default=0.0, help="what the tracker is told of that")
     parser.add_argument("--scenes", help="folder of the scenes")
     given = parser.parse_args()
     numba.set_num_threads(1)
@@ -140,10 +160,10 @@ def main() -> None:
     if xr is None:
         return
     for family in given.families:
-        fly(xr, family, given.first_seed - 1, Tally())  # compiles
+        fly(xr, family, given.first_seed - 1, Tally(), given.merge, given.resolution)  # compiles
         tally = Tally()
         for seed in range(given.first_seed, given.first_seed + given.flights):
-            fly(xr, family, seed, tally)
+            fly(xr, family, seed, tally, given.merge, given.resolution)
         print(
             f"{family}: {given.flights} flights from {given.first_seed}: right {tally.right} of {tally.shown} "
             f"({tally.right / max(tally.shown, 1):.3f}); trusted {tally.trusted}, of those wrong {tally.wrong}, "

@@ -128,6 +128,7 @@ class World:
             "normals": lambda: {"normals": towards},
             "view_angle": lambda: {"normals": towards, "view_angle": math.radians(80.0)},
             "detection_rate": lambda: {"detection_rate": 0.9},
+            "resolution": lambda: {"resolution": 1.0},
             "source_noise": lambda: {"source_noise": 0.002},
             "Guided": lambda: {"sampler": rm.Guided()},
         }
@@ -238,6 +239,7 @@ FEATURES: dict[str, Feature] = {
     "normals": Feature("normals"),
     "view_angle": Feature("normals"),
     "detection_rate": Feature("rate"),
+    "resolution": Feature("blobs"),
     "source_noise": Feature("model"),
     "Guided": Feature("sampler"),
 }
@@ -273,6 +275,7 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("Rigid", "PosePrior"): "prior: rigid has no camera",
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
+    ("Rigid", "resolution"): "resolution: rigid has no camera",
     ("rig", "auto noise"): "noise: it is not estimated for a rig",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",

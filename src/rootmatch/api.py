@@ -86,6 +86,7 @@ def match(
     normals: ArrayLike | None = None,
     view_angle: ArrayLike | None = None,
     detection_rate: float | None = None,
+    resolution: float | None = None,
     min_probability: float | None = None,
     candidates: ArrayLike | None = None,
     bodies: ArrayLike | None = None,
@@ -134,6 +135,10 @@ def match(
     detection_rate : float, optional
         Probability that a visible point is detected: each point that a pose predicts and that is not detected counts
         against the pose. Estimated by default.
+    resolution : float, optional
+        Distance in pixels below which the detector makes one detection of two points of a body, at their mean. A pose
+        then expects one there, `Match.assignment` names the surest of its points, and the others count as hidden. By
+        default every point has a detection of its own. For P3P and UP2P with cameras that have pixels, also in rigs.
     min_probability : float, optional
         Posterior probability from which a match is trusted: its pose, and those of its matches that remain when
         doubtful ones are left out. By default 0.95.
@@ -220,6 +225,7 @@ def match(
         scheduler=scheduler,
         progress=progress,
         detection_rate=detection_rate,
+        resolution=resolution,
         min_probability=min_probability,
         max_seconds=max_seconds,
     )

@@ -56,7 +56,7 @@ class Matcher:
     problem : Problem
     noise : float or (n',) array
         Standard deviation of a pixel coordinate, in pixels; `match` can override it.
-    normals, view_angle, detection_rate, min_probability, bodies, motions, source_noise
+    normals, view_angle, detection_rate, resolution, min_probability, bodies, motions, source_noise
         What is known about the scene in every frame, as for `rootmatch.match`. Candidates and predicted poses belong to
         one frame: pass them to `match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, preset, backend, scheduler, \
@@ -78,6 +78,7 @@ max_hyperedges, max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
+        resolution: float | None = None,
         min_probability: float | None = None,
         bodies: ArrayLike | None = None,
         motions: int | Literal["auto"] = 1,
@@ -125,6 +126,7 @@ max_hyperedges, max_evaluations
             scheduler=scheduler,
             progress=progress,
             detection_rate=detection_rate,
+            resolution=resolution,
             min_probability=min_probability,
             max_seconds=max_seconds,
         )

@@ -250,7 +250,7 @@ class Match:
         if self.sightings is not None:
             return self.sightings.poses
         if self.finding.pose is not None and (self.prior_holds or len(self.pairs) >= self.problem.least_for_pose):
-            return [polished_pose(self.task, self.assignment, self.finding.pose, bool(self.prior_holds))]
+            return [polished_pose(self.finding)]
         return self.poses_of(self.assignment)
 
     @cached_property

@@ -89,6 +89,7 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "progress": ("count", 3),
     "view_angle": (1.0, "each", 0.0, 3.2, math.nan, "x"),
     "detection_rate": (0.9, 1.0, 0.0, 1.5, math.nan, "x"),
+    "resolution": (2.0, 1e6, 0.0, -1.0, math.nan, "x"),
     "bodies": ("one", "two", "all", "words", "short", "floats"),
     "prior": ("near", "far", "sharp", "singular", "none", "text"),
     "max_seconds": (0.01, 1.0, 1e300, 0.0, -1.0, math.nan, "x"),

@@ -37,6 +37,7 @@ def match(
     normals: option.Normals = True,
     view_angle: option.ViewAngle = None,
     detection_rate: option.DetectionRate = None,
+    resolution: option.Resolution = None,
     min_probability: option.MinProbability = None,
     prior: option.Prior = None,
     known: option.Known = None,
@@ -127,6 +128,7 @@ def match(
     plain: dict[str, Any] = {
         "view_angle": None if view_angle is None else angle("view_angle", view_angle, 180.0),
         "detection_rate": detection_rate,
+        "resolution": resolution,
         "min_probability": min_probability,
         "sampler": sampler,
         "samples": samples,

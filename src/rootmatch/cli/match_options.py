@@ -151,6 +151,15 @@ MinProbability = Annotated[
         rich_help_panel=INPUT,
     ),
 ]
+Resolution = Annotated[
+    float | None,
+    typer.Option(
+        metavar="PX",
+        help="Distance in pixels below which two points of a body are one detection.",
+        show_default="none",
+        rich_help_panel=INPUT,
+    ),
+]
 DetectionRate = Annotated[
     float | None,
     typer.Option(

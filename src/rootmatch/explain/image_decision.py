@@ -21,6 +21,7 @@ from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.predicted_poses import about_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
+from rootmatch.model.blob_labels import labelled
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
@@ -125,6 +126,9 @@ def told_by(
     # an assignment that merely leaves out some of the points is not a different one
     others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
     believed = found.status is not Status.UNTRUSTED
+    if body.model.resolution > 0.0:
+        first, lit = labelled(body.model, first, (modes.rotation[k], modes.position[k]))
+        confidence = confidence * lit
     found = replace(
         found,
         task=about_prediction(base.task, prediction) if holds else base.task,

@@ -125,7 +125,7 @@ def model_of(task: MatchingTask) -> DetectionModel:
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, rate=task.options.detection_rate, prior=prior,
-        allowed=task.allowed, log_weights=log_weights,
+        allowed=task.allowed, log_weights=log_weights, resolution=task.options.resolution or 0.0,
     )  # fmt: skip
 
 

@@ -54,6 +54,7 @@ class MatchOptions:
     scheduler: str | None = None
     progress: Progress | None = None
     detection_rate: float | None = None
+    resolution: float | None = None
     max_seconds: float | None = None
     min_probability: float | None = None
 
@@ -67,6 +68,10 @@ class MatchOptions:
         check_count("max_hyperedges", self.max_hyperedges)
         check_positive("rho", self.rho)
         check_probability("detection_rate", self.detection_rate)
+        check_positive("resolution", self.resolution)
+        if self.resolution is not None and (self.motions != 1 or self.is_paper):
+            other = "preset" if self.is_paper else "motions"
+            raise InputError(f"resolution: not supported with {other}=; leave one of them out")
         check_positive("max_seconds", self.max_seconds)
         check_probability("min_probability", self.min_probability)
         check_choice("backend", self.backend, selection.NAMES)

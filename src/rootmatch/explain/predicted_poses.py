@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.explain.finding import Finding
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.blob_labels import resolved
 from rootmatch.model.pose_prior import Gaussian, Known
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
@@ -43,13 +45,17 @@ def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
 
 
-def polished_pose(task: MatchingTask, assignment: Integers, pose: Pose, prior_holds: bool) -> Pose | None:
-    """The most likely pose of an assignment (n,) near a pose that is known, with its residuals.
+def polished_pose(found: Finding) -> Pose | None:
+    """The most likely pose of a finding's assignment near the pose of its model, with its residuals.
 
     A prediction that holds is part of the fit, and counts less if it is far from that pose. Partial knowledge that
     holds is a normal distribution about that pose.
     """
+    task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
+    assert pose is not None
     points, problem, known = task.points, task.problem, knowledge_of(task)
+    if found.model is not None:
+        points = resolved(found.model, points, assignment, pose)
     prior = None
     if prior_holds and known is not None:
         prior = Known(known, points.source.mean(axis=0)).about(pose)

@@ -125,6 +125,9 @@ class MatchingTask:
         options = options or MatchOptions()
         if prior is not None:
             Capability.PRIOR.require(problem.takes_prior, problem.name)
+        if options.resolution is not None:
+            has_pixels = hasattr(problem, "camera") and not problem.noise_is_angular
+            Capability.RESOLUTION.require(problem.takes_prior and has_pixels, problem.name)
         estimates = isinstance(noise, str)
         if estimates:
             check_choice("noise", noise, ("auto",))

@@ -12,7 +12,7 @@ its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
+from rootmatch.model.blobs import any_of_each, blobs, mean_of_each, spread_of_each
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.pose_prior import Broad, PoseDensity
-from rootmatch.model.visibility import facing, visible, within
+from rootmatch.model.visibility import BARELY, UNSEEN, facing, visible, within
 from rootmatch.options import Options, option
 
 Floats = NDArray[np.float64]
@@ -31,6 +32,8 @@ Integers = NDArray[np.int64]
 ANY_POSE = Broad()
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
+USUAL_RATE = 0.9
+"""Detection rate assumed of each point of a blob, if none is given."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ class Linearised:
         Between normals and the direction to the camera.
     rotation, position : (K, 3, 3) and (K, 3) float64
         Of the poses, the position that of the body's centre.
+    blob : (K, n) int64 or None
+        The point that stands for each, see `rootmatch.model.blobs`; None if each stands for itself. Pixels and
+        Jacobians are those of blobs.
+    blob_variance : (K, n) float64 or None
+        Of each coordinate of a blob, in px², beside the noise of its detection.
     """
 
     pixels: Floats
@@ -78,6 +86,8 @@ class Linearised:
     cosine: Floats | None
     rotation: Floats
     position: Floats
+    blob: Integers | None = None
+    blob_variance: Floats | None = None
 
     def take(self, which: Integers) -> Linearised:
         """Select some of the poses."""
@@ -90,6 +100,8 @@ class Linearised:
             cosine=cosine,
             rotation=self.rotation[which],
             position=self.position[which],
+            blob=None if self.blob is None else self.blob[which],
+            blob_variance=None if self.blob_variance is None else self.blob_variance[which],
         )
 
 
@@ -123,6 +135,8 @@ class DetectionModel:
         Logarithm of the prior weight of each correspondence.
     size : (float, float), optional
         Width and height of the image.
+    resolution : float
+        Distance in px below which two points are one detection.
     options : ModelOptions
     """
 
@@ -138,6 +152,7 @@ class DetectionModel:
     allowed: NDArray[np.bool_] | None = None
     log_weights: Floats | None = None
     size: tuple[float, float] | None = None
+    resolution: float = 0.0
     options: ModelOptions = DEFAULT_MODEL
 
     @property
@@ -232,14 +247,36 @@ class DetectionModel:
             jacobian = np.where(seen[..., None, None], jacobian, 0.0)
             by_position = np.where(seen[..., None, None], by_position, 0.0)
         cosine = facing(self.normals, self.camera.from_centre(places), rotation)
-        return Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
+        at = Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
+        return at if self.resolution == 0.0 else self._in_blobs(at)
+
+    def _in_blobs(self, at: Linearised) -> Linearised:
+        """The same poses with points in blobs that the detector does not resolve."""
+        shown = self.visibility(at, np.zeros(len(at.seen)))
+        blob = blobs(at.pixels, shown > BARELY, self.resolution)
+        if blob is None:
+            return at
+        lit = self.lit(shown)
+        pixels, jacobian = mean_of_each(blob, at.pixels, lit), mean_of_each(blob, at.jacobian, lit)
+        spread = spread_of_each(blob, at.pixels, lit)
+        return replace(at, pixels=pixels, jacobian=jacobian, blob=blob, blob_variance=spread)
+
+    def lit(self, visible: Floats) -> Floats:
+        """Chance (K, n) that a point of a visibility is part of its blob."""
+        return np.maximum((self.rate or USUAL_RATE) * visible, UNSEEN)
+
+    def noise_of(self, at: Linearised, image: Integers) -> Floats:
+        """Standard deviations (K, n) of detections (K, n) as those of the points, px."""
+        sigma = self.sigma[image]
+        return sigma if at.blob_variance is None else np.asarray(np.sqrt(sigma**2 + at.blob_variance))
 
     def of_points(self, at: Linearised) -> Floats | None:
-        """Covariances (K, n, 2, 2) of the pixels by those of the model points; None if these are exact."""
+        """Covariances (K, n, 2, 2) of the pixels by those of the model points and in blobs; None if exact."""
         if self.source_covariance is None:
-            return None
+            return None if at.blob_variance is None else at.blob_variance[..., None, None] * np.eye(2)
         by_point = at.by_position @ at.rotation[:, None]
-        return np.asarray(by_point @ self.source_covariance @ by_point.swapaxes(-1, -2))
+        of_points = by_point @ self.source_covariance @ by_point.swapaxes(-1, -2)
+        return of_points if at.blob_variance is None else of_points + at.blob_variance[..., None, None] * np.eye(2)
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
@@ -247,6 +284,8 @@ class DetectionModel:
         shown = shown * self.camera.in_image(at.pixels)
         if self.size is not None:
             shown = shown * within(at.pixels, self.size, float(np.median(self.sigma)))
+        if at.blob is not None:
+            shown = np.where(at.blob == np.arange(self.shape[0]), any_of_each(at.blob, shown), UNSEEN)
         return np.asarray(shown)
 
 

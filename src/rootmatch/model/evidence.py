@@ -195,7 +195,7 @@ def _whitened(
     model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers, offset: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched."""
-    sigma = model.sigma[image]
+    sigma = model.noise_of(at, image)
     if model.source_covariance is None:
         weight = np.where(used, 1.0 / sigma, 0.0)
         return at.jacobian * weight[..., None, None], offset * weight[..., None], 2.0 * np.log(sigma)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.blobs import of_blobs
 from rootmatch.model.detection_model import DetectionModel, Linearised
 from rootmatch.model.evidence import LOG_2PI, Evidence, about, evidence, settled, stepped
 from rootmatch.model.modes import Modes, as_objects, no_modes
@@ -110,10 +111,13 @@ def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, options: PosteriorOptions
 ) -> tuple[Integers, Evidence, Linearised]:
     """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
-    rough, at = about(model, *proposals)
+    assignments, at = proposals.assignments, model.linearised(proposals.rotation, proposals.position)
+    if at.blob is not None:
+        assignments = of_blobs(assignments, at.blob)
+    rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
     (worth,) = np.nonzero(rough.log_odds > best - options.hopeless)
-    return proposals.assignments[worth], rough.take(worth), at.take(worth)
+    return assignments[worth], rough.take(worth), at.take(worth)
 
 
 @dataclass(eq=False)

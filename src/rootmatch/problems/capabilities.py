@@ -18,6 +18,8 @@ class Capability(Enum):
     """Declared by `Problem.takes_normals`."""
     PRIOR = "prior", "has no camera whose pose could be predicted", "leave it out"
     """Declared by `Problem.takes_prior`."""
+    RESOLUTION = "resolution", "has no camera in whose image points could fall together", "leave it out"
+    """Declared by a camera with pixels whose pose the problem fits."""
     SOURCE_NOISE = (
         "noise",
         "has exact source points, and a pair (source, target) was given",

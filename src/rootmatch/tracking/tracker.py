@@ -56,7 +56,7 @@ class Tracker:
         Standard deviation of a pixel coordinate, in pixels; `update` can override it.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
-    normals, view_angle, detection_rate, min_probability, bodies, source_noise
+    normals, view_angle, detection_rate, resolution, min_probability, bodies, source_noise
         What is known about the scene in every frame, as for `rootmatch.match`.
     seed, max_seconds, progress, sampler, samples, residual, rho, solver, backend, scheduler, max_hyperedges, \
 max_evaluations
@@ -83,6 +83,7 @@ max_evaluations
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         detection_rate: float | None = None,
+        resolution: float | None = None,
         min_probability: float | None = None,
         bodies: ArrayLike | None = None,
         source_noise: ArrayLike | None = None,
@@ -108,6 +109,7 @@ max_evaluations
             normals=normals,
             view_angle=view_angle,
             detection_rate=detection_rate,
+            resolution=resolution,
             min_probability=min_probability,
             bodies=bodies,
             source_noise=source_noise,

@@ -1,0 +1,76 @@
+"""Which point of a blob its detection is, and where that point alone would have been detected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.model.blobs import lit_chances
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.problems.points import PointSets
+from rootmatch.problems.pose_fit.pose import Pose
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def labelled(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Floats]:
+    """An assignment in which the surest point of each blob has its detection, and the chance that it is lit.
+
+    Parameters
+    ----------
+    model : DetectionModel
+    assignment : (n,) int64 array
+        In which the first point of each blob has the detection; −1 for none.
+    pose : (3, 3) and (3,) arrays
+        Rotation, and position of the body's centre.
+
+    Returns
+    -------
+    (n,) int64 and (n,) float64 arrays
+        The chance is 1 for a point that is no part of a blob.
+    """
+    named, chance = assignment.copy(), np.ones(len(assignment))
+    at = model.linearised(pose[0][None], pose[1][None])
+    if at.blob is None:
+        return named, chance
+    alone = replace(model, resolution=0.0)
+    points = alone.linearised(at.rotation, at.position)
+    lit = model.lit(alone.visibility(points, np.zeros(1)))[0]
+    for first in np.flatnonzero(assignment >= 0).tolist():
+        part = np.flatnonzero(at.blob[0] == first)
+        if len(part) > 1:
+            detection = assignment[first]
+            each = lit_chances(
+                points.pixels[0, part], lit[part], model.target[detection], float(model.sigma[detection]) ** 2
+            )
+            surest = part[int(each.argmax())]
+            named[first], named[surest] = -1, detection
+            chance[part] = each
+    return named, chance
+
+
+def resolved(model: DetectionModel, points: PointSets, assignment: Integers, pose: Pose) -> PointSets:
+    """Points of an image in which each point of a blob is detected by itself, as far from its image as the blob was.
+
+    Parameters
+    ----------
+    model : DetectionModel
+        Of the points.
+    points : PointSets
+    assignment : (n,) int64 array
+    pose : Pose
+        In which the blobs are.
+    """
+    R, position = model.centred(pose.R[None], pose.t[None])
+    at = model.linearised(R, position) if model.resolution > 0.0 else None
+    if at is None or at.blob is None or at.blob_variance is None:
+        return points
+    alone = replace(model, resolution=0.0).linearised(R, position).pixels[0]
+    (matched,) = np.nonzero((assignment >= 0) & (at.blob_variance[0] > 0.0))
+    detections, target, noise = assignment[matched], points.target.copy(), points.target_noise.copy()
+    target[detections] += alone[matched] - at.pixels[0, matched]
+    noise[detections] = np.sqrt(noise[detections] ** 2 + at.blob_variance[0, matched])
+    return replace(points, target=target, target_noise=noise)

@@ -1,0 +1,138 @@
+"""Blobs: points of a body whose images are too close for the detector are one detection.
+
+In each pose the points that it shows are joined if their images are nearer to each other than the detector resolves,
+and if others lie between them (single linkage, as touching spots of light are joined). The first point of a blob stands
+for it; the others are as good as hidden, so that nothing counts against a pose for not showing them.
+
+A blob is detected at the mean of those of its m points that are lit, each with a probability q. That mean is taken to
+be normal: about Σ q p / Σ q, with the variance (1 − q̄) Σ q ‖p − mean‖² / ((m − 1) Σ q) in each coordinate. Where all
+points are lit equally, that is a tenth more than the variance of the mixture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+ENTRIES = 2_000_000
+"""Distances that are computed at once: some tens of megabytes."""
+
+
+def blobs(pixels: Floats, shown: Bools, resolution: float) -> Integers | None:
+    """The first point of the blob that each point is part of, in each of K images.
+
+    Parameters
+    ----------
+    pixels : (K, n, 2) array
+        Images of the points.
+    shown : (K, n) bool array
+        Which of them the image may show; the others are blobs by themselves.
+    resolution : float
+        Distance below which two images are joined, in the unit of the pixels.
+
+    Returns
+    -------
+    (K, n) int64 array or None
+        None if every blob is a single point.
+    """
+    count, n = shown.shape
+    out, several = np.tile(np.arange(n), (count, 1)), False
+    step = max(ENTRIES // max(n * n, 1), 1)
+    for first in range(0, count, step):
+        part = slice(first, first + step)
+        offset = pixels[part, :, None] - pixels[part, None]
+        near = (offset**2).sum(axis=-1) < resolution**2
+        near &= shown[part, :, None] & shown[part, None]
+        (rows,) = np.nonzero(near.sum(axis=(1, 2)) > shown[part].sum(axis=1))
+        for k in rows.tolist():
+            several = True
+            out[first + k] = _first_of_each(near[k])
+    return out if several else None
+
+
+def _first_of_each(near: Bools) -> Integers:
+    """The lowest index that each point (n,) is linked with, by links (n, n)."""
+    from scipy.sparse.csgraph import connected_components  # slow to import
+
+    label = connected_components(near, directed=False)[1]
+    return np.asarray(np.unique(label, return_index=True)[1][label], np.int64)
+
+
+def mean_of_each(blob: Integers, values: Floats, lit: Floats) -> Floats:
+    """Values (K, n, …) of points, each replaced by the mean over its blob (K, n), weighted by ``lit`` (K, n) > 0."""
+    weight = lit.reshape(*lit.shape, *[1] * (values.ndim - 2))
+    mean = _sum_of_each(blob, weight * values) / _sum_of_each(blob, weight)
+    alone = (np.bincount(_places(blob), minlength=blob.size)[_places(blob)] == 1).reshape(weight.shape)
+    return np.asarray(np.where(alone, values, mean))
+
+
+def spread_of_each(blob: Integers, pixels: Floats, lit: Floats) -> Floats:
+    """Variance (K, n) of each coordinate of a blob about its mean, by which of its points are lit."""
+    off = ((pixels - mean_of_each(blob, pixels, lit)) ** 2).sum(axis=-1)
+    total = _sum_of_each(blob, lit)
+    dark = _sum_of_each(blob, lit * (1.0 - lit)) / total
+    others = np.maximum(_sum_of_each(blob, np.ones_like(lit)) - 1.0, 1.0)
+    return np.asarray(dark * _sum_of_each(blob, lit * off) / (others * total))
+
+
+def any_of_each(blob: Integers, visible: Floats) -> Floats:
+    """Chance (K, n) that a blob shows: that any of its points does, each by its visibility."""
+    with np.errstate(divide="ignore"):
+        hidden = np.log1p(-np.minimum(visible, 1.0 - 1e-15))
+    return np.asarray(-np.expm1(_sum_of_each(blob, hidden)))
+
+
+def of_blobs(assignments: Integers, blob: Integers) -> Integers:
+    """Assignments (K, n) in which the first point of a blob (K, n) has the detection of any of its points.
+
+    If several of its points have one, that of the first of them stays.
+    """
+    own = blob == np.arange(assignments.shape[1])
+    out = np.where(own, assignments, -1)
+    for k, i in zip(*np.nonzero((assignments >= 0) & ~own), strict=True):
+        if out[k, blob[k, i]] < 0:
+            out[k, blob[k, i]] = assignments[k, i]
+    return out
+
+
+def lit_chances(pixels: Floats, lit: Floats, detection: Floats, variance: float) -> Floats:
+    """Chance (m,) that each point of a blob is lit, by where the blob is detected.
+
+    Parameters
+    ----------
+    pixels : (m, 2) array
+    lit : (m,) array
+        Chance of each without that.
+    detection : (2,) array
+    variance : float
+        Of each coordinate of the detection.
+
+    One of them alone, or all: the chance of some is counted as that of all.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        odds = lit / (1.0 - np.minimum(lit, 0.999))
+    none = np.prod(1.0 - np.minimum(lit, 0.999))
+    alone = odds * none
+    weight = np.array([*alone, max(1.0 - none - float(alone.sum()), 0.0)])
+    places = np.vstack([pixels, (lit[:, None] * pixels).sum(axis=0) / lit.sum()])
+    deviation = -0.5 * ((places - detection) ** 2).sum(axis=1) / variance
+    weight = weight * np.exp(deviation - deviation.max())
+    weight /= weight.sum()
+    return np.asarray(weight[:-1] + weight[-1])
+
+
+def _places(blob: Integers) -> Integers:
+    """Place of each point's blob among all points of all poses."""
+    return np.asarray((np.arange(len(blob))[:, None] * blob.shape[1] + blob).ravel(), np.int64)
+
+
+def _sum_of_each(blob: Integers, values: Floats) -> Floats:
+    """Values (K, n, …) of points, each replaced by the sum over its blob."""
+    flat, place = values.reshape(blob.size, -1), _places(blob)
+    total = np.zeros_like(flat)
+    np.add.at(total, place, flat)
+    return np.asarray(total[place].reshape(values.shape))
