@@ -176,7 +176,7 @@ def test_ranges_of_images_are_all_that_may_be_and_no_others(planar: bool) -> Non
         if planar:
             expected = [first * 7 + last for first in range(7) if firsts[first] for last in range(7)]
         else:
-            pairs = [pair for pair in itertools.permutations(range(7), 2) if firsts[pair[0]] and seconds[pair[1]]]
+            pairs = [pair for pair in itertools.product(range(7), repeat=2) if firsts[pair[0]] and seconds[pair[1]]]
             expected = [(first * 7 + second) * 7 + last for first, second in pairs for last in range(7)]
         np.testing.assert_array_equal(found, expected)
 
@@ -189,11 +189,22 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
         now[0] += 0.001 * (end - begin)
 
     with Deadline(1.0, clock=lambda: now[0]).enforced(), pytest.raises(OutOfTime):
-        _in_pieces(work, iter([(3, 30), (40, 100_000)]), 40)
+        _in_pieces(work, np.array([(3, 30), (40, 100_000)]), 40)
     assert pieces[0] == (3, 4)
     assert all(after[0] in (before[1], 40) for before, after in itertools.pairwise(pieces))
     assert max(end - begin for begin, end in pieces) == 40
     assert now[0] < 1.002
+
+
+@pytest.mark.parametrize(("budget", "sets"), [(100, 1), (17**3 + 100, 1), (2 * 17**3, 2)])
+def test_a_wave_has_no_more_sets_than_the_budget(budget: int, sets: int) -> None:
+    scene = three_plus_one_scene(12, 5, 0.5, 1, 5.0)
+    views = scene.problem.two_views(scene.problem.validated(scene.source, scene.target, 0.5))
+    task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (12, 17), 4, views=views)
+    search = PoseSearch(task, TwoViewOptions(budget=budget, most_sets=1))
+    search.run()
+    assert search.sets == sets
+    assert search.solved == sets * 17 * 16 * 15
 
 
 def test_a_match_depends_on_its_seed_alone() -> None:

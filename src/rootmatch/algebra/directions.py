@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.algebra.rotation import cross
+
 Floats = NDArray[np.float64]
 
 
@@ -28,6 +30,6 @@ def tangent_bases(vectors: Floats) -> tuple[Floats, Floats]:
     Not the same vectors: these begin with the axis to which each vector is least aligned, which NumPy has as a lookup.
     """
     axis = np.eye(3)[np.abs(vectors).argmin(axis=-1)]
-    first = np.cross(vectors, axis)
+    first = cross(vectors, axis)
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return first, np.cross(vectors, first)
+    return first, cross(vectors, first)

@@ -7,15 +7,13 @@ goes to deviations from the epipolar planes and of the log inverse distances, in
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross, rotation_about_y
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
-from rootmatch.problems.pose_fit.descent import covariance_of, descended
+from rootmatch.problems.pose_fit.base import invertible
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,8 +30,6 @@ ROUNDS = 2
 """Rounds with epipolar planes alone, and as many with inverse distances. A round value."""
 OPEN = 1.0
 """σ in radians of a pose's angles, and of its log scale, that the points leave open. By construction."""
-IMPOSSIBLE = 6.0
-"""Deviation, in σ, of a match that lies behind a camera, so that a fit can go on without it. A round value."""
 DOUBTED = 3.0
 """Deviation from which a match counts less, in σ or in medians of all where those are larger. A round value."""
 FIRST_SCALE = 0.1
@@ -88,11 +84,10 @@ def fitted(model: TwoViewModel, assignments: Integers) -> Fitted:
     poses, seen = _descended(model, poses, assignments, near=True)
     used = assignments >= 0
     poses = _scaled(poses, seen, used)
-    fit = _Fit(model, assignments, poses.spread, np.sqrt(_doubts(seen.e, used)), near=True)
+    _, normal = _moved(model, poses, assignments, np.sqrt(_doubts(seen.e, used)), near=True, steps=0)
     size, matched = model.size, np.maximum(used.sum(axis=1), 1)
     covariance = np.zeros((len(best), size, size))
-    precision = np.linalg.inv(covariance_of(fit, poses[:4])) + np.eye(size - 1) / OPEN**2
-    covariance[:, :-1, :-1] = np.linalg.inv(precision)
+    covariance[:, :-1, :-1] = np.linalg.inv(invertible(normal) + np.eye(size - 1) / OPEN**2)
     sigma = np.minimum(1.0 / np.sqrt(np.maximum(2.0 * (matched - 1.0), 1.0)), 0.5 * (SPREADS[1] - SPREADS[0]))
     covariance[:, -1, -1] = sigma**2
     return Fitted(assignments, poses, covariance, (np.minimum(np.abs(seen.e), DOUBTED) ** 2 * used).sum(axis=1))
@@ -101,22 +96,39 @@ def fitted(model: TwoViewModel, assignments: Integers) -> Fitted:
 def _descended(model: TwoViewModel, poses: Relative, assignments: Integers, near: bool) -> tuple[Relative, Seen]:
     """Poses after some rounds of a fit, and their matches."""
     used = assignments >= 0
-    fit = _Fit(model, assignments, poses.spread, np.zeros(used.shape), near)
-    seen = fit.seen(poses[:4])
+    seen = _matches(model, poses, assignments)
     for _ in range(ROUNDS):
         if near:
             poses = _scaled(poses, seen, used)
-        fit = replace(fit, spread=poses.spread, weights=_doubts(seen.e, used))
-        state, _ = descended(fit, poses[:4], STEPS)
-        poses = _with(state, poses.spread)
-        seen = fit.seen(state)
+        poses, _ = _moved(model, poses, assignments, _doubts(seen.e, used), near, STEPS)
+        seen = _matches(model, poses, assignments)
     return poses, seen
 
 
-def _with(state: tuple[Floats, ...], spread: Floats) -> Relative:
-    """The poses of a state of the fit."""
-    turn, translation, tilt, scale = state
-    return Relative(turn, translation, tilt, scale, spread)
+def _matches(model: TwoViewModel, poses: Relative, assignments: Integers) -> Seen:
+    """The matches of each assignment (K, n) at its pose; of unmatched points anything."""
+    return model.seen(poses, np.arange(assignments.shape[1]), np.maximum(assignments, 0))
+
+
+def _moved(
+    model: TwoViewModel, poses: Relative, assignments: Integers, weights: Floats, near: bool, steps: int
+) -> tuple[Relative, Floats]:
+    """Poses nearer to the bottom of their χ², the spread as it is, and their normal equations (K, p − 1, p − 1).
+
+    ``weights`` (K, n): roots of the weights of matches; ``near``: whether inverse distances count.
+    """
+    from rootmatch.model.two_view_descent import (  # compiled code, which not every import needs
+        descend_poses,
+        scratch_of,
+    )
+
+    states = np.concatenate([poses.turn[:, None], poses.translation, poses.tilt, poses.scale[:, None]], axis=1)
+    normals = np.empty((len(states), model.size - 1, model.size - 1))
+    descend_poses(
+        model.views, (model.planar, model.tilt), states, poses.spread, np.ascontiguousarray(assignments),
+        np.ascontiguousarray(weights), near, steps, normals, *scratch_of(),
+    )  # fmt: skip
+    return Relative(states[:, 0], states[:, 1:4], states[:, 4:6], states[:, 6], poses.spread), normals
 
 
 def _doubts(e: Floats, used: NDArray[np.bool_]) -> Floats:
@@ -146,99 +158,14 @@ def _scaled(poses: Relative, seen: Seen, used: NDArray[np.bool_]) -> Relative:
 
 def _starts(model: TwoViewModel, assignments: Integers) -> tuple[Relative, Integers]:
     """Poses of least deviation on a grid of rotations, `VALLEYS` of each assignment, and its number."""
-    angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
-    u = model.first @ rotation_about_y(np.cos(angle), np.sin(angle)).swapaxes(-1, -2)
-    every = []
-    for one in assignments:
-        own = np.flatnonzero(one >= 0)
-        rows = cross(u[:, own], model.second[one[own]])
-        if model.planar:
-            rows = rows[..., [0, 2]]
-        t = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
-        if model.planar:
-            t = np.stack([t[:, 0], np.zeros(ANGLES), t[:, 1]], axis=1)
-        scale, spread = np.full(ANGLES, math.log(FIRST_SCALE)), np.full(ANGLES, SPREADS[1] - 0.1)
-        poses = Relative(angle, t, np.zeros((ANGLES, 2)), scale, spread)
-        total = np.log1p((model.seen(poses, own, one[own]).e / DOUBTED) ** 2).sum(axis=1)
-        valley = (total <= np.roll(total, 1)) & (total <= np.roll(total, -1))
-        every.append(poses.take(np.argsort(np.where(valley, total, np.inf), kind="stable")[:VALLEYS]))
-    return Relative.joined(every), np.repeat(np.arange(len(assignments)), VALLEYS)
+    from rootmatch.model.two_view_descent import grid_of_rotations  # compiled code, which not every import needs
 
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """See `rootmatch.problems.pose_fit.descent.Model`: the pose of each of some assignments, the spread known."""
-
-    model: TwoViewModel
-    assignments: Integers
-    spread: Floats
-    weights: Floats
-    """(K, n) roots of the weights of matches."""
-    near: bool
-    """Whether inverse distances count."""
-
-    def seen(self, state: tuple[Floats, ...]) -> Seen:
-        """The matches at the poses; of unmatched points anything."""
-        rows = np.arange(self.assignments.shape[1])
-        return self.model.seen(_with(state, self.spread), rows, np.maximum(self.assignments, 0))
-
-    def residuals(self, state: tuple[Floats, ...]) -> Floats:
-        """See `Model`."""
-        seen, used = self.seen(state), self.assignments >= 0
-        z = np.where(self._usable(seen), seen.z, IMPOSSIBLE) if self.near else 0.0
-        weights = np.where(used, self.weights, 0.0)
-        parts = [weights * seen.e, weights * z, weights * seen.behind * self.near]
-        if self.model.tilt > 0.0:
-            parts.append(state[2] / self.model.tilt)
-        return np.concatenate(parts, axis=1)
-
-    def jacobian(self, state: tuple[Floats, ...]) -> Floats:
-        """See `Model`; how the spread of inverse distances changes with the pose is left out."""
-        model, seen = self.model, self.seen(state)
-        used, usable = self.assignments >= 0, self._usable(seen)
-        count, n = used.shape
-        weights = np.where(used, self.weights, 0.0)
-        rest = 2 if model.tilt > 0.0 else 0
-        out = np.zeros((count, 3 * n + rest, model.size - 1))
-        t, moves = state[1][:, None], model.bases(state[1])
-        axes = np.eye(3)[[1, 0, 2]] if rest else np.eye(3)[[1]]
-        still = np.zeros((1, 1, 3))
-        turned = [cross(axis, seen.u) for axis in axes]
-        steps = [(turned[0], still), *((still, moves[:, d, None]) for d in range(moves.shape[1]))]
-        steps += [(du, still) for du in turned[1:]]
-        with np.errstate(all="ignore"):
-            width, own = 1.0 / (seen.sine * np.sqrt(seen.across)), 1.0 / np.sqrt(seen.spread2)
-            second = model.second_variance[np.maximum(self.assignments, 0)]
-            by_parallax = seen.parallax / (seen.ahead * seen.ahead * seen.r2)
-            damped = 1.0 - seen.floor2 / seen.r2
-            for place, (du, dt) in enumerate(steps):
-                dk, dpt, dpu = (
-                    (du * t + dt * seen.u).sum(axis=-1),
-                    (dt * seen.p).sum(axis=-1),
-                    (du * seen.p).sum(axis=-1),
-                )
-                triple = ((cross(t, du) + cross(dt, seen.u)) * seen.p).sum(axis=-1)
-                parallax = dpt - dk * seen.pu - seen.k * dpu
-                ahead = dpu - dk * seen.pt - seen.k * dpt
-                z = own * (by_parallax * parallax - damped * ahead / seen.ahead)
-                e = triple * width + seen.e * width**2 * (second * seen.k * dk + model.first_variance * seen.pt * dpt)
-                out[:, :n, place] = weights * e
-                if self.near:
-                    out[:, n : 2 * n, place] = weights * np.where(usable & np.isfinite(z), z, 0.0)
-                    behind = np.where(seen.behind < 0.0, parallax / (seen.sine * np.sqrt(seen.noise)), 0.0)
-                    out[:, 2 * n : 3 * n, place] = weights * behind
-            scale = -own * np.minimum(np.exp(2.0 * state[3])[:, None] / seen.mean2, 1.0)
-            out[:, n : 2 * n, -1] = weights * np.where(usable, scale, 0.0) * self.near
-        for axis in range(rest):
-            out[:, 3 * n + axis, 1 + moves.shape[1] + axis] = 1.0 / model.tilt
-        return out
-
-    def moved(self, state: tuple[Floats, ...], step: Floats) -> tuple[Floats, ...]:
-        """See `Model`."""
-        whole = np.concatenate([step, np.zeros((len(step), 1))], axis=1)
-        return tuple(self.model.moved(_with(state, self.spread), whole)[:4])
-
-    @staticmethod
-    def _usable(seen: Seen) -> NDArray[np.bool_]:
-        """Which matches lie in front, so that they have an inverse distance."""
-        return np.asarray((seen.ahead > 0.0) & np.isfinite(seen.z))
+    count = len(assignments)
+    total, t = np.empty((count, ANGLES)), np.empty((count, ANGLES, 3))
+    grid_of_rotations(model.views, model.planar, np.ascontiguousarray(assignments), DOUBTED, total, t)
+    valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
+    best = np.argsort(np.where(valley, total, np.inf), axis=1, kind="stable")[:, :VALLEYS].ravel()
+    rows = np.repeat(np.arange(count), VALLEYS)
+    scale, spread = np.full(len(rows), math.log(FIRST_SCALE)), np.full(len(rows), SPREADS[1] - 0.1)
+    turn = np.asarray(2.0 * np.pi / ANGLES * best, dtype=np.float64)
+    return Relative(turn, t[rows, best], np.zeros((len(rows), 2)), scale, spread), rows

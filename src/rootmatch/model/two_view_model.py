@@ -33,6 +33,10 @@ SCALES = (math.log(1e-3), math.log(10.0))
 """Baselines over distances, from points that hardly move to nearer ones; logarithms. Round values."""
 SPREADS = (math.log(0.05), math.log(1.5))
 """Spread τ of the logarithm of the distances of one scene: from a shell to all within a factor 20. Round values."""
+NOTHING = -30.0
+"""Log-odds below which a pair counts for nothing at a sample. By construction: far below `two_view_posterior.LEAST`."""
+PAIRS_PER_THREAD = 200_000
+"""Pairs at samples that are worth waking a thread for, some milliseconds. Changes no result."""
 LEAST_SINE = 1e-6
 """Of the angle between a bearing and the baseline. By construction: far below any noise."""
 
@@ -103,6 +107,12 @@ class TwoViewModel:
     log_weights: Floats | None = None
     detection_rate: float | None = None
 
+    @cached_property
+    def views(self) -> tuple[Floats, ...]:
+        """Input of compiled code: bearings of both images, and their variances."""
+        arrays = self.first, self.second, self.first_variance, self.second_variance
+        return tuple(np.ascontiguousarray(array, np.float64) for array in arrays)
+
     @property
     def shape(self) -> tuple[int, int]:
         """Number of points, and of detections."""
@@ -130,14 +140,36 @@ class TwoViewModel:
             tilts = -0.5 * squared - math.log(2.0 * math.pi * self.tilt**2)
         return np.where(inside, tilts - self.log_volume, -np.inf)
 
-    def log_ratios(self, poses: Relative, variance: Floats, rows: Integers, columns: Integers) -> Floats:
-        """Log density ratios (K, P) of detections ``columns`` as the images of points ``rows``, against clutter.
+    def log_odds(self, poses: Relative, variance: Floats, term: Floats, pairs: tuple[Integers, Integers]) -> Floats:
+        """Log density ratios (K, P) of detections as the images of points, against clutter, and a term (K,) more.
 
-        ``variance`` (K,): factor s² on all variances.
+        Parameters
+        ----------
+        poses : Relative
+        variance : (K,) array
+            Factor s² on all variances.
+        term : (K,) array
+        pairs : two (P,) arrays
+            Points, in order, and detections. Pairs below `NOTHING` have −∞.
         """
-        log = self.seen(poses, rows, columns, variance[:, None]).log_density
-        log -= self.log_clutter[columns]
-        return log if self.log_weights is None else log + self.log_weights[rows, columns]
+        from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
+        from rootmatch.model.two_view_odds import log_odds_of
+
+        rows, columns = pairs
+        own = self.first_variance[rows], self.second_variance[columns]
+        most = -0.5 * np.log(own[1] * (own[0] + own[1])) - math.log(2.0 * math.pi) - self.log_clutter[columns]
+        if self.log_weights is not None:
+            most += self.log_weights[rows, columns]
+        scene2 = np.exp(2.0 * np.minimum(poses.spread, SPREADS[1]))
+        of_poses = poses.rotation, poses.translation, np.exp(poses.scale), scene2, variance, term
+        given = self.views, tuple(np.ascontiguousarray(part) for part in of_poses)
+        out = np.empty((len(variance), len(rows)))
+
+        def work(start: int, end: int) -> None:
+            log_odds_of(*given, start, end, rows, columns, most, NOTHING, out)
+
+        in_threads(work, len(out), threads_worth(out.size // PAIRS_PER_THREAD))
+        return out
 
     def seen(self, poses: Relative, rows: Integers, columns: Integers, factor: Floats | float = 1.0) -> Seen:
         """Pairs of points (P,) and detections (P,), or (K, P), at K poses."""
@@ -180,17 +212,18 @@ class TwoViewModel:
         Steps to directions on the other side, which `moved` does not reach, are huge.
         """
         moves = self.bases(poses.translation)
+        d = moves.shape[1]
+        steps = np.empty((len(poses.turn), self.size, len(others.turn)))  # parameter by parameter, for speed
+        turn = others.turn - poses.turn[:, None]
+        steps[:, 0] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
         cosine = poses.translation @ others.translation.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            direction = (others.translation @ moves.swapaxes(-1, -2)) / cosine[..., None]
-        direction = np.where(cosine[..., None] > 1e-9, direction, 1e9)
-        turn = (others.turn - poses.turn[:, None] + np.pi) % (2.0 * np.pi) - np.pi
-        parts = [turn[..., None], direction]
+        direction = moves @ others.translation.T / np.maximum(cosine, 1e-300)[:, None]
+        steps[:, 1 : 1 + d] = np.where(cosine[:, None] > 1e-9, direction, 1e9)
         if self.tilt > 0.0:
-            parts.append(others.tilt - poses.tilt[:, None])
-        parts += [(others.scale - poses.scale[:, None])[..., None], (others.spread - poses.spread[:, None])[..., None]]
-        log_area = 0.5 * (moves.shape[1] + 1.0) * np.log1p((direction**2).sum(axis=-1))
-        return np.concatenate(parts, axis=-1), log_area
+            steps[:, 1 + d : 3 + d] = others.tilt.T - poses.tilt[..., None]
+        steps[:, -2], steps[:, -1] = others.scale - poses.scale[:, None], others.spread - poses.spread[:, None]
+        log_area = 0.5 * (d + 1.0) * np.log1p((steps[:, 1 : 1 + d] ** 2).sum(axis=1))
+        return steps.swapaxes(1, 2), log_area
 
     def bases(self, t: Floats) -> Floats:
         """Directions (K, d, 3) in which t can move."""

@@ -42,8 +42,6 @@ FEWEST = 16
 """First samples of images with so many points that there are less than so many. A round value."""
 MOST_RATIOS = 4_000_000
 """Pairs of points times first samples: 32 MB."""
-TOGETHER = 100_000
-"""Pairs times samples that are computed together, which bounds the memory: some twenty arrays. Changes no result."""
 NAMED = 5
 """First of the distinct assignments that were named which are fitted. A round value."""
 SAMPLES = 768
@@ -253,14 +251,8 @@ def _log_odds(model: TwoViewModel, drawn: Samples, rows: Integers, columns: Inte
     from scipy.special import gammaln  # slow to import
 
     n, n_target = model.shape
-    count = max(TOGETHER // max(len(rows), 1), 1)
-    every = []
-    for begin in range(0, len(drawn.rate), count):
-        checkpoint()
-        some = slice(begin, begin + count)
-        every.append(model.log_ratios(drawn.poses.take(some), drawn.variance[some], rows, columns))
-    odds = np.concatenate(every)
-    odds += (np.log(drawn.rate) - np.log1p(-drawn.rate) - np.log(drawn.clutter))[:, None]
+    term = np.log(drawn.rate) - np.log1p(-drawn.rate) - np.log(drawn.clutter)
+    odds = model.log_odds(drawn.poses, drawn.variance, term, (rows, columns))
     log = n_target * np.log(drawn.clutter) - drawn.clutter - float(gammaln(n_target + 0.5))
     return odds, log + n * np.log1p(-drawn.rate) + log_prior(model, drawn)
 

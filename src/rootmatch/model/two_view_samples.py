@@ -136,24 +136,29 @@ def log_drawn(model: TwoViewModel, centres: Centres, drawn: Samples) -> Floats:
     """Logarithm (K,) of the density of samples, by the whole mixture."""
     from scipy.special import betaln, gammaln  # slow to import
 
-    fits, size = centres.fits, model.size
+    counts = centres.counts(len(drawn.rate))
+    some = np.flatnonzero(counts)
+    fits, group, size = centres.fits.take(some), centres.group[some], model.size
     steps, log_area = model.steps_to(fits.poses, drawn.poses)
     roots = WIDER * np.linalg.cholesky(fits.covariance)
     white = np.linalg.inv(roots) @ steps.swapaxes(-1, -2)
     constant = (
         math.lgamma(0.5 * (FREEDOM + size)) - math.lgamma(0.5 * FREEDOM) - 0.5 * size * math.log(FREEDOM * math.pi)
     )
-    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white**2).sum(axis=1) / FREEDOM)
-    log -= np.log(np.einsum("caa->ca", roots)).sum(axis=1)[:, None] - constant
-    (a, b), k, (shape, scale) = _others(model, fits)
-    a, b, k, shape, scale = (part[:, None] for part in (a, b, k, shape, scale))
-    log += log_inverse_gamma(drawn.variance, shape, scale)
+    log = log_area - 0.5 * (FREEDOM + size) * np.log1p((white * white).sum(axis=1) / FREEDOM)
+    share = np.log(counts[some] / counts.sum()) - np.log(np.einsum("caa->ca", roots)).sum(axis=1) + constant
+    # s², δ and Λ are drawn alike about all centres of one fit, and their densities are exponential families
+    (a, b), k, (shape, scale) = _others(model, centres.fits)
+    factors = np.stack([-(shape + 1.0), -scale, k - 1.0])
+    of_drawn = np.stack([np.log(drawn.variance), 1.0 / drawn.variance, np.log(drawn.clutter)])
+    norm = shape * np.log(scale) - gammaln(shape) - gammaln(k)
     if model.detection_rate is None:
-        log += (a - 1.0) * np.log(drawn.rate) + (b - 1.0) * np.log1p(-drawn.rate) - betaln(a, b)
-    log += (k - 1.0) * np.log(drawn.clutter) - drawn.clutter - gammaln(k)
-    counts = centres.counts(len(drawn.rate))
-    log = log[counts > 0] + np.log(counts[counts > 0] / counts.sum())[:, None]
-    return np.asarray(np.logaddexp.reduce(log, axis=0))
+        factors = np.concatenate([factors, [a - 1.0, b - 1.0]])
+        of_drawn = np.concatenate([of_drawn, [np.log(drawn.rate), np.log1p(-drawn.rate)]])
+        norm -= betaln(a, b)
+    log += (factors.T @ of_drawn + norm[:, None])[group] + share[:, None]
+    most = log.max(axis=0)
+    return np.asarray(most + np.log(np.exp(log - most).sum(axis=0)) - drawn.clutter)
 
 
 def log_prior(model: TwoViewModel, drawn: Samples) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,8 @@ SOLVED = 0.6
 """Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
 SECONDS_PER_POSE = 3e-7
 """To judge the poses of one image of a minimal set, for each detection: a tenth where no pose has it."""
+WORTH_A_THREAD = 0.005
+"""Such seconds that are worth waking a thread for: they are more than a piece takes. Changes no result."""
 SECONDS_PER_RATIO = 2e-7
 """Time to compute one likelihood ratio in a step of a refinement."""
 REFINED = 4_000_000
@@ -96,7 +98,8 @@ class PoseSearch:
         waves = MinimalSetOptions(first_wave=options.first_wave, largest_wave=options.wave)
         positions = np.ascontiguousarray(self.views.source.T)
         for sets in minimal_sets(positions, self.minimal, self.rng, waves):
-            self._try(sets)
+            # of many images a single set may be more than the budget
+            self._try(sets[: max((options.budget - self.solved) // self.n_target**self.minimal, 1)])
             self.conclusive = bool(self.hypotheses)
             if self.task.progress is not None:
                 self.task.progress(min(self.solved, options.budget), options.budget)
@@ -125,6 +128,7 @@ class PoseSearch:
         counts = np.zeros((count, 3), np.int64)
         limits = np.array([options.gate**2, options.spread])
         search = search_pairs if self.views.planar else search_triples
+        each = SECONDS_PER_POSE * self.n_target
 
         def piece(begin: int, stop: int) -> None:
             """Some of the images of all sets."""
@@ -136,11 +140,11 @@ class PoseSearch:
                     poses, evidence, counts,
                 )  # fmt: skip
 
-            in_threads(work, count, threads_worth(count))
+            in_threads(work, count, threads_worth(min(count, int(each * (stop - begin) * count / WORTH_A_THREAD))))
 
         try:
             with self.deadline.part(SOLVED).enforced():
-                _in_pieces(piece, self._images(sets), max(int(LONGEST / (SECONDS_PER_POSE * self.n_target)), 1))
+                _in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
         except OutOfTime:
             self.cut = True
         self.solved += int(counts[:, 0].sum())
@@ -154,21 +158,15 @@ class PoseSearch:
         with self.deadline.within():
             self._take(chosen, which)
 
-    def _images(self, sets: Integers) -> Iterator[tuple[int, int]]:
-        """Ranges of the images that some of the sets may have, as `search_triples` and `search_pairs` number them.
+    def _images(self, sets: Integers) -> Integers:
+        """First and last + 1 (K, 2) of the images that some of the sets may have, as `search_triples` numbers them.
 
-        What cannot be, as two points with one image, would cost nothing and tell nothing of the cost of the next ones.
+        What cannot be, as a forbidden match, would cost nothing and tell nothing of the cost of the next ones.
         """
-        every, possible = self.n_target, self.judge[1] > 0.0
-        first = np.asarray(possible[sets[:, 0]].any(axis=0))
-        if self.views.planar:
-            yield from every * _runs(first)
-            return
-        second = np.asarray(possible[sets[:, 1]].any(axis=0))
-        for image in np.flatnonzero(first).tolist():
-            others = second.copy()
-            others[image] = False
-            yield from every * (image * every + _runs(others))
+        first, second = (np.asarray((self.judge[1] > 0.0)[sets[:, place]].any(axis=0)) for place in (0, 1))
+        possible = first if self.views.planar else (first[:, None] & second).ravel()
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], possible.astype(np.int8), [0]])))
+        return self.n_target * ends.reshape(-1, 2)
 
     def _take(self, poses: Floats, which: Integers) -> None:
         """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
@@ -270,12 +268,7 @@ class PoseSearch:
         return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
 
 
-def _runs(mask: NDArray[np.bool_]) -> Integers:
-    """First and last + 1 (K, 2) of each run of true values."""
-    return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
-
-
-def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int]], largest: int) -> None:
+def _in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
     """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
 
     None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
@@ -286,7 +279,7 @@ def _in_pieces(work: Callable[[int, int], None], ranges: Iterator[tuple[int, int
         If the deadline in force passes before all is begun.
     """
     deadline, size = in_force(), 1
-    for begin, end in ranges:
+    for begin, end in ranges.tolist():
         while begin < end:
             checkpoint()
             stop, started = min(begin + size, end), deadline.clock()
