@@ -207,6 +207,24 @@ def test_a_wave_has_no_more_sets_than_the_budget(budget: int, sets: int) -> None
     assert search.solved == sets * 17 * 16 * 15
 
 
+def test_what_is_found_by_a_deadline_is_refined() -> None:
+    scene = three_plus_one_scene(12, 28, 0.5, 1, 5.0)
+    views = scene.problem.two_views(scene.problem.validated(scene.source, scene.target, 0.5))
+    task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (12, 40), 4, views=views)
+    calls = itertools.count()
+
+    def clock() -> float:
+        """Slow until shortly before the search has to end."""
+        call = next(calls)
+        return min(0.02 * call, 0.93) + 1e-4 * call
+
+    search = PoseSearch(task, TwoViewOptions(), Deadline(1.0, clock=clock))
+    search.run()
+    assert search.cut
+    assert 0 < search.solved < 3 * 40 * 39 * 38
+    assert search.hypotheses
+
+
 def test_a_match_depends_on_its_seed_alone() -> None:
     scene = three_plus_one_scene(12, 10, 1.0, 3, 5.0)
 

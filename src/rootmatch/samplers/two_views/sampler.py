@@ -15,13 +15,13 @@ from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, ran
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.two_views.search import PoseSearch
 
-SEARCHED = 0.6
-"""Share of the time that is left at a deadline which the search may take."""
+SEARCHED, RESERVE = 0.6, 0.3
+"""Share of the time left at a deadline that the search may take, and seconds that suffice for its hyper-edges."""
 
 
 def two_view_tensor(task: SamplingTask, options: GuidedOptions) -> SampledTensor:
     """Tensor of the hyper-edges among the correspondences that relative poses name; see `rootmatch.Guided`."""
-    deadline = task.deadline.part(SEARCHED)
+    deadline = task.deadline.part(SEARCHED, RESERVE)
     if options.max_seconds is not None and options.max_seconds < deadline.left():
         deadline = Deadline(options.max_seconds)
     views = replace(options.views, budget=min(options.views.budget, options.budget))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +29,7 @@ LEAST_COSINE = 0.05
 BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
 """Variance that the pose's error adds in the steps of a refinement, in those of the noise. Not tuned."""
 SOLVED = 0.6
-"""Share of the time left at a deadline for the minimal sets of a wave; the rest is for what is found to be refined."""
+"""Share of the time left at a deadline for the minimal sets of a wave, or more: what is found is to be refined."""
 SECONDS_PER_POSE = 3e-7
 """To judge the poses of one image of a minimal set, for each detection: a tenth where no pose has it."""
 WORTH_A_THREAD = 0.005
@@ -123,36 +124,45 @@ class PoseSearch:
         """Try minimal sets with all their images, and refine the likeliest poses of each."""
         options, count = self.options, len(sets)
         orders = self.rng.permuted(np.tile(np.arange(self.n), (count, 1)), axis=1)
-        poses = np.zeros((count, options.kept, FIELDS))
-        evidence = np.full((count, options.kept), -np.inf)
-        counts = np.zeros((count, 3), np.int64)
+        # each of some threads keeps the likeliest poses of its share of the images of all sets
+        shares = max(int(numba.get_num_threads()), 1)
+        poses = np.zeros((count, shares, options.kept, FIELDS))
+        evidence = np.full((count, shares, options.kept), -np.inf)
+        counts = np.zeros((count, shares, 3), np.int64)
         limits = np.array([options.gate**2, options.spread])
         search = search_pairs if self.views.planar else search_triples
         each = SECONDS_PER_POSE * self.n_target
 
         def piece(begin: int, stop: int) -> None:
             """Some of the images of all sets."""
+            threads = threads_worth(min(shares, int(each * (stop - begin) * count / WORTH_A_THREAD)))
+            ends = np.linspace(begin, stop, threads + 1).astype(np.int64).tolist()
 
             def work(start: int, end: int) -> None:
                 panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
-                search(
-                    self.views, self.judge, sets, orders, limits, start, end, begin, stop, panel, columns,
-                    poses, evidence, counts,
-                )  # fmt: skip
+                for share in range(start, end):
+                    if ends[share] < ends[share + 1]:
+                        search(
+                            self.views, self.judge, sets, orders, limits, 0, count, ends[share], ends[share + 1], panel,
+                            columns, poses[:, share], evidence[:, share], counts[:, share],
+                        )  # fmt: skip
 
-            in_threads(work, count, threads_worth(min(count, int(each * (stop - begin) * count / WORTH_A_THREAD))))
+            in_threads(work, threads, threads)
 
         try:
-            with self.deadline.part(SOLVED).enforced():
+            reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * options.refined * self.n * self.n_target
+            with self.deadline.part(SOLVED, reserve).enforced():
                 _in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
         except OutOfTime:
             self.cut = True
-        self.solved += int(counts[:, 0].sum())
-        self.tested += int(counts[:, 1].sum())
-        self.evaluated += int(counts[:, 0].sum() + counts[:, 2].sum())
-        order = np.argsort(-evidence, axis=1, kind="stable")[:, : options.refined]
-        real = np.take_along_axis(evidence, order, axis=1) > -np.inf
-        chosen = np.take_along_axis(poses, order[:, :, None], axis=1)[real]
+        solved, tested, looked_up = counts.sum(axis=(0, 1)).tolist()
+        self.solved += solved
+        self.tested += tested
+        self.evaluated += solved + looked_up
+        every = evidence.reshape(count, -1)
+        order = np.argsort(-every, axis=1, kind="stable")[:, : options.refined]
+        real = np.take_along_axis(every, order, axis=1) > -np.inf
+        chosen = np.take_along_axis(poses.reshape(count, -1, FIELDS), order[:, :, None], axis=1)[real]
         which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
         self.sets += count
         with self.deadline.within():
@@ -172,9 +182,9 @@ class PoseSearch:
         """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
         step = max(1, REFINED // (self.n * self.n_target))
         for first in range(0, len(poses), step):
-            checkpoint(SECONDS_PER_RATIO * step * self.n * self.n_target)
-            refined = self._refined(poses[first : first + step])
-            for ratios, number in zip(refined, which[first : first + step].tolist(), strict=True):
+            some = slice(first, first + step)
+            checkpoint(SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
+            for ratios, number in zip(self._refined(poses[some]), which[some].tolist(), strict=True):
                 checkpoint()
                 value, assignment = self._assigned(ratios)
                 if (assignment >= 0).sum() > self.minimal:
