@@ -8,6 +8,7 @@ import pytest
 import rootmatch as rm
 from posteriors import told
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.posterior import surest
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -93,3 +94,12 @@ def test_noise_said_to_be_too_small_does_not_empty_the_answer() -> None:
         scene = up2p_scene(10, 5, 1.0, seed)
         right += scene.accuracy(rm.match(scene.source, scene.target, scene.problem, noise=0.5).assignment)
     assert right >= 9.5
+
+
+def test_the_surest_matches_leave_so_many_wrong_ones_and_no_more() -> None:
+    confidence = np.array([0.9, 1.0, 0.995, 0.99])
+    assert surest(confidence, 0.0).tolist() == [1]
+    assert surest(confidence, 0.0151).tolist() == [1, 2, 3]
+    assert surest(confidence, 0.2).tolist() == [1, 2, 3, 0]
+    assert len(surest(np.full(200, 0.9995), 0.0)) == 200  # a thousandth of a large assignment
+    assert len(surest(np.full(200, 0.9979), 0.0)) == 95

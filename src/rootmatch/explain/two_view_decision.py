@@ -22,6 +22,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.clutter import clutter_areas, clutter_of
 from rootmatch.model.detection_model import HIGHEST_RATE
+from rootmatch.model.posterior import surest
 from rootmatch.model.two_view_model import TwoViewModel
 from rootmatch.model.two_view_posterior import TwoViewPosterior, posterior
 from rootmatch.samplers.base import SampledTensor
@@ -31,8 +32,6 @@ Integers = NDArray[np.int64]
 
 AGREED = 0.5
 """Probability from which the likeliest assignment is told; else the one with the most matches expected to be right."""
-WRONG = 0.001
-"""Part of the matches of a large assignment that may be expected to be wrong, as of the image of a body."""
 
 
 def model_of(task: MatchingTask) -> TwoViewModel | None:
@@ -98,9 +97,7 @@ def told_by(base: Finding, told: TwoViewPosterior, missed: float) -> Finding:
     probability, confidence = told.probability_of(first), told.confidence_in(first)
     fault = Misfit.of(*told.chi2_of(first))
     matched = np.flatnonzero(first >= 0)
-    order = matched[np.argsort(-confidence[matched], kind="stable")]
-    doubt = max(1.0 - least, WRONG * len(matched))
-    kept = order[np.cumsum(1.0 - confidence[order]) <= doubt]
+    kept = matched[surest(confidence[matched], 1.0 - least)]
     enough = len(kept) >= max(base.task.problem.minimal + 1, KEPT * len(matched))
     if enough and missed <= TRUST.missed:
         facts = replace(facts, contested=False, sure_of_the_rest=True)

@@ -17,6 +17,9 @@ from rootmatch.model.modes import Modes, no_modes
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+WRONG = 0.001
+"""Part of the matches of a large assignment that may be expected to be wrong. A round value."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
@@ -82,26 +85,32 @@ class Posterior:
             place.setdefault(key, k)
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
-    def believed(self, min_probability: float, wrong: float = 0.001) -> Integers | None:
+    def believed(self, min_probability: float) -> Integers | None:
         """The first assignment without its doubtful matches; None if none can be kept.
 
-        If its pose has the probability P, matches are kept, the most certain first, until the expected number of wrong
-        ones exceeds 1 − p / P for the least probability p, or a thousandth of the matches of a large assignment.
+        If its pose has the probability P, its `surest` matches are kept, with 1 − p / P for the least probability p.
         """
         if not len(self.probabilities):
             return None
         each = self.confidence
         first: Integers = self.modes.assignments[0]
         matched = np.flatnonzero(first >= 0)
-        order = matched[np.argsort(-each[matched], kind="stable")]
-        pose = float(each[order[0]])
+        pose = float(each[matched].max())
         if pose < min_probability:
             return None
-        doubt = max(1.0 - min_probability / pose, wrong * len(matched))
-        kept = order[np.cumsum(1.0 - each[order] / pose) <= doubt]
+        kept = matched[surest(each[matched] / pose, 1.0 - min_probability / pose)]
         out: Integers = np.full_like(first, -1)
         out[kept] = first[kept]
         return out
+
+
+def surest(confidence: Floats, wrong: float) -> Integers:
+    """The most certain of m matches (places in ``confidence``, (m,)), the surest first.
+
+    As many as leave the expected number of wrong ones at most ``wrong``, or `WRONG` of the m of a large assignment.
+    """
+    order = np.argsort(-confidence, kind="stable")
+    return np.asarray(order[np.cumsum(1.0 - confidence[order]) <= max(wrong, WRONG * len(confidence))])
 
 
 def prior_odds(options: PosteriorOptions = DEFAULT_POSTERIOR) -> float:
