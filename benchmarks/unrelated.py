@@ -1,0 +1,103 @@
+"""How often a match of points that have nothing to do with each other is trusted, for every problem that fits poses.
+
+    python benchmarks/unrelated.py --scenes 1000 --first-seed 40000
+
+Points are uniform in a box, detections in an image of 640 × 480 pixels; n, n' and σ are drawn for each scene. Seeds from 40000
+chose nothing. Times are processor milliseconds of one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+
+import rootmatch as rm
+
+CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
+DOWN = (0.0, 1.0, 0.0)
+SIZE = (640.0, 480.0)
+Scene = tuple[Any, Any, dict[str, Any]]
+
+
+def image(problem: rm.Problem, least: int) -> Callable[[np.random.Generator], Scene]:
+    """Points in space and detections."""
+
+    def drawn(rng: np.random.Generator) -> Scene:
+        n, m = (int(rng.integers(least, most)) for most in (21, 31))
+        told = {"problem": problem, "noise": float(rng.choice([0.25, 0.5, 1.0]))}
+        return rng.uniform(-2.0, 2.0, (n, 3)), rng.uniform((0.0, 0.0), SIZE, (m, 2)), told
+
+    return drawn
+
+
+def images(problem: rm.Problem) -> Callable[[np.random.Generator], Scene]:
+    """Two images."""
+
+    def drawn(rng: np.random.Generator) -> Scene:
+        n, m = int(rng.integers(8, 21)), int(rng.integers(8, 31))
+        told = {"problem": problem, "noise": float(rng.choice([0.25, 0.5, 1.0]))}
+        return rng.uniform((0.0, 0.0), SIZE, (n, 2)), rng.uniform((0.0, 0.0), SIZE, (m, 2)), told
+
+    return drawn
+
+
+def sets(problem: Callable[[int], rm.Problem], dimension: int) -> Callable[[np.random.Generator], Scene]:
+    """Two point sets, of coordinates in a box of side 200 and σ as millimetres would have it."""
+
+    def drawn(rng: np.random.Generator) -> Scene:
+        n, m = int(rng.integers(4, 13)), int(rng.integers(4, 17))
+        told = {"problem": problem(dimension), "noise": float(rng.choice([0.1, 0.3, 1.0]))}
+        return rng.uniform(-100.0, 100.0, (n, dimension)), rng.uniform(-100.0, 100.0, (m, dimension)), told
+
+    return drawn
+
+
+PROBLEMS: dict[str, Callable[[np.random.Generator], Scene]] = {
+    "p3p": image(rm.P3P(CAMERA), 8),
+    "p3p, few points": image(rm.P3P(CAMERA), 4),
+    "up2p": image(rm.UP2P(CAMERA, DOWN, DOWN), 8),
+    "3p1": images(rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN)),
+    "planar": images(rm.PlanarMotion(CAMERA, axis=DOWN)),
+    "rigid, 3": sets(rm.Rigid, 3),
+    "rigid, 2": sets(rm.Rigid, 2),
+    "similarity, 3": sets(rm.Similarity, 3),
+    "similarity, 2": sets(rm.Similarity, 2),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problems", nargs="+", choices=sorted(PROBLEMS), default=list(PROBLEMS))
+    parser.add_argument("--scenes", type=int, default=100)
+    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 40000")
+    given = parser.parse_args()
+    numba.set_num_threads(1)
+    print("| problem | scenes | matched | ambiguous | ms | longest ms | matched, seeds |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for name in given.problems:
+        draw = PROBLEMS[name]
+        source, target, told = draw(np.random.default_rng([given.first_seed - 1, len(name)]))
+        rm.match(source, target, **told)  # compiles
+        seconds, trusted, ambiguous = [], [], 0
+        for seed in range(given.first_seed, given.first_seed + given.scenes):
+            source, target, told = draw(np.random.default_rng([seed, len(name)]))
+            started = time.process_time()
+            found = rm.match(source, target, **told, seed=seed)
+            seconds.append(1e3 * (time.process_time() - started))
+            ambiguous += found.status is rm.Status.AMBIGUOUS
+            if found:
+                trusted.append(str(seed))
+        print(
+            f"| {name} | {given.scenes} | {len(trusted)} | {ambiguous} | {np.median(seconds):.1f} | "
+            f"{max(seconds):.0f} | {' '.join(trusted)} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
