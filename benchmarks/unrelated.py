@@ -2,8 +2,8 @@
 
     python benchmarks/unrelated.py --scenes 1000 --first-seed 40000
 
-Points are uniform in a box, detections in an image of 640 × 480 pixels; n, n' and σ are drawn for each scene. Seeds from 40000
-chose nothing. Times are processor milliseconds of one thread.
+Points are uniform in a box, detections in an image of 640 × 480 pixels; n, n' and σ are drawn for each scene. Seeds
+from 40000 chose nothing. Times are processor milliseconds of one thread.
 """
 
 from __future__ import annotations
