@@ -6,7 +6,8 @@ A scene is drawn by its seed alone. One or two bodies: a cloud of 4 to 60 points
 body with a mirror plane, one with half a turn, or a body and its mirror image; with normals and a view angle, or
 without. A pinhole or a fisheye camera, P3P or UP2P. Clutter is uniform, crowded, or the image of a body that is not
 looked for (a stretched copy among them). Points are undetected, hidden by half, or merged with a neighbour within a few
-pixels into one detection at their mean. σ is .1 to 2 px and stated right; in a tenth of the scenes no body is in view.
+pixels into one detection at their mean, which `resolution=` tells. σ is .1 to 2 px and stated right; in a tenth of the
+scenes no body is in view.
 
 Counted by body: "right" is no match wrong and nine tenths of the visible points, "wrong" is trusted with a match that
 is not true. A point of a merged detection may have it; of a body with a symmetry only the drawn labels are true.
@@ -106,7 +107,8 @@ def drawn(seed: int) -> Scene:
         for i in np.flatnonzero(seen).tolist():
             pixels.append(image[i])
             owners.append([(b, i)])
-    if rng.random() < 0.2 and sigma < 1.0:
+    merges = bool(rng.random() < 0.2 and sigma < 1.0)
+    if merges:
         pixels, owners = merged(pixels, owners)
     count = int(rng.choice([2, 5, 10, 20]))
     if clutter == "uniform":
@@ -129,10 +131,13 @@ def drawn(seed: int) -> Scene:
     problem: rm.Problem = rm.P3P(camera)
     if rng.random() < 0.3 and len(bodies) == 1:
         tilt = Rotation.from_rotvec(rng.normal(0.0, np.radians(0.5), 3)).as_matrix()
-        problem = rm.UP2P(camera, poses[0][0].T @ (0.0, 1.0, 0.0), tilt @ (0.0, 1.0, 0.0), vertical_noise=0.0087)
+        world, seen_down = poses[0][0].T @ (0.0, 1.0, 0.0), tilt @ (0.0, 1.0, 0.0)
+        problem = rm.UP2P(camera, vertical_camera=seen_down, vertical_world=world, vertical_noise=np.radians(0.5))
     arguments: dict[str, Any] = {
         "source": np.concatenate(bodies), "target": image[order], "problem": problem, "noise": sigma, "seed": seed,
     }  # fmt: skip
+    if merges:
+        arguments["resolution"] = NEAR
     if facing:
         arguments |= {"normals": np.concatenate(normals), "view_angle": np.radians(70.0)}
     if len(bodies) > 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.model.blob_labels import labelled
+from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.blobs import any_of_each, blobs, lit_chances, mean_of_each, of_blobs, spread_of_each
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
@@ -170,10 +171,17 @@ def test_the_label_of_a_blob_follows_its_place() -> None:
     model = DetectionModel(CAMERA, source, target, np.full(len(target), SIGMA), resolution=2.0 * APART)
     R, position = model.centred(truth.R, truth.t)
     named = np.array([next((j for j, own in enumerate(owners) if i in own), -1) for i in range(8)])
-    found, chance = labelled(model, named, (R, position))
-    assert found[0] == named[0]
-    assert chance[0] > 0.99 > chance[1]
-    assert (chance[2:] == 1.0).all()
+    surest, chance = surest_points(model, named, (R, position))
+    assert surest.tolist() == list(range(8))
+    assert chance[0] > 0.99
+    assert (chance[1:] == 1.0).all()
+    at_second = model.target.copy()
+    at_second[named[0]] = CAMERA.project((source @ truth.R.T + truth.t)[1:2])[0]
+    moved, chance = surest_points(replace(model, target=at_second), named, (R, position))
+    assert moved.tolist() == [1, *range(1, 8)]
+    swapped, values = of_surest(named, np.arange(8.0), moved)
+    assert swapped.tolist() == [-1, named[0], *named[2:]]
+    assert values.tolist() == [1.0, 0.0, *range(2, 8)]
     evidence, at = about(model, named[None], R[None], position[None])
     assert at.blob is not None
     assert at.blob[0, 1] == 0

@@ -21,7 +21,7 @@ from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.predicted_poses import about_prediction
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
-from rootmatch.model.blob_labels import labelled
+from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
@@ -102,12 +102,14 @@ def told_by(
     k = free[0]
     first, confidence = modes.assignments[k], told.confidence_in(modes.assignments[k])
     probability = told.probability_of(first)
+    surest, lit = surest_points(body.model, first, (modes.rotation[k], modes.position[k]))
+    confidence, probability = confidence * lit, probability * float(lit.prod())
     fault = _misfit(body, told, k)
     prediction = -1
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[[k]], modes.position[[k]])[0])
     holds, matched = prediction >= 0, len(used[k])
-    sure = told.believed(facts.min_probability) if k == 0 and missed <= TRUST.missed else None
+    sure = told.believed(facts.min_probability, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched):
         facts = replace(facts, contested=False, sure_of_the_rest=True)
@@ -126,9 +128,7 @@ def told_by(
     # an assignment that merely leaves out some of the points is not a different one
     others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
     believed = found.status is not Status.UNTRUSTED
-    if body.model.resolution > 0.0:
-        first, lit = labelled(body.model, first, (modes.rotation[k], modes.position[k]))
-        confidence = confidence * lit
+    first, confidence = of_surest(first, confidence, surest)
     found = replace(
         found,
         task=about_prediction(base.task, prediction) if holds else base.task,

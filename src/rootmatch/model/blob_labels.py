@@ -16,8 +16,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def labelled(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Floats]:
-    """An assignment in which the surest point of each blob has its detection, and the chance that it is lit.
+def surest_points(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Floats]) -> tuple[Integers, Floats]:
+    """The point of each blob that is most probably lit, by where the blob is detected.
 
     Parameters
     ----------
@@ -30,12 +30,13 @@ def labelled(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Fl
     Returns
     -------
     (n,) int64 and (n,) float64 arrays
-        The chance is 1 for a point that is no part of a blob.
+        That point for the first point of each detected blob, and the probability that it is lit; every other point
+        itself, and 1.
     """
-    named, chance = assignment.copy(), np.ones(len(assignment))
-    at = model.linearised(pose[0][None], pose[1][None])
-    if at.blob is None:
-        return named, chance
+    surest, chance = np.arange(len(assignment)), np.ones(len(assignment))
+    at = model.linearised(pose[0][None], pose[1][None]) if model.resolution > 0.0 else None
+    if at is None or at.blob is None:
+        return surest, chance
     alone = replace(model, resolution=0.0)
     points = alone.linearised(at.rotation, at.position)
     lit = model.lit(alone.visibility(points, np.zeros(1)))[0]
@@ -43,13 +44,18 @@ def labelled(model: DetectionModel, assignment: Integers, pose: tuple[Floats, Fl
         part = np.flatnonzero(at.blob[0] == first)
         if len(part) > 1:
             detection = assignment[first]
-            each = lit_chances(
-                points.pixels[0, part], lit[part], model.target[detection], float(model.sigma[detection]) ** 2
-            )
-            surest = part[int(each.argmax())]
-            named[first], named[surest] = -1, detection
-            chance[part] = each
-    return named, chance
+            variance = float(model.sigma[detection]) ** 2
+            each = lit_chances(points.pixels[0, part], lit[part], model.target[detection], variance)
+            surest[first], chance[first] = part[int(each.argmax())], each.max()
+    return surest, chance
+
+
+def of_surest(assignment: Integers, values: Floats, surest: Integers) -> tuple[Integers, Floats]:
+    """An assignment (n,) and values (n,) in which the surest point of a blob and its first one change places."""
+    order = np.arange(len(assignment))
+    moved = np.flatnonzero(surest != order)
+    order[moved], order[surest[moved]] = surest[moved], moved
+    return assignment[order], values[order]
 
 
 def resolved(model: DetectionModel, points: PointSets, assignment: Integers, pose: Pose) -> PointSets:

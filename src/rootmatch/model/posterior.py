@@ -85,10 +85,11 @@ class Posterior:
             place.setdefault(key, k)
         return [(every[place[key]], total[key]) for key in sorted(total, key=lambda key: -total[key])[:most]]
 
-    def believed(self, min_probability: float) -> Integers | None:
+    def believed(self, min_probability: float, lit: Floats | float = 1.0) -> Integers | None:
         """The first assignment without its doubtful matches; None if none can be kept.
 
         If its pose has the probability P, its `surest` matches are kept, with 1 − p / P for the least probability p.
+        ``lit`` (n,) is the probability that a point is lit, given that its blob has the detection.
         """
         if not len(self.probabilities):
             return None
@@ -96,6 +97,7 @@ class Posterior:
         first: Integers = self.modes.assignments[0]
         matched = np.flatnonzero(first >= 0)
         pose = float(each[matched].max())
+        each = each * lit
         if pose < min_probability:
             return None
         kept = matched[surest(each[matched] / pose, 1.0 - min_probability / pose)]
