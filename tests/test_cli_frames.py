@@ -21,7 +21,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rootmatch as rm
-from commands import descendants
+from commands import Command, descendants
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, read_frames
@@ -144,6 +144,8 @@ def test_loading_does_not_count_against_the_first_frame(folder: Path, monkeypatc
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 @pytest.mark.parametrize("victim", ["worker", "parent"])
 def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -> None:
+    # compiled here, loaded by the workers
+    assert run("match", folder / "model.csv", folder / "frames.csv", *OPTIONS).exit_code in (0, 1)
     many = tmp_path / "many.csv"
     body = (folder / "frames.csv").read_text().splitlines()[1:9]
     rows = [line.split(",", 1)[1] for line in body]
@@ -152,21 +154,23 @@ def test_no_process_outlives_a_kill(folder: Path, tmp_path: Path, victim: str) -
     command = [sys.executable, "-m", "rootmatch", "match", str(folder / "model.csv"), str(many), *OPTIONS]
     command += ["--jobs", "2", "--output", str(output)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    deadline = time.monotonic() + 120
+    work, deadline = Command(process.pid, tmp_path), time.monotonic() + 600
     while not output.exists() or not output.stat().st_size:
         assert process.poll() is None, process.stderr.read() if process.stderr else ""
-        assert time.monotonic() < deadline, "no frame is matched"
+        # seconds of the processor: on a busy machine the clock says nothing
+        assert work.worked() < 120, "no frame is matched"
+        assert time.monotonic() < deadline, "nothing is computed"
         time.sleep(0.1)
     children = descendants(process.pid)
     assert len(children) >= 2
     workers = [pid for pid in children if b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     os.kill(workers[0] if victim == "worker" else process.pid, signal.SIGKILL)
-    stderr = process.communicate(timeout=60)[1]
+    stderr = process.communicate(timeout=300)[1]
     if victim == "worker":
         assert process.returncode == 2
         assert stderr.startswith("rootmatch: a worker process died")
         assert len(stderr.splitlines()) == 1
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while any(map(running, children)):
         assert time.monotonic() < deadline, "a process is left"
         time.sleep(0.1)

@@ -133,6 +133,12 @@ class TestErrors:
         with pytest.raises(rm.InputError, match=f"{scheduler} does not answer"):
             self.match(scheduler=scheduler)
 
+    @pytest.mark.parametrize("scheduler", ["tls://127.0.0.1:1", "tls://"])
+    def test_no_certificates(self, scheduler: str) -> None:
+        pytest.importorskip("distributed")
+        with pytest.raises(rm.InputError, match=f"{scheduler} needs certificates; name them in Dask's configuration"):
+            self.match(scheduler=scheduler)
+
     def test_without_dask(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def absent(name: str) -> Any:
             raise ImportError(name)

@@ -8,19 +8,27 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
+from rootmatch.explain import rig_search
 from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import in_threads
 from rootmatch.problems.similarity.problem import distances
 from rootmatch.result import report
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided import search
+from rootmatch.samplers.guided.hypotheses import Hypotheses
+from rootmatch.samplers.guided.sampler import Guided
+from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
 from rootmatch.solvers.ascent.assignment_state import empty_state
@@ -185,6 +193,57 @@ def test_a_search_that_is_cut_returns_what_it_found() -> None:
         assert found.stopped_early == (looks < 10**6)
     assert fractions == sorted(fractions)
     np.testing.assert_array_equal(found.assignment, scene.truth)
+
+
+def test_hypotheses_are_verified_in_parts_until_a_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, weigh = p3p_scene(8, 4, 0.5, 4), affinity("joint")
+    tables = scene.problem.prepare(scene.source, scene.target, 0.5)
+    task = SamplingTask(tables, weigh.residual.kernel_kind(6), weigh, (8, 12), 4)
+    points = np.array([(0, 1, k) for k in range(2, 8) for _ in range(4)])
+    images = np.array([(k % 4, *scene.truth[row]) for k, row in enumerate(points)])
+
+    def verified(looks: float) -> list[Hypotheses]:
+        found = search_of(task, Guided(), NEVER)
+        with Deadline(looks, clock=Clock(1.0)).within():
+            found._verify(points, images)
+        return found.hypotheses
+
+    (whole,) = verified(1e6)
+    monkeypatch.setattr(search, "VERIFIED", 1)
+    (parts,) = verified(1e6)
+    assert all(np.array_equal(one, other) for one, other in zip(parts, whole, strict=True))
+    (some,) = verified(9.5)
+    assert 0 < len(some.evidence) < len(whole.evidence)
+    assert all(np.array_equal(one, other[: len(one)]) for one, other in zip(some, whole, strict=True))
+    assert verified(0.5) == []
+
+
+def test_hypotheses_of_a_rig_are_gathered_until_a_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    source = rng.uniform(-1.0, 1.0, (8, 3))
+    camera, offset = rm.Camera(800.0, 800.0, 320.0, 240.0), np.array([0.0, 0.0, 8.0])
+    shift = np.array([-0.5, 0.0, 0.0])
+    rig = rm.Rig([(camera, np.eye(3), np.zeros(3)), (camera, np.eye(3), shift)])
+    target = np.concatenate([camera.project(source + offset), camera.project(source + offset + shift)])
+    target += rng.normal(0.0, 0.3, target.shape)
+    counts, gathered = [], rig_search._gathered
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        counts[-1] += 1
+        clock.now += 1.0
+        return gathered(*arguments, **options)
+
+    monkeypatch.setattr(rig_search, "_gathered", counted)
+    for seconds in (1e6, 2.5, 0.5):
+        clock = Clock()
+        counts.append(0)
+        task = MatchingTask.of(
+            rm.P3P(rig), source, (target, np.repeat([0, 1], 8)), noise=0.3, options=MatchOptions(),
+            deadline=Deadline(seconds, clock=clock),
+        )  # fmt: skip
+        explain(task)
+    assert counts[0] > 3
+    assert counts[1:] == [3, 1]
 
 
 def test_each_frame_has_its_own_limit() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 from typing import Any
 
@@ -287,6 +288,22 @@ def test_times_go_forward() -> None:
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
     with pytest.raises(rm.InputError, match="prior: similarity"):
         rm.Tracker(BODY[:, :2], rm.Similarity(2))
+
+
+def test_a_prediction_is_the_callers_own() -> None:
+    """What is done to it, or to the arrays that a tracker was made with, changes no frame."""
+    given = {"noise": np.full(len(frame(0)[0]), 0.2), "bodies": np.zeros(len(BODY), int)}
+    one, other = rm.Tracker(BODY, rm.P3P(CAMERA), **given), rm.Tracker(BODY, rm.P3P(CAMERA), **copy.deepcopy(given))
+    for array in given.values():
+        array[:] = 7
+    for k in range(4):
+        found, expected = (each.update(frame(k)[0]) for each in (one, other))
+        assert np.array_equal(found.assignment, expected.assignment)
+        for time in (None, one.time):  # the second one is where the filter itself is
+            for label, prediction in one.predicted(time).items():
+                for name in ("R", "t", "covariance"):
+                    assert np.array_equal(getattr(prediction, name), getattr(other.predicted(time)[label], name))
+                    getattr(prediction, name)[:] = 9.0
 
 
 def test_a_callers_prior_counts_instead() -> None:

@@ -57,6 +57,8 @@ class RigOptions(Options):
 
 
 OPTIONS = RigOptions()
+SEARCHED = 0.75
+"""Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 UNREACHABLE = 1e9
 """Cost of a detection beyond the gate: no assignment takes it."""
 
@@ -92,9 +94,10 @@ def _searched(
     if not isinstance(guided, Guided):
         guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
+    searching = task.deadline.part(SEARCHED)
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
-        if len(own) < LEAST or task.deadline.passed():
+        if len(own) < LEAST or searching.passed():
             continue
         part = points.subset(np.arange(n), own)
         alone: Any = replace(points.problem, camera=camera)  # type: ignore[type-var]
@@ -106,7 +109,7 @@ def _searched(
             known=None,
             points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
             options=replace(part.options, sampler=guided),
-            deadline=task.deadline,
+            deadline=searching.part(1.0 / (len(copies.rig.cameras) - k)),
         )
         sampled = sample(part)
         evaluated += sampled.evaluated
@@ -126,7 +129,7 @@ def _searched(
 
 
 def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
-    """Assignments that hypotheses gather in all cameras, the best first."""
+    """Assignments that hypotheses gather in all cameras, the best first; near a deadline, of the first hypotheses."""
     if not hypotheses:
         return []
     target, sigma = whole.points.target, whole.points.target_noise
@@ -135,12 +138,16 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
     density = CROWDING * len(target) / max(float(np.prod(high - low)), 1e-300)
     current, start = np.array(hypotheses), None
     for turn in range(options.rounds):
+        if turn > 0 and whole.deadline.passed():
+            break
         # at first all matches are of one camera, whose own fit is the best one
         fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS, start=start)
         possible = np.flatnonzero(np.isfinite(fit.chi2))
-        gathered = [
-            _gathered(fit, k, copies, whole.allowed, density=density, options=options) for k in possible.tolist()
-        ]
+        gathered: list[tuple[Integers, float]] = []
+        for k in possible.tolist():
+            if gathered and whole.deadline.passed():
+                break
+            gathered.append(_gathered(fit, k, copies, whole.allowed, density=density, options=options))
         order = np.argsort([-gain for _, gain in gathered], kind="stable")
         if not len(order):
             break
@@ -149,7 +156,7 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
         first = np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]
         rows = possible[order[first]]
         current, start = current[first], (fit.rotation[rows], fit.translation[rows])
-    return list(current)
+    return list(current[: TRUST.alternatives] if whole.deadline.is_set else current)
 
 
 def _gathered(

@@ -29,6 +29,8 @@ Integers = NDArray[np.int64]
 
 IMPOSSIBLE = -1e9
 """Log-odds used in place of −∞, so that differences stay finite."""
+SECONDS_PER_DENSITY = 3e-10
+"""To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,8 @@ def modes_of(
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
     if len(proposals.assignments):
         checkpoint()
+        each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
+        proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
         assignments, found, at = _possible(model, proposals, floor, options)
         found, at = settled(model, assignments, found, at)
         order = np.argsort(-found.log_odds, kind="stable")

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, OutOfTime
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
 from rootmatch.errors import InputError, quoted
 from rootmatch.hypergraph.assignment import margin
 from rootmatch.hypergraph.tensor import AffinityTensor
@@ -19,6 +19,8 @@ Alternatives = list[tuple[NDArray[np.int64], float]]
 DOMINANT = 2.0 / 3.0
 """Share of the weight of all hyper-edges with which an assignment dominates: any other has what it shares with this one
 and at most half as much again. A round value; what it changes: benchmarks/record.py, benchmarks/constellations.py."""
+SECONDS_PER_PAIR = 1.5e-8
+"""A solver's tables of all pairs take at least so long (benchmarks/deadlines.py, task 605)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,7 @@ def solved(solver: Solver, tensor: AffinityTensor, seed: int, deadline: Deadline
     """The solution of a tensor, by the deadline if the solver can keep to one."""
     bounded: Any = solver
     try:
+        checkpoint(SECONDS_PER_PAIR * tensor.shape[0] * tensor.shape[1])
         if not deadline.is_set or "deadline" not in signature(solver).parameters:
             solution = bounded(tensor, seed=seed)
         else:

@@ -52,6 +52,11 @@ class Hypotheses(NamedTuple):
             self.points[which], self.images[which], self.evidence[which], self.best[which], self.candidates[which]
         )
 
+    def real(self) -> list[Hypotheses]:
+        """Those whose root is there, if any is."""
+        there = self.evidence > -np.inf
+        return [self if there.all() else self.take(there)] if there.any() else []
+
     def strongest(self, most: int) -> Hypotheses:
         """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""
         return self.take(np.argsort(-self.evidence, kind="stable")[:most])

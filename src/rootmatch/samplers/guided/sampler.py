@@ -20,9 +20,9 @@ from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
 from rootmatch.samplers.two_views.sampler import two_view_tensor
 
-SEARCHED, RESERVE, WEIGHED = 0.8, 0.2, 0.5
-"""Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of the hyper-edges of
-what it found."""
+SEARCHED, RESERVE, REFINED, WEIGHED = 0.8, 0.2, 0.5, 0.5
+"""Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second sets
+and of the hyper-edges of what it found."""
 SECONDS_PER_EDGE = 4e-7
 """To evaluate one of those, at most (benchmarks/kernels.py)."""
 
@@ -75,7 +75,7 @@ class Guided(GuidedOptions):
             search.run()
         if task.progress is not None:
             task.progress(self.budget, self.budget)  # most searches end long before
-        with task.deadline.within():
+        with task.deadline.part(REFINED).within():
             search.refine()
         clusters = search.clusters()
 

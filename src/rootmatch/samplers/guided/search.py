@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import Deadline, Pace
+from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
 from rootmatch.problems.noise import usual_noise
 from rootmatch.problems.padding import padded
@@ -36,6 +36,9 @@ from rootmatch.samplers.guided.verification import verify
 from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
 
 Integers = NDArray[np.int64]
+
+VERIFIED = 10_000_000
+"""Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
 
 
 class Search:
@@ -265,16 +268,17 @@ class Search:
             self._verify(found.points[first:], found.images[first:])
 
     def _verify(self, points: Integers, images: Integers) -> None:
-        """Keep solved minimal sets with their evidence and candidates."""
-        evidence, best, candidates = verify(
-            self.tables, points, images, self.density, self.allowed, options=self.options.verification
-        )
-        self.evaluated += len(points) * (self.n - self.minimal)
-        real = evidence > -np.inf
-        count = int(np.count_nonzero(real))
-        if count:
-            found = Hypotheses(points, images, evidence, best, candidates)
-            self.hypotheses.append(found if count == len(points) else found.take(real))
+        """Keep solved minimal sets with their evidence and candidates; at the deadline in force, those verified."""
+        size, batches = max(VERIFIED // max(self.n * len(self.density), 1), 1), list[Hypotheses]()
+        try:
+            for k in range(0, len(points), size):
+                checkpoint()
+                p, q = points[k : k + size], images[k : k + size]
+                judged = verify(self.tables, p, q, self.density, self.allowed, options=self.options.verification)
+                self.evaluated += len(p) * (self.n - self.minimal)
+                batches += Hypotheses(p, q, *judged).real()
+        finally:
+            self.hypotheses += [Hypotheses.joined(batches)] if batches else []
 
     def refine(self) -> None:
         """Solve minimal sets of the best clusters' own correspondences, wide ones.
