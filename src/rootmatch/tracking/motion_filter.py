@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from copy import deepcopy
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,7 +100,9 @@ class MotionFilter:
 
     def copy(self) -> MotionFilter:
         """An independent copy."""
-        return deepcopy(self)
+        other = copy(self)
+        other.P = self.P.copy()  # the only array that an update writes into
+        return other
 
     def turned(self, R: Floats, t: Floats) -> MotionFilter:
         """A filter with the same motion, for the body after a motion x' = R x + t of its points."""
