@@ -91,8 +91,8 @@ class Match:
     def score(self) -> float | None:
         """Total weight of the hyper-edges inside the assignment.
 
-        For several bodies it is the sum, for several motions the evidence of the packing. None if a predicted pose
-        decided and no hyper-edge was evaluated.
+        For several bodies it is the sum, for several motions the evidence of the packing. None if no hyper-edge
+        was evaluated: a predicted pose decided, or none of them is possible.
         """
         return _score(self.finding.every_score[0])
 

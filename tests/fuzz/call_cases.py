@@ -115,6 +115,7 @@ SOUND: dict[str, tuple[Any, ...]] = {
     "progress": ("count",),
     "view_angle": (1.0, "each"),
     "detection_rate": (0.9, 0.5),
+    "resolution": (2.0, 40.0, 1e6),
     "bodies": ("one", "two", "words"),
     "prior": ("near", "far", "sharp"),
     "max_seconds": (0.01, 1.0, 1e300),
@@ -382,7 +383,7 @@ def check(match: rm.Match, candidates: Any = None) -> None:
     for other, score in match.alternatives:
         check_assignment(np.asarray(other), n, n_target)
         assert score is None or math.isfinite(score)
-    assert match.score is not None or match.prior_holds is not None or match.bodies is not None
+    assert match.score is not None or match.evaluated == 0 or match.bodies is not None
     assert match.score is None or (math.isfinite(match.score) and match.score >= 0.0)
     assert match.log_odds is None or not math.isnan(match.log_odds)
     assert bool(match) == (match.status is rm.Status.MATCHED)
