@@ -126,9 +126,9 @@ class PoseSearch:
         orders = self.rng.permuted(np.tile(np.arange(self.n), (count, 1)), axis=1)
         # each of some threads keeps the likeliest poses of its share of the images of all sets
         shares = max(int(numba.get_num_threads()), 1)
-        poses = np.zeros((count, shares, options.kept, FIELDS))
-        evidence = np.full((count, shares, options.kept), -np.inf)
-        counts = np.zeros((count, shares, 3), np.int64)
+        poses = np.zeros((shares, count, options.kept, FIELDS))
+        evidence = np.full((shares, count, options.kept), -np.inf)
+        counts = np.zeros((shares, count, 3), np.int64)
         limits = np.array([options.gate**2, options.spread])
         search = search_pairs if self.views.planar else search_triples
         each = SECONDS_PER_POSE * self.n_target
@@ -144,7 +144,7 @@ class PoseSearch:
                     if ends[share] < ends[share + 1]:
                         search(
                             self.views, self.judge, sets, orders, limits, 0, count, ends[share], ends[share + 1], panel,
-                            columns, poses[:, share], evidence[:, share], counts[:, share],
+                            columns, poses[share], evidence[share], counts[share],
                         )  # fmt: skip
 
             in_threads(work, threads, threads)
@@ -159,10 +159,10 @@ class PoseSearch:
         self.solved += solved
         self.tested += tested
         self.evaluated += solved + looked_up
-        every = evidence.reshape(count, -1)
+        every = evidence.swapaxes(0, 1).reshape(count, -1)
         order = np.argsort(-every, axis=1, kind="stable")[:, : options.refined]
         real = np.take_along_axis(every, order, axis=1) > -np.inf
-        chosen = np.take_along_axis(poses.reshape(count, -1, FIELDS), order[:, :, None], axis=1)[real]
+        chosen = np.take_along_axis(poses.swapaxes(0, 1).reshape(count, -1, FIELDS), order[:, :, None], axis=1)[real]
         which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
         self.sets += count
         with self.deadline.within():
