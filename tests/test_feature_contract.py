@@ -270,9 +270,6 @@ TRIPLES = [
 
 REFUSED: dict[tuple[str, ...], str] = {
     ("UP2P", "rig"): "camera: a Rig given, which P3P alone takes",
-    ("Rigid", "Tracker"): "prior: rigid has no camera",
-    ("Rigid", "prior"): "prior: rigid has no camera",
-    ("Rigid", "PosePrior"): "prior: rigid has no camera",
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
     ("Rigid", "resolution"): "resolution: rigid has no camera",

@@ -196,9 +196,9 @@ def test_priors_that_cannot_be_used(prior: Any, text: str) -> None:
         matched(scene(0), prior)
 
 
-def test_problems_without_a_camera_refuse_a_prior() -> None:
+def test_points_of_a_plane_refuse_a_prior() -> None:
     points = np.random.default_rng(0).normal(size=(6, 2))
-    with pytest.raises(rm.InputError, match="prior: similarity"):
+    with pytest.raises(rm.InputError, match="prior: points of a plane given"):
         rm.match(points, points, rm.Similarity(2), prior=rm.Pose(np.eye(3), T, SPREAD))
 
 

@@ -286,7 +286,7 @@ def test_times_go_forward() -> None:
         one.update(frame(4)[0], time=float("nan"))
     with pytest.raises(rm.InputError, match="noise: 'auto'"):
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
-    with pytest.raises(rm.InputError, match="prior: similarity"):
+    with pytest.raises(rm.InputError, match="prior: points of a plane given"):
         rm.Tracker(BODY[:, :2], rm.Similarity(2))
 
 

@@ -208,7 +208,7 @@ max_hyperedges, max_evaluations
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        alone = not searching or (prior is not None and self.bodies is None)
+        alone = not searching or (prior is not None and self.bodies is None and self.problem.takes_prior)
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)

@@ -173,8 +173,8 @@ Prior = Annotated[
     Path | None,
     typer.Option(
         metavar="JSON",
-        help="p3p, up2p: predicted pose x_camera = R X + t with its covariance, as --poses writes it; with several "
-        "bodies, by label.",
+        help="p3p, up2p, rigid, similarity: predicted pose x_camera = R X + t with its covariance, as --poses writes "
+        "it; with several bodies, by label.",
         rich_help_panel=INPUT,
     ),
 ]
@@ -182,7 +182,7 @@ Known = Annotated[
     Path | None,
     typer.Option(
         metavar="CSV",
-        help="p3p, up2p: rotation, position or vertical that is known, of each frame and body.",
+        help="p3p, up2p, rigid, similarity: rotation, position or vertical that is known, of each frame and body.",
         rich_help_panel=INPUT,
     ),
 ]

@@ -18,10 +18,10 @@ from rootmatch.cli import match_options as option
 from rootmatch.cli.error_messages import option_names_in_errors
 from rootmatch.cli.exit_codes import NOT_TRUSTED
 from rootmatch.cli.frames import FrameOutputs
-from rootmatch.cli.noise import Noise
+from rootmatch.cli.noise import Noise, noise_option
 from rootmatch.cli.problem_options import angle, build_problem, flag
 from rootmatch.cli.surroundings import leaves
-from rootmatch.errors import InputError, quoted
+from rootmatch.errors import InputError
 
 RATE = 60.0
 """Frames a second where neither --rate nor a column time says it."""
@@ -31,7 +31,7 @@ FIRST_FRAMES, SLOW = 50, 1.0
 Frames = Annotated[
     Path,
     typer.Argument(
-        metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,camera,sigma] in order; - reads standard input."
+        metavar="FRAMES.csv|-", help="Detections frame|time,x,y[,z,camera,sigma] in order; - reads standard input."
     ),
 ]
 Rate = Annotated[
@@ -110,10 +110,7 @@ def track(
     FrameOutputs(output, poses, as_json=as_json, resume=False).check(inputs)
     if not as_json and poses is None and output is not None and io.is_standard_output(output):
         raise InputError("--output: without --poses FILE the poses go to standard output; give one of them a file")
-    try:
-        given_noise = None if noise is None else float(noise)
-    except ValueError:
-        raise InputError(f"--noise: {quoted(noise)} given; give a number of pixels") from None
+    given_noise = noise_option(noise)
     posed = build_problem(str(problem), given)
     from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import (

@@ -125,7 +125,8 @@ def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: 
             _keep_trusted(body, before)
             body.budget, body.among = budget, int(free.sum())
             body.evaluated += body.match.evaluated + _confirm(task, body, solve, options)
-            if body.match.status is Status.MATCHED:
+            predicted = body.match.prior_holds and body.label in task.prior_poses  # no other body is there
+            if body.match.status is Status.MATCHED and not predicted:
                 _check_rivals(
                     task, body, [other for other in bodies if not other.settled and other is not body], options
                 )
@@ -158,6 +159,8 @@ def searched_among(
         fault = f"{len(columns)} detections are left, at least {task.problem.order} needed"
         return nothing_found(part, fault), False
     sub = part.subset(np.arange(part.shape[0]), columns)
+    if task.problem.takes_motion_prior:
+        sub = replace(sub, prior_pose=part.prior_pose, rival_poses=part.rival_poses)
     try:
         of_rig = isinstance(sub.problem, RigCopies)
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None

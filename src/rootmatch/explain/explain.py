@@ -71,9 +71,10 @@ def _found(task: MatchingTask) -> Finding:
     if task.bodies is not None:
         together = match_bodies_in_image if is_modelled(task.body(0)) else match_bodies
         return together(task, _explained)
-    if task.known is not None:
+    of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
+    if of_camera and task.known is not None:
         return match_known(task, _explained)
-    if task.prior_pose is not None:
+    if of_camera and task.prior_pose is not None:
         return match_predicted(task, _explained)
     if isinstance(task.problem, RigCopies):
         return match_copies(task)

@@ -144,10 +144,10 @@ def told_by(
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(body.model, modes, k) if believed else None,
     )
-    return found if found.evaluated else _without_hyperedges(found)
+    return found if found.evaluated else without_hyperedges(found)
 
 
-def _without_hyperedges(found: Finding) -> Finding:
+def without_hyperedges(found: Finding) -> Finding:
     """A finding without hyper-edges: it has no scores, and its lead follows from its odds."""
     probability = found.probability or 0.0
     lead = max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)

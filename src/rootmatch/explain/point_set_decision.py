@@ -9,16 +9,21 @@ from numpy.typing import NDArray
 
 from rootmatch.backends import selection
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts
-from rootmatch.explain.finding import Finding
+from rootmatch.errors import InputError
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.finding import Finding, empty_tensor
+from rootmatch.explain.image_decision import without_hyperedges
+from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
+from rootmatch.model.motion_prior import MotionPrior, fused
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.point_set_posterior import posterior
+from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.point_sets.congruent import Labellings, congruent_labellings, grown, is_small
 from rootmatch.solvers.base import Solution
@@ -38,6 +43,10 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
     clouds = task.problem.point_clouds(task.points)
     in_noise = task.affinity.residual.kind in NOISE_KINDS
     if clouds is None or not in_noise or task.options.motions != 1 or task.options.is_paper:
+        if clouds is not None and task.has_prior:
+            raise InputError(
+                "prior: it is weighed by the model of one motion; leave motions=, residual= and preset= out"
+            )
         return None
     rate = task.options.detection_rate
     return PointSetModel(
@@ -46,7 +55,17 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         allowed=task.allowed,
         weights=task.weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
+        prior=_prior_of(task),
     )
+
+
+def _prior_of(task: MatchingTask) -> MotionPrior | None:
+    """What is known of a task's motion."""
+    known = task.known if task.prior_pose is None else task.prior_pose
+    if known is None:
+        return None
+    rest = 1.0 - sum(share for _, share in task.rival_poses)
+    return MotionPrior(((known, rest), *task.rival_poses), DOUBT, task.prior_freedom)
 
 
 def decided_by_model(task: MatchingTask) -> Finding | None:
@@ -58,6 +77,8 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         return None
     with task.deadline.enforced():
         checkpoint()  # what follows is done whole
+    if (found := _as_predicted(task, model)) is not None:
+        return found
     if is_small(model.clouds):
         tensor = DeferredTensor.of(lambda: sample(task).tensor, task.shape, task.weights)
         labellings = _labellings(task, model)
@@ -65,6 +86,17 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
         return assessed(task, model, sampled, labellings.proper, labellings.mirrored)
     sampled = sample(task)
     return assessed(task, model, sampled, proposed(task, model, sampled, []))
+
+
+def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
+    """The finding about predicted motions, if every point is where one says: no other motion could explain more."""
+    named = [] if model.prior is None else model.prior.labellings(model.clouds)
+    named = [one for one in named if len(one) >= LEAST and (one >= 0).all()]
+    if not named:
+        return None
+    found = assessed(task, model, SampledTensor(empty_tensor(task), 0), np.array(named))
+    whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
+    return without_hyperedges(found) if whole and found.prior_holds else None
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:
@@ -89,6 +121,7 @@ def _labellings(task: MatchingTask, model: PointSetModel) -> Labellings:
 def proposed(task: MatchingTask, model: PointSetModel, sampled: SampledTensor, named: list[Integers]) -> Integers:
     """Labellings (K, n) of large sets: those of a search, those that self-motions make of them, and named ones."""
     every = [*([] if sampled.assignments is None else sampled.assignments), *named]
+    every += [] if model.prior is None else model.prior.labellings(model.clouds)
     if not every:
         return np.empty((0, task.shape[0]), np.int64)
     if task.points.source.shape[1] == 3:
@@ -155,6 +188,7 @@ def assessed(
         if left_out.any():
             others = found.assignments
         (assignment, probability), confidence = sure, np.where(left_out, unmatched, confidence)
+    prior_holds, pose = _with_prior(task, model, assignment)
     different = ((others >= 0) & (others != assignment)).any(axis=1)
     return Finding(
         task=task,
@@ -172,4 +206,17 @@ def assessed(
         evaluated=sampled.evaluated,
         confidence=confidence,
         noise_factor=found.noise_factor,
+        prior_holds=prior_holds,
+        pose=pose,
     )
+
+
+def _with_prior(task: MatchingTask, model: PointSetModel, assignment: Integers) -> tuple[bool | None, Pose | None]:
+    """Whether what is known of the motion holds for an assignment, and then the pose of both; no pose with a scale."""
+    if model.prior is None:
+        return None, None
+    which = int(model.held(model.fit(assignment[None]))[0])
+    pose = None
+    if which >= 0 and not model.clouds.scaled:
+        (pose,) = task.problem.poses(task.points, assignment[None])
+    return which >= 0, None if pose is None else fused(pose, model.prior.predictions[which][0])

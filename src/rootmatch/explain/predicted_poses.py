@@ -53,6 +53,8 @@ def polished_pose(found: Finding) -> Pose | None:
     """
     task, assignment, pose, prior_holds = found.task, found.assignment, found.pose, bool(found.prior_holds)
     assert pose is not None
+    if task.problem.takes_motion_prior:
+        return pose  # what is known is part of it, in closed form
     points, problem, known = task.points, task.problem, knowledge_of(task)
     if found.model is not None:
         points = resolved(found.model, points, assignment, pose)

@@ -32,6 +32,7 @@ def check_predicted(prior: object, labels: BodyLabels | None, problem: Problem) 
 
 def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
     """Refuse anything but a pose in space with a covariance, or what is known of one."""
+    check_space(problem, name)
     if isinstance(prior, PosePrior):
         if prior.vertical is not None and isinstance(problem, UP2P):
             raise InputError(f"{name}: UP2P has a vertical; leave the one of the prior out, or take P3P")
@@ -42,6 +43,20 @@ def check_prior(prior: object, problem: Problem, name: str = "prior") -> None:
         )
     if prior.R.shape != (3, 3) or prior.covariance is None or prior.covariance.shape != (6, 6):
         raise InputError(f"{name}: a pose in space with a covariance (6, 6) is needed; give Pose(R, t, covariance)")
+
+
+def check_space(problem: Problem, name: str = "prior") -> None:
+    """Refuse predictions for points of a plane."""
+    if problem.source_dimension == 2:
+        raise InputError(f"{name}: points of a plane given; only a motion of points in space can be predicted")
+
+
+def check_followed(problem: Problem) -> None:
+    """Refuse motions that a tracker does not follow: of a plane, with an unknown scale, or reflections."""
+    if problem.takes_motion_prior:
+        check_space(problem)
+        if getattr(problem, "scale", 1.0) != 1.0 or getattr(problem, "mirror", False):
+            raise InputError(f"problem: {problem!r} given; a tracker follows rotations and translations: give Rigid()")
 
 
 def of_each(prior: object) -> dict[Label, Prior]:

@@ -124,7 +124,7 @@ class MatchingTask:
         check_problem(problem)
         options = options or MatchOptions()
         if prior is not None:
-            Capability.PRIOR.require(problem.takes_prior, problem.name)
+            Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
         if options.resolution is not None:
             has_pixels = hasattr(problem, "camera") and not problem.noise_is_angular
             Capability.RESOLUTION.require(problem.takes_prior and has_pixels, problem.name)
@@ -135,7 +135,7 @@ class MatchingTask:
                 raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
             noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
-        least = None if prior is None else 1
+        least = 1 if prior is not None and problem.takes_prior else None
         points = problem.validated(
             source, target, noise, normals, view_angle,
             source_noise=source_noise, least_target=least, distinct=bodies is None,

@@ -12,6 +12,7 @@ hypothesis that all targets are clutter, a labelling of m of n points by n' targ
   is flat in its logarithm (`rootmatch.problems.pose_fit.point_set_fit.DECADES`). It accounts for how vaguely a
   labelling determines the motion and for how many motions could fit by chance; the second factor accounts for the
   number of labellings.
+- Where something is known of the motion, its prior takes the place of that volume (`rootmatch.model.motion_prior`).
 - σ is that given times a factor, whose square has an inverse gamma prior of `NOISE_FREEDOM` degrees of freedom about 1:
   exp(−χ²/2) becomes a power of 1 + χ²/ν, as of Student's t.
 
@@ -27,6 +28,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
 
@@ -53,6 +55,8 @@ class PointSetModel:
         Prior probabilities of the correspondences, up to a common factor.
     detection_rate : float, optional
         Probability that a point of the source is among the targets; unknown by default.
+    prior : MotionPrior, optional
+        What is known of the motion.
     """
 
     clouds: PointClouds
@@ -60,6 +64,7 @@ class PointSetModel:
     allowed: NDArray[np.bool_] | None = None
     weights: Floats | None = None
     detection_rate: float | None = None
+    prior: MotionPrior | None = None
 
     @cached_property
     def log_volume(self) -> float:
@@ -74,7 +79,19 @@ class PointSetModel:
         """Log-odds (K,) of each fitted assignment against the hypothesis that all targets are clutter."""
         matched = (fit.assignments >= 0).sum(axis=1)
         odds = self.log_density(fit) - self.log_volume + self._log_counts[matched]
-        return np.asarray(odds + self._log_weights(fit.assignments))
+        return np.asarray(odds + self._log_weights(fit.assignments) + self.log_prior(fit))
+
+    def log_prior(self, fit: PointSetFit) -> Floats:
+        """Logarithm (K,) of the factor that what is known of the motion puts on the odds; 0 if nothing is."""
+        if self.prior is None:
+            return np.zeros(len(fit.scale))
+        return np.asarray(np.logaddexp.reduce(self.prior.log_factors(fit, self.log_volume), axis=0))
+
+    def held(self, fit: PointSetFit) -> Integers:
+        """The prediction (K,) by which each fitted assignment is most probable; −1 if by none."""
+        assert self.prior is not None
+        first = np.argmax(self.prior.log_factors(fit, self.log_volume), axis=0)
+        return np.where(first < len(self.prior.predictions), first, -1)
 
     def log_density(self, fit: PointSetFit) -> Floats:
         """Logarithm (K,) of the density of the matched targets, motion and σ integrated out."""

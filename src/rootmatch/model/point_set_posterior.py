@@ -141,7 +141,7 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     fit = model.fit(proposals)
     odds = model.log_odds(fit)
     fit, odds = _best(fit, odds)
-    known = {one.tobytes() for one in fit.assignments}
+    weighed = {one.tobytes() for one in fit.assignments}
     expanded: set[bytes] = set()
     for _ in range(ROUNDS):
         likely = np.argsort(-odds, kind="stable")[: np.count_nonzero(odds > odds.max() - WORTH)].tolist()
@@ -154,8 +154,8 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
             some = np.argsort(-gains, kind="stable")[:CHANGES]
             better = changes.take(some[gains[some] > 0.0])
             for other in (*changes.take(some).applied_to(one), _changed_at_once(one, better)):
-                if other.tobytes() not in known and (other >= 0).sum() >= 3:
-                    known.add(other.tobytes())
+                if other.tobytes() not in weighed and (other >= 0).sum() >= 3:
+                    weighed.add(other.tobytes())
                     new.append(other)
         if not new:
             break
@@ -165,7 +165,9 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     assignments = fit.assignments
     absent = math.log(1.0 / PRESENT - 1.0)
     top = max(float(odds[0]), absent)
-    weights = _exchanged(model, assignments, np.exp(odds - top))
+    known = model.log_prior(fit)  # it tells symmetric motions from each other
+    most = float((odds - known).max())
+    weights = _exchanged(model, assignments, np.exp(odds - known - most)) * np.exp(known + most - top)
     probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
     order = np.argsort(-probabilities, kind="stable")
     return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.dof[order])

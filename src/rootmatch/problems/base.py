@@ -55,6 +55,8 @@ class Problem(ABC):
     """Whether source points are points in space seen by a camera, whose visible side normals can state."""
     takes_prior: ClassVar[bool] = False
     """Whether a pose of its camera can be predicted: source points in space, and ``camera``."""
+    takes_motion_prior: ClassVar[bool] = False
+    """Whether the motion between two sets of points in space can be predicted."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
     fits_groups: ClassVar[bool] = False

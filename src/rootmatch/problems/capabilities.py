@@ -16,8 +16,8 @@ class Capability(Enum):
 
     NORMALS = "normals", "does not use them, as its source is not seen by one calibrated camera", "leave them out"
     """Declared by `Problem.takes_normals`."""
-    PRIOR = "prior", "has no camera whose pose could be predicted", "leave it out"
-    """Declared by `Problem.takes_prior`."""
+    PRIOR = "prior", "has no pose that could be predicted", "leave it out"
+    """Declared by `Problem.takes_prior` and `Problem.takes_motion_prior`."""
     RESOLUTION = "resolution", "has no camera in whose image points could fall together", "leave it out"
     """Declared by a camera with pixels whose pose the problem fits."""
     SOURCE_NOISE = (

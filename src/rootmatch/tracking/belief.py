@@ -163,6 +163,8 @@ class Belief:
         body.
         """
         told, model = found.posterior, found.model
+        if model is None:
+            self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return
         modes = told.modes.take(np.arange(min(LOOKED_AT, len(told.probabilities))))
@@ -189,6 +191,17 @@ class Belief:
         likely = [one for one in after if one.total > after[0].total - NEGLIGIBLE][:MOST]
         # an average takes several evaluations of the posterior: only poses that are followed have one
         self.poses = [self._after(step, model, modes, time) for step in likely]
+
+    def _take_motion(self, found: Finding, time: float) -> None:
+        """Take in a match of two point sets: only one that is trusted tells a pose."""
+        if found.status is not Status.MATCHED:
+            return
+        if found.prior_holds and found.pose is not None and self.poses:
+            self.best.update(found.pose, time)
+            return
+        (pose,) = found.task.problem.poses(found.task.points, found.assignment[None])
+        if pose is not None:
+            self.poses = [FollowedPose(MotionFilter(self.source, pose, time, self.motion))]
 
     def _after(self, step: _Step, model: DetectionModel, modes: Modes, time: float) -> FollowedPose:
         """The hypothesis that a step leads to."""

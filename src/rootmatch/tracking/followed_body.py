@@ -116,7 +116,8 @@ class FollowedBody:
         From time to time, poses that look the same are followed beside the best one.
         """
         self.belief.take(found, time)
-        if found.status is Status.UNTRUSTED:
+        missed = found.status is Status.UNTRUSTED if found.model is not None else not found.status
+        if missed:
             self.missed += 1
             self.belief.forget_before(time - self.options.coasting)
             if not self.belief:
@@ -124,13 +125,14 @@ class FollowedBody:
             return
         self.missed, self.detections = 0, found.task.shape[1]
         self.settled |= found.status is Status.MATCHED
-        if frame % self.options.search_every == 0 and self.belief:
+        if frame % self.options.search_every == 0 and self.belief and found.model is not None:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
 
 
 def _is_enough(found: Finding) -> bool:
     """Whether no pose elsewhere could explain more than what was found; see `is_enough`."""
-    assert found.model is not None
+    if found.model is None:
+        return True  # two point sets: every motion was weighed
     assert found.posterior is not None
     return is_enough(found.model, found.posterior, found.task.problem.minimal)

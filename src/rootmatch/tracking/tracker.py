@@ -19,7 +19,7 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
-from rootmatch.explain.prior_validation import Prior, check_predicted
+from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
 from rootmatch.explain.task import Rivals
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.matcher import Matcher
@@ -51,9 +51,10 @@ class Tracker:
     source : (n, 3) array
         Points in space in any frame and unit.
     problem : Problem
-        `P3P`, also of a `Rig`, or `UP2P`.
+        `P3P`, also of a `Rig`, `UP2P`, or, where targets are measured in space, `Rigid`.
     noise : float or (n',) array
-        Standard deviation of a pixel coordinate, in pixels; `update` can override it.
+        Standard deviation of a pixel coordinate, in pixels; `update` can override it. For `Rigid` as in
+        `rootmatch.match`.
     tracking : TrackingOptions
         Frame rate, how long a body may be missing, and how fast bodies may move.
     normals, view_angle, detection_rate, resolution, min_probability, bodies, source_noise
@@ -126,7 +127,8 @@ max_evaluations
             max_hyperedges=max_hyperedges,
             max_evaluations=max_evaluations,
         )
-        Capability.PRIOR.require(problem.takes_prior, problem.name)
+        Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
+        check_followed(self.matcher.problem)
         self.tracking = tracking
         self.time: float | None = None
         self.labels = self.matcher.labels
@@ -190,7 +192,7 @@ max_evaluations
         ----------
         target : (n', 2) array
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
-            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera.
+            For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera. For `Rigid`, (n', 3) points.
         time : float, optional
             Seconds, later than the previous frame; by default one interval later.
         prior : Pose, PosePrior or dict, optional
@@ -263,7 +265,8 @@ max_evaluations
                 rivals=rivals, searching=searching,
             )  # fmt: skip
 
-        found = explained(False) if poses else None
+        # between two point sets one posterior weighs the prediction and everything else
+        found = explained(False) if poses and self.matcher.problem.takes_prior else None
         searched = found is None or self._searches(found)
         if found is None or searched:
             found = explained(True)

@@ -76,6 +76,7 @@ class Similarity(Problem):
     to_check: ClassVar[str] = "the units of points and noise"
     least_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True
+    takes_motion_prior: ClassVar[bool] = True
     scale: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:

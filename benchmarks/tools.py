@@ -1,0 +1,100 @@
+"""Three tools of 4, 4 and 5 markers among stray points at 100 Hz: tracked, and matched frame by frame, on one thread.
+
+    python benchmarks/tools.py --flights 10 --first-seed 32000
+
+The tools of ``fiducials.py`` of the shared scenes, millimetres. Each swings by up to 35° on each axis and by 80 mm, at
+.3 to 1.2 Hz; a marker is hidden in 3 % of the frames, each frame has seven stray points elsewhere, and σ is 0.2 mm.
+
+"right": tools in frames that are trusted with every label right; "wrong": trusted with a wrong label. Times are those
+of frames, the first three of a run left out. Defaults are chosen on seeds from 1000; reports: from 20000.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from types import ModuleType
+
+import numba
+import numpy as np
+from fiducials import load_scenes
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.tracking.tracker import TrackingOptions
+
+FRAMES, INTERVAL, STRAY, HIDDEN, NOISE = 100, 0.01, 7, 0.03, 0.2
+HEAD = "| three tools | tools in frames | right | wrong | not trusted | median ms | 99 % | most |"
+Frame = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+def flight(scenes: ModuleType, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64], list[Frame]]:
+    """Markers, the tool of each, and the frames of a flight: targets and the truth."""
+    rng = np.random.default_rng([seed, 63])
+    source, labels, _, _ = scenes.tools(seed)
+    times = INTERVAL * np.arange(FRAMES)[:, None]
+    motions = []
+    for _ in range(3):
+        start, place = Rotation.random(random_state=rng), rng.uniform(-250, 250, 3)
+        frequency, phase = rng.uniform(0.3, 1.2, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+        size = np.concatenate([rng.uniform(0.2, 0.6, 3), rng.uniform(30, 80, 3)])
+        motions.append((start, place, size * np.sin(2.0 * np.pi * frequency * times + phase)))
+    frames = []
+    for k in range(FRAMES):
+        points, of = [rng.uniform(-300, 300, (STRAY, 3))], [np.full(STRAY, -1)]
+        for tool, (start, place, swing) in enumerate(motions):
+            own = np.flatnonzero((labels == tool) & (rng.random(len(labels)) > HIDDEN))
+            moved = (Rotation.from_rotvec(swing[k, :3]) * start).apply(source[own]) + place + swing[k, 3:]
+            points.append(moved + NOISE * rng.normal(size=moved.shape))
+            of.append(own)
+        order = rng.permutation(sum(map(len, points)))
+        who = np.concatenate(of)[order]
+        truth = np.full(len(source), -1)
+        truth[who[who >= 0]] = np.flatnonzero(who >= 0)
+        frames.append((np.concatenate(points)[order], truth))
+    return source, labels, frames
+
+
+def line(scenes: ModuleType, tracked: bool, seeds: range) -> str:
+    """A line of the table."""
+    seconds, right, wrong, every = list[float](), 0, 0, 0
+    for seed in seeds:
+        source, labels, frames = flight(scenes, seed)
+        given = {"noise": (0.0, NOISE), "bodies": labels}
+        tracker = rm.Tracker(source, rm.Rigid(), tracking=TrackingOptions(interval=INTERVAL), **given)
+        matcher = rm.Matcher(source, rm.Rigid(), **given)
+        for k, (target, truth) in enumerate(frames):
+            begun = time.perf_counter()
+            match = tracker.update(target) if tracked else matcher.match(target)
+            if seed > seeds[0] or k >= 3:
+                seconds.append(time.perf_counter() - begun)
+            assert match.bodies is not None
+            for label, body in match.bodies.items():
+                own, trusted = truth[labels == label], body.status is rm.Status.MATCHED
+                every += 1
+                right += trusted and np.array_equal(body.assignment, own)
+                wrong += trusted and bool(((body.assignment >= 0) & (body.assignment != own)).any())
+    took = 1e3 * np.array(seconds)
+    times = [f"{value:.1f}" for value in (np.median(took), np.quantile(took, 0.99), took.max())]
+    cells = ["tracked" if tracked else "each frame by itself", every, right, wrong, every - right - wrong, *times]
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def main() -> None:
+    """The table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
+    parser.add_argument("--scenes", help="folder of the scenes' module")
+    given = parser.parse_args()
+    numba.set_num_threads(1)
+    scenes = load_scenes(given.scenes)
+    seeds = range(given.first_seed, given.first_seed + given.flights)
+    print(f"seeds from {given.first_seed}\n\n{HEAD}\n|{' --- |' * (HEAD.count('|') - 1)}", flush=True)
+    for tracked in (True, False):
+        print(line(scenes, tracked, seeds), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""Priors of the motion between two point sets: what is known of it, in the place of the volume in which it may lie.
+
+The model of `rootmatch.model.point_set_model` integrates the motion of a labelling out under a flat prior. About its
+best motion the likelihood is normal, with a covariance Σ; knowledge of the motion is a measurement of some of its six
+parameters that is off by d, with Jacobian J and covariance C. Its prior therefore multiplies the odds by
+
+    N(d; 0, J Σ Jᵀ + C) · (volume that the flat prior gives what is known)
+
+which is 8π² for a rotation, 4π for a direction and V for a position. It takes no second fit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
+from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.pose_prior import LEAST_TILT, PosePrior
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+LOG_ROTATIONS = math.log(8.0 * math.pi**2)
+"""Logarithm of the volume of all rotations, by rotation vectors."""
+LOG_DIRECTIONS = math.log(4.0 * math.pi)
+"""Logarithm of the area of all directions."""
+GATE = 21.0
+"""Squared deviation, in three coordinates, up to which a target may be a predicted point: chance 10⁻⁴ beyond."""
+
+
+class _Off(NamedTuple):
+    """How far K motions are from what is known."""
+
+    off: Floats
+    """(K, k)."""
+    jacobian: Floats
+    """(K, k, 6): of a turn and a shift of the motion."""
+    covariance: Floats
+    """(k, k)."""
+    log_volume: float
+    """Of what is known, under the flat prior."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPrior:
+    """Predictions of a motion, or knowledge of a part of it, which may all be wrong.
+
+    Parameters
+    ----------
+    predictions : sequence of (Pose or PosePrior, share)
+        Shares add up to 1. A pose has a covariance (6, 6).
+    doubt : float
+        Probability that none of them holds.
+    freedom : float
+        Degrees of freedom for which their covariances count, see `rootmatch.model.pose_prior.Gaussian`.
+    """
+
+    predictions: tuple[tuple[Pose | PosePrior, float], ...]
+    doubt: float
+    freedom: float = math.inf
+
+    def log_factors(self, fit: PointSetFit, log_volume: float) -> Floats:
+        """Logarithm (predictions + 1, K) of the factor on the odds of each prediction, and of the doubt as the last."""
+        covariance = motion_covariances(fit)
+        every = [np.full(len(fit.scale), math.log(self.doubt))]
+        for known, share in self.predictions[::-1]:
+            log_share = math.log((1.0 - self.doubt) * max(share, 1e-300))
+            every.insert(0, log_share + self._log_factor(known, fit, covariance, log_volume))
+        return np.array(every)
+
+    def labellings(self, clouds: PointClouds) -> list[Integers]:
+        """The assignment (n,) about each whole pose that is predicted: the nearest targets within its covariance."""
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
+        every = []
+        for known, _ in self.predictions:
+            pose = known.pose if isinstance(known, PosePrior) else known
+            if pose is None or clouds.scaled:
+                continue
+            squared = _deviations(clouds, pose)
+            rows, columns = linear_sum_assignment(np.minimum(squared, GATE))
+            near = squared[rows, columns] < GATE
+            one = np.full(len(squared), -1, np.int64)
+            one[rows[near]] = columns[near]
+            every.append(one)
+        return every
+
+    def _log_factor(self, known: Pose | PosePrior, fit: PointSetFit, covariance: Floats, log_volume: float) -> Floats:
+        """Logarithm (K,) of the factor that one prediction puts on the odds; −∞ for reflections."""
+        off, jacobian, own, log_known = _off(known, fit, log_volume)
+        whole = jacobian @ covariance @ jacobian.swapaxes(1, 2) + own
+        # turns and shifts have different units: scaled, so that the inverse is exact
+        size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+        unit, scaled, count = whole / (size[:, :, None] * size[:, None]), off / size, off.shape[1]
+        squared = (scaled * np.linalg.solve(unit, scaled[..., None])[..., 0]).sum(axis=1)
+        peak = 0.5 * (np.linalg.slogdet(unit)[1] + count * math.log(2.0 * math.pi)) + np.log(size).sum(axis=1)
+        tail = -0.5 * squared
+        if math.isfinite(self.freedom):
+            half, more = 0.5 * self.freedom, 0.5 * count
+            tail = math.lgamma(half + more) - math.lgamma(half) - more * math.log(half)
+            tail = tail - (half + more) * np.log1p(squared / self.freedom)
+        return np.where(np.linalg.det(fit.rotation) > 0.0, log_known - peak + tail, -np.inf)
+
+
+def motion_covariances(fit: PointSetFit) -> Floats:
+    """Covariances (K, 6, 6) of a turn (ω, rad) and of the translation of fitted motions of space."""
+    count = len(fit.scale)
+    arm = fit.scale[:, None] * (fit.rotation @ fit.centre[:, :, None])[:, :, 0]
+    whole = np.zeros((count, 6, 6))
+    whole[:, :3, :3] = (fit.frame * fit.spread[:, None]) @ fit.frame.swapaxes(1, 2)
+    whole[:, 3:, 3:] = np.eye(3) / fit.total[:, None, None]
+    change = np.tile(np.eye(6), (count, 1, 1))  # from the centre of the matches to the origin
+    change[:, 3:, :3] = cross_matrix(arm)
+    covariance = change @ whole @ change.swapaxes(1, 2)
+    if fit.clouds.scaled:
+        covariance[:, 3:, 3:] += arm[:, :, None] * arm[:, None] * _scale_variance(fit)[:, None, None]
+    return np.asarray(covariance)
+
+
+def fused(fit: Pose, known: Pose | PosePrior) -> Pose:
+    """A fitted motion and what is known of it together, to first order."""
+    if isinstance(known, PosePrior):
+        return known.with_prediction(fit)
+    assert fit.covariance is not None
+    assert known.covariance is not None
+    off = np.concatenate([rotation_vector((known.R @ fit.R.T)[None])[0], known.t - fit.t])
+    gain = fit.covariance @ np.linalg.pinv(fit.covariance + known.covariance, hermitian=True)
+    step, covariance = gain @ off, fit.covariance - gain @ fit.covariance
+    R = rotation_from_vector(step[None, :3])[0] @ fit.R
+    return Pose.unchecked(R, fit.t + step[3:], 0.5 * (covariance + covariance.T))
+
+
+def _off(known: Pose | PosePrior, fit: PointSetFit, log_volume: float) -> _Off:
+    """How far fitted motions are from what is known of them."""
+    if isinstance(known, Pose):
+        assert known.covariance is not None
+        off = np.concatenate([_turns(known.R, fit), known.t - fit.shift], axis=1)
+        return _Off(off, _rows(fit, np.eye(6)), known.covariance, LOG_ROTATIONS + log_volume)
+    parts = []
+    if known.turn is not None:
+        R, covariance = known.turn
+        parts.append(_Off(_turns(R, fit), _rows(fit, np.eye(3, 6)), covariance, LOG_ROTATIONS))
+    elif known.down is not None:
+        source, target, noise = known.down
+        across = np.linalg.svd(target[None])[2][1:]  # axes of the turns that tilt it
+        off = _tilts(fit.rotation @ source, target, across) @ across.T
+        tilt = max(noise, LEAST_TILT) ** 2 * np.eye(2)
+        parts.append(_Off(off, _rows(fit, np.pad(across, ((0, 0), (0, 3)))), tilt, LOG_DIRECTIONS))
+    if known.place is not None:
+        t, covariance = known.place
+        parts.append(_Off(t - fit.shift, _rows(fit, np.eye(3, 6, 3)), covariance, log_volume))
+    sizes = [len(one.covariance) for one in parts]
+    whole, begin = np.zeros((sum(sizes), sum(sizes))), 0
+    for one, size in zip(parts, sizes, strict=True):
+        whole[begin : begin + size, begin : begin + size] = one.covariance
+        begin += size
+    return _Off(
+        np.concatenate([one.off for one in parts], axis=1),
+        np.concatenate([one.jacobian for one in parts], axis=1),
+        whole,
+        sum(one.log_volume for one in parts),
+    )
+
+
+def _rows(fit: PointSetFit, jacobian: Floats) -> Floats:
+    """The same Jacobian (k, 6) for each motion."""
+    return np.broadcast_to(jacobian, (len(fit.scale), *jacobian.shape))
+
+
+def _turns(R: Floats, fit: PointSetFit) -> Floats:
+    """Rotation vectors (K, 3) from fitted rotations to a known one."""
+    between = R @ fit.rotation.swapaxes(1, 2)
+    half = np.trace(between, axis1=1, axis2=2) < -1.0 + 1e-12  # whose axis the vector does not tell
+    return np.where(half[:, None], [np.pi, 0.0, 0.0], rotation_vector(between))
+
+
+def _tilts(now: Floats, target: Floats, across: Floats) -> Floats:
+    """Rotation vectors (K, 3) that take directions (K, 3) to the target's (3,); ``across``: the opposite one's."""
+    axis = np.cross(now, target)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, now @ target)
+    unit = np.where(sine[:, None] > 0.0, axis / np.maximum(sine, 1e-300)[:, None], across[0])
+    return np.asarray(angle[:, None] * unit)
+
+
+def _deviations(clouds: PointClouds, pose: Pose) -> Floats:
+    """Squared deviations (n, n') of targets from the places that a pose predicts, by their covariances."""
+    assert pose.covariance is not None
+    turned = clouds.source @ pose.R.T
+    rows = np.concatenate([-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(turned), 3, 3))], axis=2)
+    moved = rows @ pose.covariance @ rows.swapaxes(1, 2)
+    both = clouds.source_variance[:, None] + clouds.target_variance
+    whole = moved[:, None] + both[:, :, None, None] * np.eye(3)
+    off = clouds.target - (turned + pose.t)[:, None]
+    return np.asarray((off * np.linalg.solve(whole, off[..., None])[..., 0]).sum(axis=2))
+
+
+def _scale_variance(fit: PointSetFit) -> Floats:
+    """Variance (K,) of the logarithm of the scale."""
+    clouds, matched = fit.clouds, fit.assignments >= 0
+    variance = clouds.target_variance[np.where(matched, fit.assignments, 0)]
+    weight = matched / (variance + fit.scale[:, None] ** 2 * clouds.source_variance)
+    squares = ((clouds.source - fit.centre[:, None]) ** 2).sum(axis=2)
+    return np.asarray(1.0 / np.maximum(fit.scale**2 * (weight * squares).sum(axis=1), 1e-300))
