@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
-from rootmatch.explain import rig_search
+from rootmatch.explain import point_set_decision, rig_search
 from rootmatch.explain.explain import explain
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
@@ -29,6 +30,7 @@ from rootmatch.samplers.guided import search
 from rootmatch.samplers.guided.hypotheses import Hypotheses
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.visible_search import search_of
+from rootmatch.samplers.point_sets import congruent
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
 from rootmatch.solvers.ascent.assignment_state import empty_state
@@ -216,6 +218,27 @@ def test_hypotheses_are_verified_in_parts_until_a_deadline(monkeypatch: pytest.M
     assert 0 < len(some.evidence) < len(whole.evidence)
     assert all(np.array_equal(one, other[: len(one)]) for one, other in zip(some, whole, strict=True))
     assert verified(0.5) == []
+
+
+def test_labellings_grow_in_parts_until_a_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    source = rng.uniform(-1.0, 1.0, (12, 3))
+    target = source @ Rotation.random(random_state=3).as_matrix().T + 0.01 * rng.normal(size=source.shape)
+    problem = rm.Rigid(3)
+    task = MatchingTask.of(problem, source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
+    model = point_set_decision.model_of(task)
+    assert model is not None
+    # of each labelling its motion finds the rest
+    some = np.array([np.where(np.isin(np.arange(12), rng.permutation(12)[:5]), np.arange(12), -1) for _ in range(9)])
+    whole = congruent.grown(model.clouds, some, False, None)
+    assert (whole[0] == np.arange(12)).all()
+    monkeypatch.setattr(congruent, "CELLS", 1)
+    assert np.array_equal(congruent.grown(model.clouds, some, False, None), whole)
+    deadline = Deadline(3.5, clock=Clock(1.0))
+    with deadline.enforced():
+        first = congruent.grown(model.clouds, some, False, None)
+    assert deadline.stopped_early
+    assert (first[0] == np.arange(12)).all()
 
 
 def test_hypotheses_of_a_rig_are_gathered_until_a_deadline(monkeypatch: pytest.MonkeyPatch) -> None:

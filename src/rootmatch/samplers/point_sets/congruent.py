@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -85,7 +85,8 @@ def grown(clouds: PointClouds, found: Integers, mirror: bool, allowed: NDArray[n
     found = found[(found >= 0).sum(axis=1) >= 3][:MOST_KEPT]
     if not len(found):
         return found
-    again = _labelled(*fitted_point_sets(clouds, found, mirror).squares(), NEAR, allowed)
+    fit = fitted_point_sets(clouds, found, mirror)
+    again = _in_parts(clouds, len(found), lambda some: fit.take(some).squares(), NEAR, allowed)
     return _distinct([found, again], 3)[:MOST_KEPT]
 
 
@@ -197,13 +198,23 @@ def _unit(vectors: Floats) -> Floats:
 
 def _labelled_by(clouds: PointClouds, motions: Motions, allowed: NDArray[np.bool_] | None) -> Integers:
     """Labellings (H, n) by motions of triples, of the first of them where a deadline passes."""
-    step, count = max(CELLS // (len(clouds.source) * len(clouds.target)), 1), len(motions.scale)
+    return _in_parts(clouds, len(motions.scale), lambda some: motions.take(some).squares(clouds), WIDE, allowed)
+
+
+def _in_parts(
+    clouds: PointClouds,
+    count: int,
+    squares: Callable[[Integers], tuple[Floats, Floats]],
+    gate: float,
+    allowed: NDArray[np.bool_] | None,
+) -> Integers:
+    """Labellings (H, n) by ``count`` motions, of the first of them where a deadline passes."""
+    step = max(CELLS // (len(clouds.source) * len(clouds.target)), 1)
     every = [np.empty((0, len(clouds.source)), np.int64)]
     for first in range(0, count, step):
         if first and in_force().passed():
             break
-        some = motions.take(np.arange(first, min(first + step, count)))
-        every.append(_labelled(*some.squares(clouds), WIDE, allowed))
+        every.append(_labelled(*squares(np.arange(first, min(first + step, count))), gate, allowed))
     return np.concatenate(every)
 
 
