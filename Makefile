@@ -11,7 +11,8 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 OUTPUT := examples/board/output
 NUMERICS := $(BIN)/python -m pytest -n logical --maxprocesses 8 -m numerics \
-  $(patsubst %,tests/test_%.py,prior tracker resultants polynomial tensor invariants assignment)
+  $(patsubst %,tests/test_%.py,prior tracker resultants polynomial tensor invariants assignment hypotheses \
+  model point_set_model two_view_model visibility)
 SOURCES := $(shell find src -name '*.py')
 
 .PHONY: help demo test fuzz torture adversary smoke-oldest smoke-processors lint format docs clean
