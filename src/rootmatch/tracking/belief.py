@@ -163,7 +163,7 @@ class Belief:
         body.
         """
         told, model = found.posterior, found.model
-        if model is None:
+        if found.task.problem.takes_motion_prior:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return

@@ -116,8 +116,8 @@ class FollowedBody:
         From time to time, poses that look the same are followed beside the best one.
         """
         self.belief.take(found, time)
-        missed = found.status is Status.UNTRUSTED if found.model is not None else not found.status
-        if missed:
+        in_space = found.task.problem.takes_motion_prior  # only a match that is trusted tells a pose
+        if found.status is Status.UNTRUSTED or (in_space and not found.status):
             self.missed += 1
             self.belief.forget_before(time - self.options.coasting)
             if not self.belief:
@@ -125,14 +125,15 @@ class FollowedBody:
             return
         self.missed, self.detections = 0, found.task.shape[1]
         self.settled |= found.status is Status.MATCHED
-        if frame % self.options.search_every == 0 and self.belief and found.model is not None:
+        if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
 
 
 def _is_enough(found: Finding) -> bool:
     """Whether no pose elsewhere could explain more than what was found; see `is_enough`."""
-    if found.model is None:
+    if found.task.problem.takes_motion_prior:
         return True  # two point sets: every motion was weighed
+    assert found.model is not None
     assert found.posterior is not None
     return is_enough(found.model, found.posterior, found.task.problem.minimal)
