@@ -39,13 +39,20 @@ def rotation_from_vector(vectors: Floats) -> Floats:
 
 
 def rotation_vector(rotation: Floats) -> Floats:
-    """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); the zero vector for a half-turn."""
+    """Rotation vectors (K, 3) of rotation matrices (K, 3, 3); one of the two for a half turn."""
     skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
     axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
     sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1.0)
     small = sine < 1e-9
     ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
-    return np.asarray(axis * ratio[:, None])
+    vectors = axis * ratio[:, None]
+    (half,) = np.nonzero(small & (cosine < 0.0))
+    if len(half):  # R = 2 n nᵀ − I, whose longest column tells n
+        columns = rotation[half] + np.eye(3)
+        longest = np.diagonal(columns, axis1=1, axis2=2).argmax(axis=1)
+        about = columns[np.arange(len(half)), :, longest]
+        vectors[half] = np.pi * about / np.linalg.norm(about, axis=1, keepdims=True)
+    return np.asarray(vectors)
 
 
 def rotation_about_y(cosine: Floats, sine: Floats) -> Floats:

@@ -176,9 +176,7 @@ def _rows(fit: PointSetFit, jacobian: Floats) -> Floats:
 
 def _turns(R: Floats, fit: PointSetFit) -> Floats:
     """Rotation vectors (K, 3) from fitted rotations to a known one."""
-    between = R @ fit.rotation.swapaxes(1, 2)
-    half = np.trace(between, axis1=1, axis2=2) < -1.0 + 1e-12  # whose axis the vector does not tell
-    return np.where(half[:, None], [np.pi, 0.0, 0.0], rotation_vector(between))
+    return rotation_vector(R @ fit.rotation.swapaxes(1, 2))
 
 
 def _tilts(now: Floats, target: Floats, across: Floats) -> Floats:
