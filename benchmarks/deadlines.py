@@ -111,7 +111,11 @@ def scene(rng: np.random.Generator, name: str, n: int, n_target: int) -> Scene:
     turn = Rotation.random(random_state=rng) if name == "p3p" else Rotation.from_rotvec([0.0, rng.uniform(-3, 3), 0.0])
     R, t = turn.as_matrix(), np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(9.0, 12.0)])
     pixels = CAMERA.project(points @ R.T + t) + NOISE * rng.normal(size=(n, 2))
-    problem = {"p3p": lambda: rm.P3P(CAMERA), "up2p": lambda: rm.UP2P(CAMERA), "up2pf": lambda: rm.UP2PF((320, 240))}
+    problem = {
+        "p3p": lambda: rm.P3P(CAMERA),
+        "up2p": lambda: rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)),
+        "up2pf": lambda: rm.UP2PF((320, 240), (0, 1, 0), (0, 1, 0)),
+    }
     target = shown_among_clutter(rng, pixels, n_target, *corners)
     return {"source": points, "target": target, "problem": problem[name](), "noise": NOISE, "R": R, "t": t}
 

@@ -110,7 +110,11 @@ def cases() -> Iterator[Case]:
 
 def plain() -> Iterator[Case]:
     """One match each: problems, searches, motions, solvers, noise."""
-    p3p, up2p, between = rm.P3P(CAMERA), rm.UP2P(CAMERA), rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN)
+    p3p, up2p, between = (
+        rm.P3P(CAMERA),
+        rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)),
+        rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN),
+    )
     absolute, views, flat = scenes.absolute, scenes.views, scenes.flat
     for s in range(20):
         yield run(f"p3p-8+4-{s}", absolute(100 + s, 8, 4, 0.5), p3p, noise=0.5)
@@ -142,7 +146,12 @@ def plain() -> Iterator[Case]:
             rm.PlanarMotion(CAMERA, axis=(0, 1, 0)),
             noise=0.1,
         )
-        yield run(f"up2pf-{s}", absolute(1500 + s, 7, 1, 0.3, **UPRIGHT), rm.UP2PF((320.0, 240.0)), noise=0.3)
+        yield run(
+            f"up2pf-{s}",
+            absolute(1500 + s, 7, 1, 0.3, **UPRIGHT),
+            rm.UP2PF((320.0, 240.0), (0, 1, 0), (0, 1, 0)),
+            noise=0.3,
+        )
         yield run(f"similarity-{s}", flat(1600 + s, 12, 4, 0.01, 2, 2.5), rm.Similarity(2), noise=0.01)
         yield run(f"rigid-{s}", flat(1700 + s, 12, 4, 0.01, 3, 1.0), rm.Rigid(3), noise=0.01)
         scene = absolute(1800 + s, 9, 0, 0.5)
@@ -165,7 +174,7 @@ def plain() -> Iterator[Case]:
 
 def priors() -> Iterator[Case]:
     """A predicted pose: right, wrong, vague, of few points."""
-    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA), 0.3
+    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), 0.3
     for s in range(6):
         one = scenes.bodies(3000 + s, [scenes.shape(s, 8)], 4)
         yield run(f"prior-{s}", one, p3p, noise=noise, prior=predicted(one, s))
@@ -199,7 +208,7 @@ def priors() -> Iterator[Case]:
 
 def several_bodies() -> Iterator[Case]:
     """Bodies with labels: seen or not, alike, predicted, with candidates."""
-    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA), 0.3
+    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), 0.3
 
     def case(name: str, scene: Scene, problem: rm.Problem = p3p, **more: Any) -> Case:
         return run(name, scene, problem, noise=noise, bodies=scene["labels"], **more)
@@ -261,7 +270,7 @@ def rigs() -> Iterator[Case]:
 
 def sequences() -> Iterator[Case]:
     """`Matcher` and `Tracker` over some frames."""
-    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA), 0.3
+    p3p, up2p, noise = rm.P3P(CAMERA), rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), 0.3
     two = [scenes.shape(70), scenes.shape(71)]
     labels = ["head"] * 7 + ["left"] * 7
     joined = np.vstack(two)
@@ -338,12 +347,12 @@ def cameras() -> Iterator[Case]:
             seed = 5600 + 20 * k + s
             yield run(f"p3p-{name}-{s}", scenes.wide(seed, 9, 4, sigma, project), rm.P3P(camera), noise=sigma)
             upright = scenes.wide(seed + 5, 9, 4, sigma, project, **UPRIGHT)
-            yield run(f"up2p-{name}-{s}", upright, rm.UP2P(camera), noise=sigma)
+            yield run(f"up2p-{name}-{s}", upright, rm.UP2P(camera, (0, 1, 0), (0, 1, 0)), noise=sigma)
             pair = scenes.views(seed + 10, 8, 1, 0.3, 2.0)
             source, target = (scenes.unit(one) if name == "rays" else project(one) for one in pair["seen"])
             noisy = {"source": source, "target": target[pair["rng"].permutation(8)]}
             yield run(f"3p1-{name}-{s}", noisy, rm.ThreePlusOne(camera, axis=(0, 1, 0), axis2=(0, 1, 0)), noise=sigma)
-        tilted = rm.UP2P(CAMERA, vertical_noise=0.01)
+        tilted = rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0), vertical_noise=0.01)
         yield run(f"up2p-tilted-{s}", scenes.absolute(5700 + s, 9, 4, 0.5, **UPRIGHT), tilted, noise=0.5)
         tilted = rm.ThreePlusOne(CAMERA, axis=DOWN, axis2=DOWN, axis_noise=0.005)
         yield run(f"3p1-tilted-{s}", scenes.views(5710 + s, 9, 1, 0.3, 2.0), tilted, noise=0.3)
@@ -360,7 +369,7 @@ def cameras() -> Iterator[Case]:
 
 def large() -> Iterator[Case]:
     """Local triples (50 points and more), views, two images, point sets, and proposed pairs."""
-    p3p, up2p = rm.P3P(CAMERA), rm.UP2P(CAMERA)
+    p3p, up2p = rm.P3P(CAMERA), rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0))
     for s in range(3):
         many = scenes.surface(6000 + s, 60, 8)
         yield run(f"local-triples-{s}", many, p3p, noise=0.4)
@@ -401,7 +410,7 @@ def large() -> Iterator[Case]:
 
 def weights() -> Iterator[Case]:
     """Weights of candidates."""
-    p3p, up2p = rm.P3P(CAMERA), rm.UP2P(CAMERA)
+    p3p, up2p = rm.P3P(CAMERA), rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0))
 
     def weighed(scene: Scene) -> Any:
         shape = len(scene["source"]), len(scene["target"])
@@ -433,9 +442,14 @@ def deadlines() -> Iterator[Case]:
         soon = {"noise": 0.5, "max_seconds": LONG}
         yield run(f"seconds-p3p-{s}", scenes.absolute(7600 + s, 8, 4, 0.5), p3p, **soon)
         yield run(f"seconds-guided-{s}", scenes.absolute(7610 + s, 16, 16, 0.5), p3p, **soon)
-        yield run(f"seconds-up2p-{s}", scenes.absolute(7620 + s, 20, 20, 0.5, **UPRIGHT), rm.UP2P(CAMERA), **soon)
+        yield run(
+            f"seconds-up2p-{s}",
+            scenes.absolute(7620 + s, 20, 20, 0.5, **UPRIGHT),
+            rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)),
+            **soon,
+        )
         both = scenes.absolute(7630 + s, 12, 0, 0.5, upright=True, motions=2)
-        yield run(f"seconds-motions-{s}", both, rm.UP2P(CAMERA), motions=2, **soon)
+        yield run(f"seconds-motions-{s}", both, rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), motions=2, **soon)
         two = scenes.bodies(7640 + s, [scenes.shape(s), scenes.shape(50 + s)], 3)
         yield run(f"seconds-bodies-{s}", two, p3p, bodies=two["labels"], **soon)
         yield run(f"seconds-prior-{s}", two, p3p, bodies=two["labels"], prior={"left": predicted(two, s, 1)}, **soon)

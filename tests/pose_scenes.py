@@ -127,7 +127,7 @@ def planar(seed: int, n: int = 12) -> PoseScene:
 
 def up2pf(seed: int, n: int = 12) -> PoseScene:
     made = zoomed(n, outliers=2, noise=0.5, seed=seed)
-    problem = rm.UP2PF((320.0, 240.0), vertical_camera=tuple(made.vertical))
+    problem = rm.UP2PF((320.0, 240.0), tuple(made.vertical), (0, 1, 0))
     return PoseScene(
         problem, made.source, made.target, 0.5, made.truth, made.rotation, made.translation, 1.0, made.focal, 5
     )

@@ -48,7 +48,7 @@ def scene(problem: str, n: int, n_target: int, seed: int = 0, sigma: float = 0.5
     clutter = rng.uniform((0.0, 0.0), (640.0, 480.0), (max(0, n_target - n), 2))
     camera = Camera(*made.intrinsics)
     target = np.concatenate((pixels, clutter))[rng.permutation(n_target)]
-    return (P3P(camera) if problem == "p3p" else UP2P(camera)).prepare(made.source, target, sigma)
+    return (P3P(camera) if problem == "p3p" else UP2P(camera, (0, 1, 0), (0, 1, 0))).prepare(made.source, target, sigma)
 
 
 def enumerated(tables: Any, kind: Any, n: int, n_target: int, order: int) -> dict[tuple[int, ...], float]:

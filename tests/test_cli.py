@@ -270,7 +270,18 @@ class TestOtherProblems:
                 run("simulate", "up2p", "--motions", 2, "--noise", 0.5, "--seed", seed, "--output", folder).exit_code
                 == 0
             )
-            result = run(*of(folder, "--noise", 0.5, "--motions", motions, "--json", problem="up2p"))
+            result = run(
+                *of(
+                    folder,
+                    "--noise",
+                    0.5,
+                    "--motions",
+                    motions,
+                    "--json",
+                    problem="up2p",
+                    camera=folder / "camera.json",
+                )
+            )
             assert result.exit_code == 0, result.output
             record = json.loads(result.stdout)
             scene = up2p_scene(10, 0, 0.5, seed, 2)

@@ -437,7 +437,8 @@ def test_columns_sigma_of_two_noisy_sets(tmp_path: Path) -> None:
     both = run("match", files["plan-sigma"], files["seen-sigma"], "--problem", "rigid", "--noise", "0.3")
     assert "leave one of them out" in both.stderr
     points = write(tmp_path / "image.csv", "x,y", seen[:, :2].tolist())
-    refused = run("match", files["plan-sigma"], points, "--problem", "up2pf", "--centre", "320,240")
+    down = ["--vertical-camera", "0,1,0", "--vertical-world", "0,1,0"]
+    refused = run("match", files["plan-sigma"], points, "--problem", "up2pf", "--centre", "320,240", *down)
     assert refused.exit_code == 2
     assert "plan-sigma.csv: a column sigma, and up2pf has exact points there; leave it out" in refused.stderr
 

@@ -39,7 +39,8 @@ def options_of(scene: PoseScene, name: str) -> list[object]:
     if name == "planar":
         return ["--camera", camera, "--axis", plane(scene), "--axis2", plane(scene), "--noise", scene.noise]
     if name == "up2pf":
-        return ["--centre", "320,240", "--vertical-camera", vertical(scene), "--noise", scene.noise]
+        down = ["--vertical-camera", vertical(scene), "--vertical-world", "0,1,0"]
+        return ["--centre", "320,240", *down, "--noise", scene.noise]
     return ["--noise", "0.01,0.01"]
 
 

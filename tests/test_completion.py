@@ -20,7 +20,7 @@ from rootmatch.simulation import up2p_scene
 
 def up2p_tables(seed: int, n: int = 9, clutter: int = 3, tilt: float = 0.0, normals: bool = False):
     scene = up2p_scene(n, clutter, 1.0, seed)
-    problem = rm.UP2P(scene.cameras[0], vertical_noise=tilt)
+    problem = rm.UP2P(scene.cameras[0], (0, 1, 0), (0, 1, 0), vertical_noise=tilt)
     facing = np.random.default_rng(seed).normal(size=(n, 3)) if normals else None
     if facing is not None:
         facing[::3] = 0.0

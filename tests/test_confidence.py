@@ -47,7 +47,7 @@ def test_two_copies_in_view_are_ambiguous() -> None:
     source, camera = rng.uniform(-1.0, 1.0, (6, 3)), rm.Camera(1000.0, 1000.0, 320.0, 240.0)
     copies = [camera.project(source + np.array([x, 0.0, 12.0])) for x in (-1.5, 1.7)]
     target = np.vstack(copies) + rng.normal(0.0, 0.5, (12, 2))
-    match = rm.match(source, target, rm.UP2P(camera), noise=0.5)
+    match = rm.match(source, target, rm.UP2P(camera, (0, 1, 0), (0, 1, 0)), noise=0.5)
     assert match.status is not rm.Status.MATCHED
 
 

@@ -136,7 +136,7 @@ def test_mistakes_are_those_that_a_problem_allows() -> None:
     plain = rm.match(**given)
     assert names(plain) >= {"cx and cy are exchanged", "the noise is 3 times as large"}
     assert not names(plain) & {"the normals point inwards", "one of the verticals is upside down"}
-    upright = rm.match(**given | {"problem": rm.UP2P(CAMERA)})
+    upright = rm.match(**given | {"problem": rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0))})
     assert names(upright) >= {"one of the verticals is upside down", "x is mirrored, or the model is left-handed"}
     pair = rm.match(
         given["target"], given["target"] + 3.0, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), max_seconds=1

@@ -38,7 +38,9 @@ def test_mean_weight_of_a_true_hyperedge_is_that_of_its_law() -> None:
         assert weight == pytest.approx(drawn.mean(), abs=5e-3)
 
 
-@pytest.mark.parametrize(("problem", "n"), [(rm.P3P(CAMERA), 7), (rm.UP2P(CAMERA), 8)], ids=["p3p", "up2p"])
+@pytest.mark.parametrize(
+    ("problem", "n"), [(rm.P3P(CAMERA), 7), (rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), 8)], ids=["p3p", "up2p"]
+)
 def test_unrelated_points_are_trusted_once_in_a_hundred_at_most(problem: rm.Problem, n: int) -> None:
     """What `TrustOptions.false_alarms` promises of few points: chance is as good in one scene of a hundred."""
     scenes, trusted = 300, []

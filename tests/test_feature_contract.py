@@ -65,7 +65,7 @@ class World:
         if self.in_space:
             return rm.Rigid(3)
         camera = self.rig if self.is_rig else CAMERA
-        return rm.UP2P(camera) if "UP2P" in self.features else rm.P3P(camera)
+        return rm.UP2P(camera, (0, 1, 0), (0, 1, 0)) if "UP2P" in self.features else rm.P3P(camera)
 
     def frame(self, k: int) -> Frame:
         """One frame: the same poses, other noise, clutter and order."""

@@ -82,7 +82,7 @@ def test_what_does_not_go_together_is_refused() -> None:
     scene = Scene(0)
     vertical = scene.prior("vertical")
     with pytest.raises(rm.InputError, match=r"^prior: UP2P has a vertical"):
-        rm.match(scene.body, scene.target, rm.UP2P(CAMERA), prior=vertical)
+        rm.match(scene.body, scene.target, rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), prior=vertical)
     with pytest.raises(rm.InputError, match=r"^prior: 3p1 has no pose"):
         rm.match(scene.target, scene.target, rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)), prior=vertical)
     with pytest.raises(rm.InputError, match=r"^prior: no body is labelled"):

@@ -127,8 +127,8 @@ def test_candidates_narrow_the_search() -> None:
     "problem",
     [
         rm.P3P(CAMERA),
-        rm.UP2P(CAMERA),
-        rm.UP2PF((320.0, 240.0)),
+        rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)),
+        rm.UP2PF((320.0, 240.0), (0, 1, 0), (0, 1, 0)),
         rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)),
         rm.PlanarMotion(CAMERA, axis=(0, 1, 0)),
         rm.Similarity(2),

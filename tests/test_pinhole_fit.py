@@ -24,7 +24,7 @@ def test_the_same_poses_as_in_numpy(name: str, tilt: float, monkeypatch: pytest.
     for seed in range(6):
         scene = {"p3p": p3p_scene, "up2p": up2p_scene}[name](9, 4, noise=1.0, seed=seed)
         camera = scene.cameras[0]
-        problem = rm.UP2P(camera, vertical_noise=tilt) if tilt else scene.problem
+        problem = rm.UP2P(camera, (0, 1, 0), (0, 1, 0), vertical_noise=tilt) if tilt else scene.problem
         points = problem.validated(scene.source, scene.target, np.linspace(0.5, 2.0, 13))
         right = np.array([scene.truth, np.where(np.arange(9) % 4 == 1, -1, scene.truth)])
         quick, slow = both(monkeypatch, problem, points, right)

@@ -85,7 +85,7 @@ def derived() -> Case:
 
 def unknown_zoom() -> Case:
     scene = zoomed(6, outliers=1, noise=0.1, seed=0, depth=5.0)
-    problem = rm.UP2PF((320.0, 240.0), vertical_camera=scene.vertical)
+    problem = rm.UP2PF((320.0, 240.0), scene.vertical, (0, 1, 0))
     return Case(problem, scene.source, scene.target, scene.truth, 0.1, scene.rotation, scene.translation)
 
 

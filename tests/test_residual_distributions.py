@@ -31,7 +31,9 @@ def true_residuals(problem: str, kind: object, sigma: float, seed: int = 0) -> n
         scene = instances.paper_scene(problem, rng, POINTS)
         camera = Camera(*scene.intrinsics)
         target = scene.target + sigma * rng.normal(size=scene.target.shape)
-        tables = (P3P(camera) if problem == "p3p" else UP2P(camera)).prepare(scene.source, target, sigma)
+        tables = (P3P(camera) if problem == "p3p" else UP2P(camera, (0, 1, 0), (0, 1, 0))).prepare(
+            scene.source, target, sigma
+        )
         edges = np.array([rng.permutation(POINTS)[:order] for _ in range(EDGES)])
         made.append(cpu.residuals(tables, kind, edges, edges))
     return np.concatenate(made)
@@ -75,7 +77,7 @@ def test_a_noise_stated_twice_too_large_halves_the_residual(problem: str) -> Non
     scene = instances.paper_scene(problem, rng, POINTS)
     target = scene.target + 0.1 * rng.normal(size=scene.target.shape)
     camera = Camera(*scene.intrinsics)
-    made = P3P(camera) if problem == "p3p" else UP2P(camera)
+    made = P3P(camera) if problem == "p3p" else UP2P(camera, (0, 1, 0), (0, 1, 0))
     edges = np.array([rng.permutation(POINTS)[:order] for _ in range(50)])
     for kind in (Normalised, Joint):
         right, double = (

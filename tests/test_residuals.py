@@ -325,9 +325,11 @@ class TestDegenerate:
         for third in range(20):
             source = np.array([[0.3, -1.0, 2.0], [0.3, 1.5, 2.0], rng.uniform(-1.0, 1.0, 3)])
             target = np.array([[320.0, 100.0], [320.0, 300.0], rng.uniform(50.0, 400.0, 2)])
-            assert np.all(UP2P(camera).coefficients(source[None, :2], target[None, :2]) == 0.0)
+            assert np.all(UP2P(camera, (0, 1, 0), (0, 1, 0)).coefficients(source[None, :2], target[None, :2]) == 0.0)
             index = np.arange(3)[None]
-            value = cpu.residuals(UP2P(camera).prepare(source, target, 1.0), kind(), index, index)[0]
+            value = cpu.residuals(
+                UP2P(camera, (0, 1, 0), (0, 1, 0)).prepare(source, target, 1.0), kind(), index, index
+            )[0]
             assert np.isfinite(value), third
             assert value >= self.floor(kind), third
 
@@ -337,7 +339,7 @@ class TestDegenerate:
         camera = Camera(1000.0, 1000.0, 320.0, 240.0)
         source = np.array([[0.3, -1.0, 2.0], [0.3, 1.5, 2.0], [0.3, 0.2, 2.0], [1.0, 1.0, 1.0]])
         target = np.array([[320.0, 100.0], [320.0, 300.0], [320.0, 350.0], [10.0, 20.0]])
-        tables = UP2P(camera).prepare(source, target, 1.0)
+        tables = UP2P(camera, (0, 1, 0), (0, 1, 0)).prepare(source, target, 1.0)
         index = np.arange(3)[None]
         value = cpu.residuals(tables, kind(pairs), index, index)[0]
         assert np.isfinite(value)
@@ -527,7 +529,7 @@ class TestPublicFunction:
             self.call(**change)
 
     def test_refuses_a_pair_that_the_problem_has_not(self) -> None:
-        upright = UP2P(Camera(*self.instance.intrinsics))
+        upright = UP2P(Camera(*self.instance.intrinsics), (0, 1, 0), (0, 1, 0))
         with pytest.raises(rootmatch.InputError, match="pair"):
             rootmatch.residuals(
                 self.instance.source,

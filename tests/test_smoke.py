@@ -51,7 +51,7 @@ def upright() -> Case:
     points = rng.uniform(-2.0, 2.0, (7, 3))
     c, s = np.cos(0.7), np.sin(0.7)
     seen = points @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]).T + (0.3, -0.2, 9.0)
-    return shuffled(rng, points, CAMERA.project(seen), rm.UP2PF((320.0, 240.0)), 0.1)
+    return shuffled(rng, points, CAMERA.project(seen), rm.UP2PF((320.0, 240.0), (0, 1, 0), (0, 1, 0)), 0.1)
 
 
 def moved(dimension: int, scale: float, problem: rm.Problem) -> Case:

@@ -68,7 +68,7 @@ def test_what_is_no_noise_of_points_is_refused_once(noise: Any, text: str) -> No
 def test_problems_without_a_pose_of_their_camera_refuse_it() -> None:
     scene = Scene(0)
     with pytest.raises(rm.InputError, match=r"^source_noise: up2pf has exact source points"):
-        rm.match(scene.model, scene.target, rm.UP2PF((640.0, 480.0)), source_noise=SIGMA)
+        rm.match(scene.model, scene.target, rm.UP2PF((640.0, 480.0), (0, 1, 0), (0, 1, 0)), source_noise=SIGMA)
     with pytest.raises(rm.InputError, match=r"^source_noise: noise is a pair"):
         rm.match(scene.model, scene.placed, rm.Rigid(), noise=(0.1, 0.1), source_noise=SIGMA)
 

@@ -17,14 +17,14 @@ def test_points_that_no_pose_explains() -> None:
     n, n_target = int(rng.integers(8, 21)), int(rng.integers(8, 31))
     source, target = rng.uniform(-2.0, 2.0, (n, 3)), rng.uniform((0.0, 0.0), (640.0, 480.0), (n_target, 2))
     noise = float(rng.choice([0.25, 0.5, 1.0]))
-    match = rm.match(source, target, rm.UP2P(CAMERA), noise=noise, seed=439)
+    match = rm.match(source, target, rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), noise=noise, seed=439)
     assert match.status is rm.Status.UNTRUSTED
 
 
 def test_a_labelling_that_no_pose_fits_is_not_there() -> None:
     rng = np.random.default_rng(0)
     source, target = rng.uniform(-2.0, 2.0, (10, 3)), rng.uniform((0.0, 0.0), (640.0, 480.0), (10, 2))
-    task = MatchingTask.of(rm.UP2P(CAMERA), source, target, noise=0.5)
+    task = MatchingTask.of(rm.UP2P(CAMERA, (0, 1, 0), (0, 1, 0)), source, target, noise=0.5)
     assert told(task, [np.arange(10)]).probabilities.sum() < 0.05
 
 

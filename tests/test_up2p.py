@@ -193,20 +193,28 @@ class TestRefuses:
 
     def test_good_input_is_taken(self) -> None:
         """What is changed below is good as it stands: its tables hold the geometry and the noise that were given."""
-        tables = UP2P(self.camera).prepare(self.source, self.target, noise=0.5)
+        tables = UP2P(self.camera, (0, 1, 0), (0, 1, 0)).prepare(self.source, self.target, noise=0.5)
         rays = np.column_stack([(self.target - (320.0, 240.0)) / 1000.0, np.ones(7)])
         np.testing.assert_allclose(tables.rays, (rays / np.linalg.norm(rays, axis=1, keepdims=True)).T, atol=1e-14)
         d2 = ((self.source[:, None] - self.source[None]) ** 2).sum(axis=2)
         moved = ((tables.points.T[:, None] - tables.points.T[None]) ** 2).sum(axis=2)
         np.testing.assert_allclose(moved / moved[0, 1], d2 / d2[0, 1], atol=1e-12)
-        double = UP2P(self.camera).prepare(self.source, self.target, noise=1.0)
+        double = UP2P(self.camera, (0, 1, 0), (0, 1, 0)).prepare(self.source, self.target, noise=1.0)
         np.testing.assert_allclose(double.variance, 4.0 * tables.variance, rtol=1e-12)
 
     @pytest.mark.parametrize("vertical", [(0.0, 0.0, 0.0), (0.0, 1.0), (np.nan, 1.0, 0.0), (0.0, np.inf, 0.0), "down"])
     @pytest.mark.parametrize("name", ["vertical_camera", "vertical_world"])
     def test_bad_vertical(self, name: str, vertical: object) -> None:
+        given = {"vertical_camera": (0, 1, 0), "vertical_world": (0, 1, 0), name: vertical}
         with pytest.raises(InputError, match=name):
-            UP2P(self.camera, **{name: vertical})  # type: ignore[arg-type]
+            UP2P(self.camera, **given)  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize("name", ["vertical_camera", "vertical_world"])
+    def test_no_vertical_is_assumed(self, name: str) -> None:
+        given = {"vertical_camera": (0, 1, 0), "vertical_world": (0, 1, 0)}
+        del given[name]
+        with pytest.raises(InputError, match=rf"^{name}: none given; up2p needs one direction"):
+            UP2P(self.camera, **given)
 
     @pytest.mark.parametrize(
         ("change", "text"),
@@ -223,4 +231,4 @@ class TestRefuses:
     def test_bad_input(self, change: dict[str, object], text: str) -> None:
         arguments: dict[str, object] = {"source": self.source, "target": self.target, "noise": 1.0} | change
         with pytest.raises(InputError, match=text):
-            UP2P(self.camera).prepare(**arguments)  # type: ignore[arg-type]
+            UP2P(self.camera, (0, 1, 0), (0, 1, 0)).prepare(**arguments)  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ CENTRE = (320.0, 240.0)
 
 
 def problem_of(scene: robot_scenes.Scene) -> UP2PF:
-    return UP2PF(CENTRE, vertical_camera=scene.vertical)
+    return UP2PF(CENTRE, scene.vertical, (0, 1, 0))
 
 
 def pair_equation(points: np.ndarray, pixels: np.ndarray, rotations: np.ndarray, focal: float) -> np.ndarray:
@@ -110,13 +110,13 @@ def test_shipped_formulas_are_those_of_the_equations() -> None:
     scene = robot_scenes.zoomed(6, noise=1.0, seed=1)
     rng = np.random.default_rng(0)
     sets = np.array([rng.permutation(6)[:3] for _ in range(30)])
-    ours = UP2PF(CENTRE, scene.vertical).derived
+    ours = UP2PF(CENTRE, scene.vertical, (0, 1, 0)).derived
     other = fresh.measured(target=ours.target)
     args = scene.source[sets], scene.target[sets]
     one, two = ours.coefficients(*args), other.coefficients(*args)
     np.testing.assert_allclose(one, two, atol=1e-9 * np.abs(one).max())
     for name in ("minimal", "order", "degree", "constraints", "pair_count", "source_dimension", "target_dimension"):
-        assert getattr(ours, name) == getattr(fresh, name) == getattr(UP2PF(CENTRE), name)
+        assert getattr(ours, name) == getattr(fresh, name) == getattr(UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)), name)
     # among orders of the first three that say the same the choice is not left to rounding
     assert ours.generated.plan["orders"] == fresh.generated.plan["orders"] == ((1, 0, 2), (0, 1, 3), (2, 0, 3))
 
@@ -124,7 +124,7 @@ def test_shipped_formulas_are_those_of_the_equations() -> None:
 @cache
 def interpreted(kind: type) -> Callable:
     """The kernel of a residual as plain Python: compiling each takes ten seconds."""
-    derived = UP2PF(CENTRE).derived
+    derived = UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).derived
     return compile_residuals(derived.residuals, derived.generated.functions, interpreted=True)[kind][0]
 
 
@@ -226,9 +226,9 @@ class TestDegenerate:
         """Their equation holds at every turn and every focal length: a large residual."""
         points = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.3], [-1.0, 0.2, 0.8]])
         pixels = np.array([[320.0, 100.0], [320.0, 300.0], [500.0, 260.0], [111.0, 240.0]])
-        tables = UP2PF(CENTRE).prepare(points, pixels, 0.5)
+        tables = UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).prepare(points, pixels, 0.5)
         index = np.arange(4)
-        assert np.all(UP2PF(CENTRE).coefficients(points[None, :3], pixels[None, :3]) == 0.0)
+        assert np.all(UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).coefficients(points[None, :3], pixels[None, :3]) == 0.0)
         for kind in (Normalised, Joint):
             assert interpreted(kind)(tables, kind(), index, index) >= 1e6
 
@@ -252,18 +252,19 @@ class TestDegenerate:
         ({"centre": (np.nan, 1.0)}, "centre"),
         ({"vertical_camera": (0.0, 0.0, 0.0)}, "vertical_camera"),
         ({"vertical_world": (0.0, 1.0)}, "vertical_world"),
+        ({"vertical_world": ()}, "vertical_world: none given; up2pf needs one direction"),
     ],
 )
 def test_bad_options(change: dict[str, object], text: str) -> None:
     with pytest.raises(InputError, match=text):
-        UP2PF(**{"centre": CENTRE, **change})  # type: ignore[arg-type]
+        UP2PF(**{"centre": CENTRE, "vertical_camera": DOWN, "vertical_world": DOWN, **change})  # type: ignore[arg-type]
 
 
 def test_bad_points() -> None:
     scene = robot_scenes.zoomed(5, seed=0)
     with pytest.raises(InputError, match="at least 4"):
-        UP2PF(CENTRE).prepare(scene.source[:3], scene.target)
+        UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).prepare(scene.source[:3], scene.target)
     with pytest.raises(InputError, match="source"):
-        UP2PF(CENTRE).prepare(scene.source[:, :2], scene.target)
+        UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).prepare(scene.source[:, :2], scene.target)
     with pytest.raises(InputError, match="source"):
-        UP2PF(CENTRE).prepare("points", scene.target)
+        UP2PF(CENTRE, (0, 1, 0), (0, 1, 0)).prepare("points", scene.target)

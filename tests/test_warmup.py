@@ -26,7 +26,8 @@ import rootmatch as rm
 from scipy.spatial.transform import Rotation
 
 camera = rm.Camera(800.0, 780.0, 320.0, 240.0)
-problem = {"p3p": rm.P3P, "up2p": rm.UP2P}[sys.argv[1]](camera)
+down = (0.0, 1.0, 0.0)
+problem = rm.P3P(camera) if sys.argv[1] == "p3p" else rm.UP2P(camera, down, down)
 told = []
 rm.warmup(problem, progress=lambda done, total: told.append((done, total)))
 assert told[0][0] == 0 and told[-1][0] == told[-1][1] == len(told) - 1, told

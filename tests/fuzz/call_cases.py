@@ -22,14 +22,14 @@ LENS = rm.Camera.from_opencv(CAMERA.matrix, [-0.2, 0.05, 0.001, -0.001])
 FISHEYE = rm.Camera.from_opencv_fisheye(CAMERA.matrix, [0.02, -0.01, 0.001, 0.0])
 PROBLEMS: dict[str, Any] = {
     "p3p": lambda: rm.P3P(CAMERA),
-    "up2p": lambda: rm.UP2P(CAMERA, vertical_camera=(0.1, 1.0, 0.0), vertical_noise=0.01),
+    "up2p": lambda: rm.UP2P(CAMERA, vertical_camera=(0.1, 1.0, 0.0), vertical_world=(0, 1, 0), vertical_noise=0.01),
     "3p1": lambda: rm.ThreePlusOne(CAMERA, axis=(0, 1, 0), axis2=(0, 1, 0)),
     "planar": lambda: rm.PlanarMotion(CAMERA, axis=(0, 1, 0)),
-    "up2pf": lambda: rm.UP2PF((320.0, 240.0)),
+    "up2pf": lambda: rm.UP2PF((320.0, 240.0), (0, 1, 0), (0, 1, 0)),
     "similarity": lambda: rm.Similarity(2),
     "rigid": lambda: rm.Rigid(3),
     "p3p lens": lambda: rm.P3P(LENS),
-    "up2p fisheye": lambda: rm.UP2P(FISHEYE, vertical_camera=(0.1, 1.0, 0.0)),
+    "up2p fisheye": lambda: rm.UP2P(FISHEYE, vertical_camera=(0.1, 1.0, 0.0), vertical_world=(0, 1, 0)),
 }
 SHAPES = (
     "scene", "scene", "scene", "unrelated", "collinear", "coplanar", "repeated", "nearly repeated", "behind", "on axis",

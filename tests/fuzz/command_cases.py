@@ -77,7 +77,19 @@ WORDS = (
 )  # fmt: skip
 BASES: tuple[tuple[str, ...], ...] = (
     ("match", "model.csv", "image.csv", "--problem", "p3p", "--camera", "camera.json"),
-    ("match", "model.csv", "image.csv", "--problem", "up2p", "--camera", "camera.json"),
+    (
+        "match",
+        "model.csv",
+        "image.csv",
+        "--problem",
+        "up2p",
+        "--camera",
+        "camera.json",
+        "--vertical-camera",
+        "0,1,0",
+        "--vertical-world",
+        "0,1,0",
+    ),
     ("match", "model.csv", "frames.csv", "--problem", "p3p", "--camera", "camera.json", "--output", "out.csv"),
     ("match", "bodies.csv", "image.csv", "--problem", "p3p", "--camera", "camera.json"),
     ("match", "image.csv", "image.csv", "--problem", "planar", "--camera", "camera.json", "--axis", "0,1,0"),
@@ -184,7 +196,7 @@ def warm() -> None:
 
     main.get_command = functools.cache(main.get_command)
     camera = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
-    for problem in (rm.P3P(camera), rm.UP2P(camera)):
+    for problem in (rm.P3P(camera), rm.UP2P(camera, (0, 1, 0), (0, 1, 0))):
         rm.match(_world, _image, problem, noise=0.5)
     for problem in (rm.PlanarMotion(camera, axis=(0, 1, 0)), rm.Similarity(2), rm.Rigid(2)):
         _ = rm.match(_image, _image, problem, noise=0.5).score  # which is computed when it is read

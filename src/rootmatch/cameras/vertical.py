@@ -65,6 +65,22 @@ def common_direction(vector: ArrayLike, name: str, problem: str) -> tuple[float,
     return plain_direction(vector, name)
 
 
+def measured_vertical(vector: ArrayLike, name: str, problem: str) -> tuple[float, ...]:
+    """The vertical of a camera or of its points, as a tuple of floats; it has no default.
+
+    Raises
+    ------
+    InputError
+        If none is given, or as `unit_direction`.
+    """
+    if np.size(vector) == 0:
+        raise InputError(
+            f"{name}: none given; {problem} needs one direction, such as down, in the camera frame and in that of the "
+            "points: 0,1,0 where y points down"
+        )
+    return plain_direction(vector, name)
+
+
 def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:
     """The smallest rotation (3, 3) that takes ``direction`` onto (0, 1, 0); by 180° about x for (0, −1, 0).
 

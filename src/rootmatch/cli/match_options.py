@@ -62,7 +62,7 @@ VerticalCamera = Annotated[
     typer.Option(
         metavar="X,Y,Z",
         help="up2p, up2pf: the direction 'down' in the camera frame (x right, y down, z forward).",
-        show_default="0,1,0",
+        show_default="that of the camera file",
         rich_help_panel=INPUT,
     ),
 ]
@@ -71,7 +71,7 @@ VerticalWorld = Annotated[
     typer.Option(
         metavar="X,Y,Z",
         help="up2p, up2pf: the direction 'down' in the model's frame.",
-        show_default="0,1,0",
+        show_default="that of the camera file",
         rich_help_panel=INPUT,
     ),
 ]
@@ -153,12 +153,7 @@ MinProbability = Annotated[
 ]
 Resolution = Annotated[
     float | None,
-    typer.Option(
-        metavar="PX",
-        help="Distance in pixels below which two points of a body are one detection.",
-        show_default="none",
-        rich_help_panel=INPUT,
-    ),
+    typer.Option(metavar="PX", help="Two points of a body nearer than this are one detection.", rich_help_panel=INPUT),
 ]
 DetectionRate = Annotated[
     float | None,

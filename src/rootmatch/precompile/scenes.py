@@ -53,7 +53,7 @@ def _planar() -> Sample:
 def _unknown_zoom() -> Sample:
     points = np.random.default_rng(2).uniform(-2.0, 2.0, (7, 3))
     seen = CAMERA.project(_rotated(points) + np.array([0.3, -0.2, 9.0]))
-    return Sample(points, seen, problem_class("up2pf")((320.0, 240.0)), 0.1)
+    return Sample(points, seen, problem_class("up2pf")((320.0, 240.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)), 0.1)
 
 
 def _point_set(name: str) -> Sample:

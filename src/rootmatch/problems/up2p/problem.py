@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
-from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, measured_vertical, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.gate import GATE
@@ -40,15 +40,15 @@ class UP2P(Problem):
     camera : Camera
     vertical_camera, vertical_world : three floats
         The same direction (for example down) in the camera frame and in the frame of the points, measured by an
-        inertial sensor or known by construction. Any length but 0.
+        inertial sensor or known by construction. Any length but 0; there is no default.
     vertical_noise : float
         Standard deviation in radians of that direction on each of two axes; it enters the residuals' variance.
 
     Raises
     ------
     InputError
-        If ``camera`` is not a camera, a direction is not three finite numbers or has length 0, or the noise is out of
-        range.
+        If ``camera`` is not a camera, a direction is missing, is not three finite numbers or has length 0, or the noise
+        is out of range.
 
     Notes
     -----
@@ -61,8 +61,8 @@ class UP2P(Problem):
     """
 
     camera: CameraModel
-    vertical_camera: Vector = (0.0, 1.0, 0.0)
-    vertical_world: Vector = (0.0, 1.0, 0.0)
+    vertical_camera: Vector = ()
+    vertical_world: Vector = ()
     vertical_noise: float = 0.0
     name: ClassVar[str] = "up2p"
     order: ClassVar[int] = 3
@@ -84,8 +84,8 @@ class UP2P(Problem):
         check_camera(self.camera)
         self._take_dimensions(self.camera)
         self.__dict__.update(
-            vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
-            vertical_world=plain_direction(self.vertical_world, "vertical_world"),
+            vertical_camera=measured_vertical(self.vertical_camera, "vertical_camera", self.name),
+            vertical_world=measured_vertical(self.vertical_world, "vertical_world", self.name),
         )
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")

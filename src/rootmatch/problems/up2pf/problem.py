@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.vertical import Vector, plain_direction, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, measured_vertical, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.measurements import Points, Uncalibrated
@@ -40,12 +40,13 @@ class UP2PF(Problem):
     centre : two floats
         Principal point in pixels.
     vertical_camera, vertical_world : three floats
-        The same direction (for example down) in the camera frame and in the frame of the points. Any length but 0.
+        The same direction (for example down) in the camera frame and in the frame of the points. Any length but 0;
+        there is no default.
 
     Raises
     ------
     InputError
-        If ``centre`` is not two numbers, or a direction is not three finite numbers or has length 0.
+        If ``centre`` is not two numbers, or a direction is missing, is not three finite numbers or has length 0.
 
     Notes
     -----
@@ -58,8 +59,8 @@ class UP2PF(Problem):
     """
 
     centre: tuple[float, float]
-    vertical_camera: Vector = (0.0, 1.0, 0.0)
-    vertical_world: Vector = (0.0, 1.0, 0.0)
+    vertical_camera: Vector = ()
+    vertical_world: Vector = ()
     name: ClassVar[str] = "up2pf"
     order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
@@ -73,8 +74,8 @@ class UP2PF(Problem):
 
     def __post_init__(self) -> None:
         self.__dict__.update(
-            vertical_camera=plain_direction(self.vertical_camera, "vertical_camera"),
-            vertical_world=plain_direction(self.vertical_world, "vertical_world"),
+            vertical_camera=measured_vertical(self.vertical_camera, "vertical_camera", self.name),
+            vertical_world=measured_vertical(self.vertical_world, "vertical_world", self.name),
         )
         centre = np.asarray(self.centre, dtype=float)
         if centre.shape != (2,) or not np.all(np.isfinite(centre)):
