@@ -100,7 +100,7 @@ def _descended(model: TwoViewModel, poses: Relative, assignments: Integers, near
     for _ in range(ROUNDS):
         if near:
             poses = _scaled(poses, seen, used)
-        poses, _ = _moved(model, poses, assignments, _doubts(seen.e, used), near, STEPS)
+        poses, _ = _moved(model, poses, assignments, _doubts(seen.e, used), near=near, steps=STEPS)
         seen = _matches(model, poses, assignments)
     return poses, seen
 
