@@ -16,8 +16,9 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
+from rootmatch.model.compiled.evidence import log_of_squared
 from rootmatch.model.detection_model import DetectionModel, ModelOptions
-from rootmatch.model.evidence import about, evidence, log_scaled, settled
+from rootmatch.model.evidence import about, evidence, settled
 from rootmatch.model.mode_search import PosteriorOptions, modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_prior import Broad, Gaussian, Known, PoseDensity
@@ -265,13 +266,13 @@ def test_noise_of_model_points_is_that_of_their_images() -> None:
 
 
 def test_noise_stated_too_small_costs_less_with_a_prior_on_its_scale() -> None:
-    squared, freedom = np.array([40.0]), np.array([10.0])
+    squared, freedom = 40.0, 10.0
     scale = np.exp(np.linspace(-3.0, 3.0, 4001))
     log_prior = 10.0 * math.log(10.0) - gammaln(10.0) - 10.0 * np.log(scale) - 10.0 / scale
     exact = logsumexp(log_prior - 0.5 * freedom * np.log(scale) - 0.5 * squared / scale) + math.log(6.0 / 4000.0)
-    assert log_scaled(squared, freedom, 20.0)[0] == pytest.approx(exact, abs=1e-3)
-    assert log_scaled(squared, freedom, math.inf)[0] == -20.0
-    assert log_scaled(squared, freedom, 20.0)[0] > -20.0
+    assert log_of_squared(squared, freedom, 20.0) == pytest.approx(exact, abs=1e-3)
+    assert log_of_squared(squared, freedom, math.inf) == -20.0
+    assert log_of_squared(squared, freedom, 20.0) > -20.0
 
 
 def test_a_rig_of_one_camera_is_that_camera() -> None:

@@ -18,8 +18,9 @@ from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.deadline import checkpoint
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import LOG_2PI, stepped
+from rootmatch.model.evidence import stepped
 from rootmatch.model.pose_prior import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
 from rootmatch.model.proposals import Proposals, joined

@@ -10,6 +10,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.model.compiled.crowds import shares_of_crowds
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -145,9 +147,5 @@ def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, labe
     prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO
     shares = prior / prior.sum()
-    for _ in range(STEPS):
-        responsible = shares[:, None] * densities
-        responsible /= responsible.sum(axis=0)
-        shares = responsible.sum(axis=1) + prior
-        shares /= shares.sum()
+    shares_of_crowds(densities, prior, STEPS, shares)
     return Clutter(np.tensordot(shares[1:], kernels, 1), centres, uniform, float(shares[0]))

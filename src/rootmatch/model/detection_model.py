@@ -14,22 +14,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
-from rootmatch.model.blobs import any_of_each, blobs, mean_of_each, spread_of_each
+from rootmatch.model.blobs import blobs, mean_of_each, spread_of_each
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
+from rootmatch.model.compiled.evidence import see
+from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_prior import Broad, PoseDensity
-from rootmatch.model.visibility import BARELY, UNSEEN, facing, visible, within
+from rootmatch.model.visibility import BARELY, UNSEEN, within
 from rootmatch.options import Options, option
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 ANY_POSE = Broad()
+NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
+"""What a kernel gets in the place of None."""
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9
@@ -53,56 +57,6 @@ class ModelOptions(Options):
 
 
 DEFAULT_MODEL = ModelOptions()
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Images of a body's points in K poses, to first order.
-
-    Attributes
-    ----------
-    pixels : (K, n, 2) float64
-    jacobian : (K, n, 2, 6) float64
-        By rotations ω about the body's centre (left perturbation, rad) and by translations τ.
-    by_position : (K, n, 2, 3) float64
-        By the points' positions in the camera frame.
-    seen : (K, n) bool
-        Whether the camera model holds there.
-    cosine : (K, n) float64 or None
-        Between normals and the direction to the camera.
-    rotation, position : (K, 3, 3) and (K, 3) float64
-        Of the poses, the position that of the body's centre.
-    blob : (K, n) int64 or None
-        The point that stands for each, see `rootmatch.model.blobs`; None if each stands for itself. Pixels and
-        Jacobians are those of blobs.
-    blob_variance : (K, n) float64 or None
-        Of each coordinate of a blob, in px², beside the noise of its detection.
-    """
-
-    pixels: Floats
-    jacobian: Floats
-    by_position: Floats
-    seen: NDArray[np.bool_]
-    cosine: Floats | None
-    rotation: Floats
-    position: Floats
-    blob: Integers | None = None
-    blob_variance: Floats | None = None
-
-    def take(self, which: Integers) -> Linearised:
-        """Select some of the poses."""
-        cosine = None if self.cosine is None else self.cosine[which]
-        return Linearised(
-            pixels=self.pixels[which],
-            jacobian=self.jacobian[which],
-            by_position=self.by_position[which],
-            seen=self.seen[which],
-            cosine=cosine,
-            rotation=self.rotation[which],
-            position=self.position[which],
-            blob=None if self.blob is None else self.blob[which],
-            blob_variance=None if self.blob_variance is None else self.blob_variance[which],
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,23 +186,16 @@ class DetectionModel:
 
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
-        rotated = (self.points - self.centre) @ rotation.swapaxes(-1, -2)
-        places = rotated + position[:, None]
-        with np.errstate(all="ignore"):
-            pixels, by_position = self.camera.project(places), self.camera.jacobian(places)
-            seen = self.camera.sees(places)
-        jacobian = np.empty((*pixels.shape, 6))
-        # −a [r]× = r × a, row by row
-        jacobian[..., :3] = cross(rotated[:, :, None], by_position)
-        jacobian[..., 3:] = by_position
-        seen = seen & np.isfinite(pixels).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2))
-        if not seen.all():
-            pixels = np.where(seen[..., None], pixels, 0.0)
-            jacobian = np.where(seen[..., None, None], jacobian, 0.0)
-            by_position = np.where(seen[..., None, None], by_position, 0.0)
-        cosine = facing(self.normals, self.camera.from_centre(places), rotation)
-        at = Linearised(pixels, jacobian, by_position, seen, cosine=cosine, rotation=rotation, position=position)
+        at = linearised(self._about_centre, self.camera, rotation, position)
+        if self.size is not None:
+            edge = within(at.pixels, self.size, float(np.median(self.sigma)))
+            at = replace(at, expected=at.expected * edge)
         return at if self.resolution == 0.0 else self._in_blobs(at)
+
+    @cached_property
+    def _about_centre(self) -> tuple[Floats, Floats]:
+        """Points (n, 3) about the centre, and normals (n, 3) or (0, 3)."""
+        return self.points - self.centre, np.empty((0, 3)) if self.normals is None else np.array(self.normals, float)
 
     def _in_blobs(self, at: Linearised) -> Linearised:
         """The same poses with points in blobs that the detector does not resolve."""
@@ -280,13 +227,30 @@ class DetectionModel:
 
     def visibility(self, at: Linearised, tilt: Floats) -> Floats:
         """Visibility (K, n), 0 to 1, of each point in each pose; ``tilt`` (K,): its direction's deviation, rad."""
-        shown = at.seen * visible(at.cosine, self.view_cosine, tilt)
-        shown = shown * self.camera.in_image(at.pixels)
-        if self.size is not None:
-            shown = shown * within(at.pixels, self.size, float(np.median(self.sigma)))
-        if at.blob is not None:
-            shown = np.where(at.blob == np.arange(self.shape[0]), any_of_each(at.blob, shown), UNSEEN)
-        return np.asarray(shown)
+        shown = np.empty(at.seen.shape)
+        cosine, blob, _ = at.for_kernels
+        see((at.expected, cosine, blob), self._view_cosine, np.ascontiguousarray(tilt, np.float64), shown)
+        return shown
+
+    @cached_property
+    def _view_cosine(self) -> Floats:
+        """Cosines of the view angles (n,), as kernels take them: none if unknown."""
+        return NONE if self.view_cosine is None else np.array(self.view_cosine, float)
+
+    @cached_property
+    def weights_of_pairs(self) -> Floats:
+        """Logarithm (n, n') of the prior weight of each match, −∞ where it is not allowed; none if all are alike."""
+        if self.log_weights is None and self.allowed is None:
+            return NO_ROWS
+        weights = np.zeros(self.shape) if self.log_weights is None else self.log_weights
+        return np.array(weights if self.allowed is None else np.where(self.allowed, weights, -np.inf))
+
+    @cached_property
+    def image_for_kernels(self) -> tuple[Any, ...]:
+        """Detections and what is known of them, as `rootmatch.model.compiled.evidence.weigh` takes it."""
+        # copies: what is read-only is another type to a kernel, which would be compiled once more
+        target, sigma = np.array(self.target, float), np.array(self.sigma, float)
+        return target, sigma, self.weights_of_pairs, self._view_cosine, self._log_counts, self.image_of
 
 
 @lru_cache(maxsize=16)
@@ -296,6 +260,4 @@ def beta_quadrature(first: float, second: float, nodes: int) -> tuple[Floats, Fl
 
     places, weights = roots_jacobi(nodes, second - 1.0, first - 1.0)
     places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
-    places.setflags(write=False)
-    weights.setflags(write=False)
     return places, weights

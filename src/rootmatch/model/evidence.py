@@ -13,21 +13,23 @@ integrated out. Poses need not be fitted: the minimum of Q is found to first ord
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import rotation_from_vector
-from rootmatch.model.detection_model import DetectionModel, Linearised
+from rootmatch.model.compiled.evidence import detect, weigh
+from rootmatch.model.compiled.steps import take_steps
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_prior import PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LOG_2PI = math.log(2.0 * math.pi)
+NOT_WHITE = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
+"""What the kernel gets where each detection has a noise of its own alone."""
 STEEP = 0.5
 """Longest step of a settled pose, in radians and relative to the distance of the body. A round value."""
 NO_CHANGE = 1e-2
@@ -67,7 +69,10 @@ class Evidence:
 
     def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
         """Select some of the hypotheses."""
-        return Evidence(*(getattr(self, field.name)[which] for field in fields(self)))
+        return Evidence(*(getattr(self, name)[which] for name in FIELDS))
+
+
+FIELDS = tuple(field.name for field in fields(Evidence))
 
 
 def evidence(
@@ -77,37 +82,34 @@ def evidence(
 
     ``prior``: of the pose, in the place of the model's own.
     """
-    used = assignments >= 0
-    image = np.maximum(assignments, 0)
-    offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
-    rows, residual, log_spread = _whitened(model, at, used, image, offset)
-    flat = rows.reshape(len(assignments), -1, 6)
-    measured = flat.swapaxes(1, 2) @ flat
-    terms = (prior or model.prior).terms(at.rotation, at.position)
-    slope = (residual.reshape(len(assignments), 1, -1) @ flat)[:, 0] + terms.slope
-    covariance, log_precision = _inverse(measured + terms.precision)
-    step = (covariance @ slope[..., None])[..., 0]
-    decrement = (slope * step).sum(axis=1)
-    squared = (residual**2).sum(axis=(1, 2)) + terms.squared - decrement
-    squared = np.maximum(squared, 0.0)
-    matches = used.sum(axis=1)
-    freedom = np.maximum(2.0 * matches - (covariance * measured).sum(axis=(1, 2)), 0.0)
-    tilt = np.sqrt(0.5 * np.trace(covariance[:, :3, :3], axis1=1, axis2=2))
-    visible = model.visibility(at, np.minimum(tilt, 1.0))
-    log_clutter = model.clutter.log_density[image]
-    log_odds = (
-        np.where(used, _log_weights(model, assignments) - log_clutter - LOG_2PI - log_spread, 0.0).sum(axis=1)
-        + model.clutter.log_first(_taken(assignments, model.shape[1]))
-        + model.log_counts(assignments)
-        + log_detected(model, used, visible)
-        + log_scaled(squared, freedom, model.options.noise_freedom)
-        + 3.0 * LOG_2PI
-        - 0.5 * log_precision
-        + terms.log_density
+    assignments = np.array(assignments, np.int64)
+    count, n = assignments.shape
+    cosine, blob, blob_variance = at.for_kernels
+    white = NOT_WHITE
+    if model.source_covariance is not None:
+        used, image = assignments >= 0, np.maximum(assignments, 0)
+        white = _whitened(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
+    clutter = model.clutter
+    found = Evidence(
+        log_odds=np.empty(count),
+        step=np.empty((count, 6)),
+        covariance=np.empty((count, 6, 6)),
+        squared=np.empty(count),
+        freedom=np.empty(count),
+        visible=np.empty((count, n)),
+        decrement=np.empty(count),
     )
-    possible = (at.seen | ~used).all(axis=1) & np.isfinite(log_odds)
-    log_odds = np.where(possible, log_odds, -np.inf)
-    return Evidence(log_odds, step, covariance, squared=squared, freedom=freedom, visible=visible, decrement=decrement)
+    weigh(
+        assignments,
+        (at.pixels, at.jacobian, at.seen, at.expected, cosine, blob, blob_variance),
+        white,
+        tuple(np.array(one) for one in (prior or model.prior).terms(at.rotation, at.position)),
+        model.image_for_kernels,
+        (clutter.log_density, clutter.about, clutter.centres, clutter.uniform, clutter.alone),
+        (*model.rates, model.options.noise_freedom),
+        tuple(getattr(found, name) for name in FIELDS),
+    )
+    return found
 
 
 def about(
@@ -140,48 +142,16 @@ def settled(
 
 def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
     """Rotations (K, 3, 3) and positions (K, 3) after each step, which is shortened to where first order may hold."""
-    length = np.maximum(
-        np.linalg.norm(found.step[:, :3], axis=1),
-        np.linalg.norm(found.step[:, 3:], axis=1) / np.maximum(np.linalg.norm(at.position, axis=1), 1e-300),
-    )
-    step = found.step * np.minimum(1.0, STEEP / np.maximum(length, 1e-300))[:, None]
-    return rotation_from_vector(step[:, :3]) @ at.rotation, at.position + step[:, 3:]
+    out = np.empty(at.rotation.shape), np.empty(at.position.shape)
+    take_steps(found.step, np.array(at.rotation), np.array(at.position), STEEP, out)
+    return out
 
 
 def log_detected(model: DetectionModel, used: NDArray[np.bool_], visible: Floats) -> Floats:
     """Logarithm (K,) of the probability that exactly these points (K, n) are detected, the rate integrated out."""
-    rates, log_weights = model.rates
-    with np.errstate(divide="ignore"):
-        owned = np.where(used, np.log(visible), 0.0).sum(axis=1)
-    missing = np.where(used, 0.0, visible)
-    # a product of factors in (0, 1]: no logarithm for each of them
-    chance = (1.0 - rates[:, None] * missing[:, None]).prod(axis=2)
-    with np.errstate(divide="ignore"):
-        each = np.log(chance) + used.sum(axis=1)[:, None] * np.log(rates) + log_weights
-    highest = each.max(axis=1)
-    return np.asarray(owned + highest + np.log(np.exp(each - highest[:, None]).sum(axis=1)))
-
-
-def log_scaled(squared: Floats, freedom: Floats, given: float) -> Floats:
-    """Logarithm of ∫ IG(s²; ν/2, ν/2) s^(−f) e^(−Q/2s²) ds²: likelihood of a squared deviation of uncertain unit.
-
-    ``squared`` Q and ``freedom`` f are (K,); ``given`` ν is the number of residuals that the stated σ is worth. The
-    result is −Q/2 if ν is infinite.
-    """
-    if math.isinf(given):
-        return -0.5 * squared
-    half = 0.5 * given
-    change = _log_gamma_ratio(half, 0.5 * freedom) - 0.5 * freedom * math.log(half)
-    return np.asarray(change - (half + 0.5 * freedom) * np.log1p(squared / given))
-
-
-def _log_gamma_ratio(a: float, b: Floats) -> Floats:
-    """Log Γ(a + b) − log Γ(a), by Stirling's series: to 1e-6 from a = 2 on."""
-
-    def series(x: Floats) -> Floats:
-        return np.asarray((x - 0.5) * np.log(x) - x + 1.0 / (12.0 * x) - 1.0 / (360.0 * x**3))
-
-    return series(a + b) - series(np.asarray(a, dtype=float))
+    out = np.empty(len(used))
+    detect(used, np.ascontiguousarray(visible), model.rates, out)
+    return out
 
 
 def squared_deviations(model: DetectionModel, assignments: Integers, at: Linearised) -> Floats:
@@ -207,28 +177,3 @@ def _whitened(
     residual = of_sightings(np.linalg.solve(root, by_points(offset[..., None], images)), images)[..., 0]
     logarithm = np.log(np.diagonal(root, axis1=-1, axis2=-2))[..., None]
     return rows, residual, of_sightings(logarithm, images)[..., 0].sum(axis=-1)
-
-
-def _inverse(precision: Floats) -> tuple[Floats, Floats]:
-    """Inverses and log-determinants of matrices (K, 6, 6), scaled to a unit diagonal, as units differ."""
-    scale = np.sqrt(np.diagonal(precision, axis1=1, axis2=2))
-    unit = precision / (scale[:, :, None] * scale[:, None])
-    unit = unit + 1e-13 * np.eye(6)
-    logarithm = np.linalg.slogdet(unit)[1] + 2.0 * np.log(scale).sum(axis=1)
-    return np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None]), logarithm
-
-
-def _taken(assignments: Integers, count: int) -> NDArray[np.bool_]:
-    """Mask (K, n') of the detections that each assignment (K, n) uses."""
-    taken = np.zeros((len(assignments), count + 1), np.bool_)
-    taken[np.arange(len(assignments))[:, None], assignments] = True  # −1 is the last place
-    return taken[:, :count]
-
-
-def _log_weights(model: DetectionModel, assignments: Integers) -> Floats | float:
-    """Logarithm (K, n) of the prior weight of each match."""
-    if model.log_weights is None and model.allowed is None:
-        return 0.0
-    rows, image = np.arange(assignments.shape[1]), np.maximum(assignments, 0)
-    weights = np.zeros(assignments.shape) if model.log_weights is None else model.log_weights[rows, image]
-    return weights if model.allowed is None else np.where(model.allowed[rows, image], weights, -np.inf)

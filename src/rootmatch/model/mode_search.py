@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.blobs import of_blobs
-from rootmatch.model.detection_model import DetectionModel, Linearised
-from rootmatch.model.evidence import LOG_2PI, Evidence, about, evidence, settled, stepped
+from rootmatch.model.compiled.evidence import LOG_2PI
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import Evidence, about, evidence, settled, stepped
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
 from rootmatch.model.proposals import Proposals
 from rootmatch.options import Options, option
@@ -88,9 +90,9 @@ def modes_of(
         proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
         assignments, found, at = _possible(model, proposals, floor, options)
         found, at = settled(model, assignments, found, at)
-        order = np.argsort(-found.log_odds, kind="stable")
+        order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
         for k in order[np.isfinite(found.log_odds[order])].tolist():
-            mode = _Mode.of(assignments[k], found, at, k)
+            mode = _Mode.of(assignments[k], found, poses, k)
             if kept and (mode.log_odds < kept[0].log_mass - 2.0 * options.negligible or in_force().passed()):
                 break
             kept = _with(kept, mode, model, at.take(np.array([k])), options=options)
@@ -152,14 +154,12 @@ class _Mode:
         return dict(zip([one.tobytes() for one in self.near[0]], self.near[1].tolist(), strict=True))
 
     @classmethod
-    def of(cls, assignment: Integers, found: Evidence, at: Linearised, k: int) -> _Mode:
-        """The mode of one of several weighed proposals, after the remaining step of its pose."""
-        place = np.array([k])
-        (rotation,), (position,) = stepped(found.take(place), at.take(place))
+    def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> _Mode:
+        """The mode of one of several weighed proposals; ``poses``: those after the remaining steps."""
         return cls(
             assignment=assignment,
-            rotation=rotation,
-            position=position,
+            rotation=poses[0][k],
+            position=poses[1][k],
             covariance=found.covariance[k],
             log_odds=float(found.log_odds[k]),
             freedom=float(found.freedom[k]),
@@ -208,7 +208,7 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
             if values[best] > mode.log_odds and turn < options.rounds:
                 here = about(model, changed[[best]], mode.rotation[None], mode.position[None])
                 found, settled_at = settled(model, changed[[best]], *here)
-                better = _Mode.of(changed[best], found, settled_at, 0)
+                better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
                 if better.log_odds > mode.log_odds:
                     mode, at = better, settled_at
                     continue

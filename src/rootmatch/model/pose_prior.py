@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.model.compiled.prior_terms import mixture_terms
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -32,6 +33,8 @@ DEPTHS = 100.0
 0.4."""
 ROTATIONS = 8.0 * math.pi**2
 """Volume of all rotations, by rotation vectors."""
+ANY_TURN = 2.0 * math.pi / ROTATIONS ** (2.0 / 3.0)
+"""Precision of a normal distribution of that volume."""
 TURNS = 2.0 * math.pi
 """Length of all rotations about an axis."""
 EXACT = 1e-6
@@ -83,22 +86,12 @@ class Broad(PoseDensity):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
-        count = len(rotation)
-        precision = np.zeros((count, 6, 6))
-        precision[:, :3, :3] = 2.0 * math.pi / ROTATIONS ** (2.0 / 3.0) * np.eye(3)
-        precision[:, 3:, 3:], log_position = self.of_position(position)
-        zero = np.zeros((count, 6))
-        return Terms(precision, zero, np.zeros(count), log_position - math.log(ROTATIONS))
+        return _mixture(NO_PREDICTIONS, self, 0.0, rotation, position)[0]
 
     def of_position(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
-        distance = np.linalg.norm(position, axis=1)
-        along = position / distance[:, None]
-        ray = along[:, :, None] * along[:, None]
-        depth = math.log(self.depths)
-        # normal distributions with the areas Ω r² across the ray and the length r log D along it
-        precision = 2.0 * math.pi * ((np.eye(3) - ray) / self.field + ray / depth**2) / distance[:, None, None] ** 2
-        return precision, -np.log(self.field * depth) - 3.0 * np.log(distance)
+        terms = self.terms(np.broadcast_to(np.eye(3), (len(position), 3, 3)), position)
+        return terms.precision[:, 3:, 3:], terms.log_density + math.log(ROTATIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +149,7 @@ class Known(PoseDensity):
             same = np.broadcast_to(weight, (count, 3, 3))
             return same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)
         if down is None:
-            any_turn = np.broadcast_to(2.0 * math.pi / ROTATIONS ** (2.0 / 3.0) * np.eye(3), (count, 3, 3))
+            any_turn = np.broadcast_to(ANY_TURN * np.eye(3), (count, 3, 3))
             return any_turn, np.zeros((count, 3)), np.zeros(count), np.full(count, -math.log(ROTATIONS))
         source, camera, noise = down
         sigma = max(noise, LEAST_TILT)
@@ -210,26 +203,7 @@ class Gaussian(PoseDensity):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
-        count = len(rotation)
-        whole, log_peak = self._precision
-        step = np.concatenate([rotation_vector(self.rotation @ rotation.swapaxes(1, 2)), self.position - position], 1)
-        slope = step @ whole
-        same = np.broadcast_to(whole, (count, 6, 6))
-        return self._with_tails(Terms(same, slope, (slope * step).sum(axis=1), np.full(count, log_peak)))
-
-    def _with_tails(self, terms: Terms) -> Terms:
-        """Terms with a factor on the covariance integrated out: value, slope and curvature of a t-distribution.
-
-        Of a factor s² under an inverse gamma distribution of ν degrees of freedom, p ∝ (1 + d²/ν)^(−(ν+6)/2).
-        """
-        freedom = self.freedom
-        if math.isinf(freedom):
-            return terms
-        half, weight = 0.5 * freedom, self.tail_weight(terms.squared)
-        peak = math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
-        squared = weight * terms.squared
-        log_density = terms.log_density + peak - (half + 3.0) * np.log1p(terms.squared / freedom) + 0.5 * squared
-        return Terms(weight[:, None, None] * terms.precision, weight[:, None] * terms.slope, squared, log_density)
+        return _mixture(_packed([self], [0.0]), ANYWHERE, -math.inf, rotation, position)[0]
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 at 6, the mean of six parameters."""
@@ -276,11 +250,7 @@ class Doubted(PoseDensity):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
-        every = self._components(rotation, position)
-        first, rows = _highest(every), np.arange(len(rotation))
-        if (first == first[:1]).all() and len(first):
-            return every[int(first[0])]
-        return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True)))
+        return self._terms(rotation, position)[0]
 
     @property
     def least(self) -> int:
@@ -289,18 +259,56 @@ class Doubted(PoseDensity):
 
     def prediction_of(self, rotation: Floats, position: Floats) -> NDArray[np.int64]:
         """The prediction (K,) of the highest density at each of some poses; −1 if that without them is higher."""
-        first = _highest(self._components(rotation, position))
+        first = self._terms(rotation, position)[1]
         return np.where(first < len(self.predictions), first, -1)
 
-    def _components(self, rotation: Floats, position: Floats) -> list[Terms]:
-        shares = [*self.log_shares, math.log(self.doubt)]
-        terms = (prior.terms(rotation, position) for prior in (*self.predictions, self.without))
-        return [
-            Terms(precision, slope, squared, log_density + share)
-            for (precision, slope, squared, log_density), share in zip(terms, shares, strict=True)
-        ]
+    @cached_property
+    def _arrays(self) -> tuple[Floats, ...] | None:
+        """The predictions as arrays; None if something else than poses is predicted."""
+        known = [one for one in self.predictions if isinstance(one, Gaussian)]
+        return _packed(known, self.log_shares) if len(known) == len(self.predictions) else None
+
+    def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+        """The terms of the largest component about each pose, and which it is."""
+        if self._arrays is not None and isinstance(self.without, Broad):
+            return _mixture(self._arrays, self.without, math.log(self.doubt), rotation, position)
+        every, shares = [], [*self.log_shares, math.log(self.doubt)]
+        for prior, share in zip([*self.predictions, self.without], shares, strict=True):
+            precision, slope, squared, log_density = prior.terms(rotation, position)
+            every.append(Terms(precision, slope, squared, log_density + share))
+        first = np.asarray(np.argmax([one.log_density - 0.5 * one.squared for one in every], axis=0))
+        rows = np.arange(len(rotation))
+        return Terms(*(np.stack(column)[first, rows] for column in zip(*every, strict=True))), first
 
 
-def _highest(every: list[Terms]) -> NDArray[np.int64]:
-    """Which of some components is the largest at each of the poses that their terms are about."""
-    return np.asarray(np.argmax([one.log_density - 0.5 * one.squared for one in every], axis=0))
+def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tuple[Floats, ...]:
+    """Predictions with their shares as arrays for the kernel."""
+    each = [one._precision for one in predictions]
+    return (
+        np.array([one.rotation for one in predictions]),
+        np.array([one.position for one in predictions]),
+        np.array([whole for whole, _ in each]),
+        np.array([peak for _, peak in each]) + np.array(log_shares),
+        np.array([one.freedom for one in predictions], dtype=float),
+    )
+
+
+def _mixture(
+    predictions: tuple[Floats, ...], broad: Broad, log_share: float, rotation: Floats, position: Floats
+) -> tuple[Terms, NDArray[np.int64]]:
+    """The terms of the largest of some predictions and of a broad prior with a share, and which it is."""
+    count = len(rotation)
+    terms = Terms(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count), np.empty(count))
+    which = np.empty(count, np.int64)
+    mixture_terms(
+        (np.array(rotation), np.array(position)),
+        predictions,
+        (ANY_TURN, float(broad.field), math.log(broad.depths), log_share - math.log(ROTATIONS)),
+        tuple(terms),
+        which,
+    )
+    return terms, which
+
+
+NO_PREDICTIONS = np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 6, 6)), np.empty(0), np.empty(0)
+ANYWHERE = Broad()

@@ -10,14 +10,18 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.model.detection_model import DetectionModel, Linearised
-from rootmatch.model.evidence import LOG_2PI, Evidence, evidence, stepped
+from rootmatch.model.compiled.evidence import LOG_2PI
+from rootmatch.model.compiled.gating import gate
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import Evidence, evidence, stepped
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_prior import Gaussian
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.options import Options, option
@@ -58,6 +62,8 @@ class PredictionOptions(Options):
 DEFAULT_PREDICTION = PredictionOptions()
 HIDDEN = 0.1
 """Least visibility of a point with candidates."""
+EXACT = np.empty((0, 2, 2))
+"""Covariances of pixels by model points that are exact, as a kernel takes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +108,7 @@ def proposals_about(
     first = model.linearised(prediction.rotation[None], prediction.position[None])
     covariance = prediction.bounded
     visible = model.visibility(first, np.array([_tilt(covariance)]))[0]
-    squared, _ = deviations(model, first.pixels[0], _spread(model, first, covariance))
-    possible = _possible(model, visible)
-    candidates = (squared <= options.gate**2) & possible
+    candidates = _gated(model, first, covariance, visible, options).candidates
     if not 0 < np.count_nonzero(candidates) <= options.most_pairs * max(len(model.images), 1):
         return None
     known: dict[bytes, Settled] = {}
@@ -155,24 +159,45 @@ def _assigned(model: DetectionModel, at: Linearised, covariance: Floats, options
     """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
-    squared, determinant = deviations(model, at.pixels[0], _spread(model, at, covariance))
     visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
-    gains = _log_chance(model, visible, options)[:, None] - 0.5 * (squared + np.log(determinant)) - LOG_2PI
-    gains -= model.clutter.log_density
-    if model.log_weights is not None:
-        gains += model.log_weights
-    possible = (squared <= options.gate**2) & _possible(model, visible) & (gains > 0.0)
-    assignment = np.full(len(gains), -1, np.int64)
+    gated = _gated(model, at, covariance, visible, options)
+    if gated.unique:
+        return gated.assignment
+    possible = gated.candidates & (gated.gains > 0.0)
+    assignment = np.full(len(possible), -1, np.int64)
     rows = np.flatnonzero(possible.any(axis=1))
-    if len(rows) == 0:
-        return assignment
-    if (possible.sum(axis=1) <= 1).all() and (possible.sum(axis=0) <= 1).all():
-        assignment[rows] = possible[rows].argmax(axis=1)
-        return assignment
-    taken, images = linear_sum_assignment(np.where(possible[rows], -gains[rows], 0.0))
+    taken, images = linear_sum_assignment(np.where(possible[rows], -gated.gains[rows], 0.0))
     good = possible[rows[taken], images]
     assignment[rows[taken[good]]] = images[good]
     return assignment
+
+
+class _Gated(NamedTuple):
+    """Candidates (n, n') about a pose, see `gate`."""
+
+    candidates: Bools
+    gains: Floats
+    assignment: Integers
+    """Of single candidates."""
+    unique: bool
+    """Whether that is the best."""
+
+
+def _gated(
+    model: DetectionModel, at: Linearised, covariance: Floats, visible: Floats, options: PredictionOptions
+) -> _Gated:
+    """Candidates about one pose with a covariance, and what each gains as a match."""
+    of_points, shape = model.of_points(at), model.shape
+    out = np.empty(shape, np.bool_), np.empty(shape), np.empty(shape[0], np.int64)
+    target, sigma, log_weights, *_ = model.image_for_kernels
+    unique = gate(
+        (at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0]), visible),
+        np.array(covariance),
+        (target, sigma, model.clutter.log_density, log_weights),
+        (options.gate**2, model.rate or options.usual_rate, HIDDEN),
+        out,
+    )
+    return _Gated(*out, unique)
 
 
 def _narrowed(
@@ -285,13 +310,6 @@ def _spread(model: DetectionModel, at: Linearised, covariance: Floats) -> Floats
 def _tilt(covariance: Floats) -> float:
     """Standard deviation of a pose's direction, in radians."""
     return min(math.sqrt(max(0.5 * float(np.trace(covariance[:3, :3])), 0.0)), 1.0)
-
-
-def _log_chance(model: DetectionModel, visible: Floats, options: PredictionOptions) -> Floats:
-    """Logarithm (n,) of the odds that a point is detected."""
-    chance = np.minimum((model.rate or options.usual_rate) * visible, 0.999)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(chance) - np.log1p(-chance))
 
 
 def _possible(model: DetectionModel, visible: Floats) -> Bools:

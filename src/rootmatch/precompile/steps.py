@@ -21,6 +21,7 @@ from rootmatch.precompile.scenes import Sample, sample, simulated
 from rootmatch.problems import PROBLEMS
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.solvers import SOLVERS
+from rootmatch.tracking.tracker import Tracker
 
 Step = Callable[[], object]
 PAPER = ("p3p", "up2p", "3p1")
@@ -41,11 +42,18 @@ def listed(scene: Sample, kind: str) -> None:
     )
 
 
-def tracked(scene: Sample) -> None:
-    """Two frames."""
+def in_turn(scene: Sample) -> None:
+    """Two frames, each by itself."""
     matcher = Matcher(scene.source, scene.problem, noise=scene.noise)
     for _ in range(2):
         matcher.match(scene.target)
+
+
+def tracked(scene: Sample) -> None:
+    """Two frames, of which the first predicts the second."""
+    tracker = Tracker(scene.source, scene.problem, noise=scene.noise)
+    for _ in range(2):
+        tracker.update(scene.target)
 
 
 @cache
@@ -97,7 +105,8 @@ def prebuilt_steps() -> dict[str, Step]:
         scene = simulated(name, 12, 8)
         facing = scene.source - scene.source.mean(axis=0)
         steps[f"guided {name} with normals"] = partial(matched, scene, sampler="guided", normals=facing)
-        steps[f"frames {name}"] = partial(tracked, sample(name))
+        steps[f"frames {name}"] = partial(in_turn, sample(name))
+        steps[f"tracked {name}"] = partial(tracked, simulated(name, 12, 3))
     everything = np.ones((8, 10), dtype=bool)
     steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")
     steps["candidates of p3p"] = partial(matched, sample("p3p"), candidates=everything)

@@ -51,6 +51,7 @@ class MotionOptions(Options):
 
 
 DEFAULT_MOTION = MotionOptions()
+SIX = np.arange(6)
 
 
 def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
@@ -174,10 +175,10 @@ class MotionFilter:
         F, noise = transition(dt, self.options.persistence)
         ahead = F[:, 1:] @ self.motion.reshape(2, 6)
         turn = one_rotation_matrix(ahead[0, :3])
-        whole = np.kron(F, np.eye(6))
+        whole = _each(F, np.ones(6))
         whole[:3, :3] = turn
         P = whole @ self.P @ whole.T
-        P += np.kron(noise, np.diag(np.repeat((self.scale * np.array(self._accelerations)) ** 2, 3)))
+        P += _each(noise, np.repeat((self.scale * np.array(self._accelerations)) ** 2, 3))
         return turn @ self.R, self.t + ahead[0, 3:], ahead[1:].ravel(), P
 
     def _centred(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
@@ -189,3 +190,10 @@ class MotionFilter:
         """The pose of the body's own frame."""
         t, covariance = about_point(R, t, covariance, -self.centre)
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T))
+
+
+def _each(matrix: Floats, factors: Floats) -> Floats:
+    """The matrix (18, 18) of a matrix (3, 3) for each of six coordinates, times a factor (6,): a Kronecker product."""
+    out = np.zeros((3, 6, 3, 6))
+    out[:, SIX, :, SIX] = matrix * factors[:, None, None]
+    return out.reshape(18, 18)

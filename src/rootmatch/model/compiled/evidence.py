@@ -1,0 +1,313 @@
+"""Evidence of assignments about poses, compiled: the formulas of `rootmatch.model.evidence`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
+
+LOG_2PI = math.log(2.0 * math.pi)
+RIDGE = 1e-13
+"""Added to the unit diagonal of a scaled precision, so that it has an inverse."""
+SMALL = 1e-200
+"""Size below which a product of chances goes on as a logarithm."""
+SURE = 1.0 - 1e-15
+"""Visibility above which a point of a blob counts as that: its logarithm of not being seen stays finite."""
+
+
+@part
+def shown_of(expected, cosine, view_cosine, tilt, i, out):  # type: ignore[no-untyped-def]
+    """Visibility (n,) of the points in one pose, into ``out``; ``tilt``: its direction's deviation, rad.
+
+    ``expected`` (n,), ``cosine`` (K, n) and ``view_cosine`` (n,), the latter two empty where unknown; ``i``: the pose.
+    """
+    for point in range(expected.shape[0]):
+        value = 1.0
+        if cosine.shape[0] > 0 and not math.isnan(cosine[i, point]):
+            c = cosine[i, point]
+            limit = -SLACK
+            if view_cosine.shape[0] > 0:
+                edge = view_cosine[point]
+                limit += edge
+                blur = math.sqrt(EDGE * EDGE + (1.0 - min(c * c, 1.0)) * tilt * tilt)
+                value = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / blur))
+            else:
+                value = min(max(c / FULLY, 0.0), 1.0)
+            value = UNSEEN if c < limit else BARELY + (1.0 - BARELY) * value
+        out[point] = expected[point] * value
+
+
+@part
+def shown_of_blobs(blob, shown, hidden):  # type: ignore[no-untyped-def]
+    """The chance that any point of a blob shows at its first point, next to none at the others, in place.
+
+    ``hidden`` (n,): scratch.
+    """
+    for point in range(blob.shape[0]):
+        hidden[point] = 0.0
+    for point in range(blob.shape[0]):
+        hidden[blob[point]] += math.log1p(-min(shown[point], SURE))
+    for point in range(blob.shape[0]):
+        shown[point] = -math.expm1(hidden[point]) if blob[point] == point else UNSEEN
+
+
+@part
+def log_of_rates(owned, missing, matches, rates, log_weights):  # type: ignore[no-untyped-def]
+    """Log-probability that all of some points are detected and the others are not, the rate integrated out.
+
+    ``owned``: sum of the logarithms of the visibility of the former; ``missing`` (n,): that of the latter, zero for
+    the former.
+    """
+    highest, total = -math.inf, 0.0
+    for q in range(rates.shape[0]):
+        rate, product, each = rates[q], 1.0, log_weights[q] + matches * math.log(rates[q])
+        for point in range(missing.shape[0]):
+            product *= 1.0 - rate * missing[point]
+            if product < SMALL:
+                each += math.log(product)
+                product = 1.0
+        each += math.log(product)
+        if each > highest:
+            total = total * math.exp(highest - each) + 1.0 if total > 0.0 else 1.0
+            highest = each
+        else:
+            total += math.exp(each - highest)
+    return owned + highest + math.log(total)
+
+
+@part
+def log_of_squared(squared, freedom, given):  # type: ignore[no-untyped-def]
+    """See `rootmatch.model.evidence.log_scaled`."""
+    if given == math.inf:
+        return -0.5 * squared
+    half = 0.5 * given
+    change = math.lgamma(half + 0.5 * freedom) - math.lgamma(half) - 0.5 * freedom * math.log(half)
+    return change - (half + 0.5 * freedom) * math.log1p(squared / given)
+
+
+@part
+def inverted(matrix, factor, scale, out):  # type: ignore[no-untyped-def]
+    """Inverse of a positive definite matrix (6, 6), into ``out``; the logarithm of its determinant.
+
+    It is scaled to a unit diagonal first, as its units differ. ``factor`` (6, 6) and ``scale`` (6,): scratch.
+    """
+    logarithm = 0.0
+    for j in range(6):
+        scale[j] = math.sqrt(matrix[j, j])
+        logarithm += 2.0 * math.log(scale[j])
+    for j in range(6):
+        for i in range(j, 6):
+            value = matrix[i, j] / (scale[i] * scale[j])
+            if i == j:
+                value += RIDGE
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            if i == j:
+                factor[j, j] = math.sqrt(max(value, 1e-300))
+                logarithm += 2.0 * math.log(factor[j, j])
+            else:
+                factor[i, j] = value / factor[j, j]
+    for column in range(6):
+        for i in range(6):
+            value = 1.0 if i == column else 0.0
+            for k in range(i):
+                value -= factor[i, k] * out[k, column]
+            out[i, column] = value / factor[i, i]
+        for i in range(5, -1, -1):
+            value = out[i, column]
+            for k in range(i + 1, 6):
+                value -= factor[k, i] * out[k, column]
+            out[i, column] = value / factor[i, i]
+    for i in range(6):
+        for j in range(i + 1):
+            value = 0.5 * (out[i, j] + out[j, i]) / (scale[i] * scale[j])
+            out[i, j] = out[j, i] = value
+    return logarithm
+
+
+@part
+def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
+    """See `rootmatch.model.clutter.Clutter.log_first`; ``taken`` (n',): scratch, False."""
+    log_density, about, centres, uniform, alone = clutter
+    count = 0
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            taken[assignment[i]] = True
+            count += 1
+    left = 0
+    for c in range(centres.shape[0]):
+        left += 0 if taken[centres[c]] else 1
+    total = 0.0
+    for i in range(assignment.shape[0]):
+        j = assignment[i]
+        if j >= 0:
+            others = (1.0 - alone) * uniform[j]
+            for c in range(centres.shape[0]):
+                if not taken[centres[c]]:
+                    others += about[j, c]
+            total += log_density[j] - math.log(alone * uniform[j] + others / (left + 1.0))
+    for i in range(assignment.shape[0]):
+        if assignment[i] >= 0:
+            taken[assignment[i]] = False
+    return max(total / max(count, 1), 0.0)
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: ignore[no-untyped-def]
+    """Evidence of K assignments.
+
+    Parameters
+    ----------
+    assignments : (K, n) int64 array
+    at : tuple
+        Of `rootmatch.model.linearised.Linearised`: pixels, jacobian, seen, expected, cosine, blob and
+        blob_variance, the last three with no rows where they are None.
+    white : tuple
+        Jacobians, residuals and ½ log |S| in units of a noise that points share, as `Linearised`; without rows if each
+        detection has its own alone.
+    terms : tuple
+        Of `rootmatch.model.pose_prior.Terms`.
+    image : tuple
+        Detections (n', 2), their σ (n',), logarithms of the weights of matches (n, n'), −∞ where one is not allowed,
+        and cosines of the view angles (n,), the last two empty if not given; logarithms (C, n' + 1) of the odds of
+        counts, and the image (n',) of each detection.
+    clutter : tuple
+        Of `rootmatch.model.clutter.Clutter`: log_density, about, centres, uniform, alone.
+    rates : tuple
+        Nodes (Q,) and logarithms of weights of the detection rate, and the number of residuals that σ is worth.
+    out : tuple
+        Of `rootmatch.model.evidence.Evidence`; filled.
+    """
+    assignments, at, white, terms = borrowed((assignments, at, white, terms))
+    image, clutter, rates, out = borrowed((image, clutter, rates, out))
+    pixels, jacobian, seen, expected, cosine, blob, blob_variance = at
+    rows, residuals, log_spreads = white
+    precisions, slopes, squares, log_densities = terms
+    target, sigma, log_weights, view_cosine, log_counts, image_of = image
+    nodes, log_nodes, noise_freedom = rates
+    log_odds, steps, covariances, squared_out, freedom_out, visible, decrements = out
+    n, images = assignments.shape[1], log_counts.shape[0]
+    whole, measured, factor = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    scale, slope, row = np.empty(6), np.empty(6), np.empty(6)
+    missing, counts, taken = np.empty(n), np.empty(images, np.int64), np.zeros(target.shape[0], np.bool_)
+    for k in range(assignments.shape[0]):
+        total, matches, possible = 0.0, 0, True
+        squared = squares[k]
+        counts[:] = 0
+        for a in range(6):
+            slope[a] = slopes[k, a]
+            for b in range(6):
+                measured[a, b] = 0.0
+        for i in range(n):
+            j = assignments[k, i]
+            if j < 0:
+                continue
+            matches += 1
+            counts[image_of[j]] += 1
+            possible = possible and seen[k, i]
+            weight, log_spread = 1.0, 0.0
+            if rows.shape[0] == 0:
+                variance = sigma[j] * sigma[j]
+                if blob_variance.shape[0] > 0:
+                    variance += blob_variance[k, i]
+                weight, log_spread = 1.0 / math.sqrt(variance), math.log(variance)
+            else:
+                log_spread = log_spreads[k, i]
+            for q in range(2):
+                if rows.shape[0] == 0:
+                    residual = (target[j, q] - pixels[k, i, q]) * weight
+                    for a in range(6):
+                        row[a] = jacobian[k, i, q, a] * weight
+                else:
+                    residual = residuals[k, i, q]
+                    for a in range(6):
+                        row[a] = rows[k, i, q, a]
+                squared += residual * residual
+                for a in range(6):
+                    slope[a] += residual * row[a]
+                    for b in range(a + 1):
+                        measured[a, b] += row[a] * row[b]
+            total -= clutter[0][j] + LOG_2PI + log_spread
+            if log_weights.shape[0] > 0:
+                total += log_weights[i, j]
+        for a in range(6):
+            for b in range(a + 1):
+                measured[b, a] = measured[a, b]
+                whole[a, b] = whole[b, a] = measured[a, b] + precisions[k, a, b]
+        covariance = covariances[k]
+        log_precision = inverted(whole, factor, scale, covariance)
+        decrement, known = 0.0, 0.0
+        for a in range(6):
+            step = 0.0
+            for b in range(6):
+                step += covariance[a, b] * slope[b]
+                known += covariance[a, b] * measured[a, b]
+            steps[k, a] = step
+            decrement += step * slope[a]
+        squared = max(squared - decrement, 0.0)
+        freedom = max(2.0 * matches - known, 0.0)
+        tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
+        shown_of(expected[k], cosine, view_cosine, tilt, k, visible[k])
+        if blob.shape[0] > 0:
+            shown_of_blobs(blob[k], visible[k], missing)
+        owned = 0.0
+        for i in range(n):
+            if assignments[k, i] >= 0:
+                owned += math.log(visible[k, i])
+                missing[i] = 0.0
+            else:
+                missing[i] = visible[k, i]
+        for one in range(images):
+            total += log_counts[one, counts[one]]
+        total += log_of_first(assignments[k], taken, clutter)
+        total += log_of_rates(owned, missing, matches, nodes, log_nodes)
+        total += log_of_squared(squared, freedom, noise_freedom)
+        total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[k]
+        log_odds[k] = total if possible and math.isfinite(total) else -math.inf
+        squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
+    """Visibility (K, n) of points, into ``out``.
+
+    Parameters
+    ----------
+    at : tuple
+        Expected, cosine and blob, as for `weigh`.
+    view_cosine : (n,) or (0,) array
+    tilts : (K,) array
+        Standard deviations of the poses' directions, rad.
+    out : (K, n) array
+    """
+    at, view_cosine, tilts, out = borrowed((at, view_cosine, tilts, out))
+    expected, cosine, blob = at
+    hidden = np.empty(out.shape[1])
+    for k in range(out.shape[0]):
+        shown_of(expected[k], cosine, view_cosine, tilts[k], k, out[k])
+        if blob.shape[0] > 0:
+            shown_of_blobs(blob[k], out[k], hidden)
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def detect(used, visible, rates, out):  # type: ignore[no-untyped-def]
+    """Log-probability (K,) that exactly the points ``used`` (K, n) are detected, into ``out``.
+
+    ``visible`` (K, n), and ``rates``: nodes and logarithms of weights.
+    """
+    used, visible, rates, out = borrowed((used, visible, rates, out))
+    nodes, log_nodes = rates
+    missing = np.empty(used.shape[1])
+    for k in range(used.shape[0]):
+        owned, matches = 0.0, 0
+        for i in range(used.shape[1]):
+            missing[i] = visible[k, i]
+            if used[k, i]:
+                owned += math.log(visible[k, i])
+                matches += 1
+                missing[i] = 0.0
+        out[k] = log_of_rates(owned, missing, matches, nodes, log_nodes)

@@ -1,0 +1,85 @@
+"""Detections about the predicted images of points, compiled: what `rootmatch.model.prediction` assigns by."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+@part
+def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
+    """χ² and determinant of a detection (x, y) off a prediction of the covariance (a, b; b, c); see `deviations`."""
+    determinant = max(a * c - b * b, 0.0) + variance * (a + c + variance)
+    across = max(c * x * x - 2.0 * b * x * y + a * y * y, 0.0)
+    return (across + variance * (x * x + y * y)) / determinant, determinant
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
+    """Candidates about one pose, and what each gains as a match.
+
+    Parameters
+    ----------
+    points : tuple
+        Pixels (n, 2), jacobian (n, 2, 6), their covariances (n, 2, 2) by the model points, empty if exact, and
+        visibility (n,).
+    covariance : (6, 6) array
+        Of the pose.
+    image : tuple
+        Detections (n', 2), their σ (n',), log-density (n',) of clutter, and logarithms of the weights of matches
+        (n, n'), −∞ where one is not allowed, empty if not given.
+    limits : tuple of float
+        Squared gate, the detection rate, and the least visibility of a point with candidates.
+    out : tuple
+        Candidates (n, n') bool, gains (n, n'), and an assignment (n,) of the points that have one candidate of a
+        positive gain, which no other has; filled.
+
+    Returns
+    -------
+    bool
+        Whether each point and detection has at most one such candidate: then the assignment is the best.
+    """
+    points, image, out, covariance = borrowed((points, image, out, covariance))
+    pixels, jacobian, of_points, visible = points
+    target, sigma, log_clutter, log_weights = image
+    squared_gate, rate, hidden = limits
+    candidates, gains, assignment = out
+    unique = True
+    owner = np.full(target.shape[0], -1, np.int64)
+    for i in range(pixels.shape[0]):
+        assignment[i] = -1
+        a, b, c = 0.0, 0.0, 0.0
+        for p in range(6):
+            first, second = 0.0, 0.0
+            for q in range(6):
+                first += covariance[p, q] * jacobian[i, 0, q]
+                second += covariance[p, q] * jacobian[i, 1, q]
+            a += jacobian[i, 0, p] * first
+            b += jacobian[i, 0, p] * second
+            c += jacobian[i, 1, p] * second
+        if of_points.shape[0] > 0:
+            a, b, c = a + of_points[i, 0, 0], b + of_points[i, 0, 1], c + of_points[i, 1, 1]
+        a, c = max(a, 0.0), max(c, 0.0)
+        chance = min(rate * visible[i], 0.999)
+        shown = math.log(chance) - math.log1p(-chance)
+        seen = visible[i] > hidden
+        for j in range(target.shape[0]):
+            x, y = target[j, 0] - pixels[i, 0], target[j, 1] - pixels[i, 1]
+            squared, determinant = deviation(a, b, c, sigma[j] * sigma[j], x, y)
+            gain = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
+            near = seen and squared <= squared_gate
+            if log_weights.shape[0] > 0:
+                gain += log_weights[i, j]
+                near = near and log_weights[i, j] > -math.inf
+            candidates[i, j], gains[i, j] = near, gain
+            if near and gain > 0.0:
+                if assignment[i] >= 0 or owner[j] >= 0:
+                    unique = False
+                assignment[i], owner[j] = j, i
+    return unique

@@ -1,0 +1,113 @@
+"""Terms of predicted poses beside a broad prior, compiled: the formulas of `rootmatch.model.pose_prior`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+
+NO_TURN = 1e-9
+"""Sine of the angle of a rotation below which it is none, or a half turn."""
+
+
+@part
+def vector_of(mean, R, turn, out):  # type: ignore[no-untyped-def]
+    """Rotation vector of mean Rᵀ, into the first three numbers of ``out``; ``turn`` (3, 3): scratch."""
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = mean[i, 0] * R[j, 0] + mean[i, 1] * R[j, 1] + mean[i, 2] * R[j, 2]
+    x, y, z = 0.5 * (turn[2, 1] - turn[1, 2]), 0.5 * (turn[0, 2] - turn[2, 0]), 0.5 * (turn[1, 0] - turn[0, 1])
+    sine = math.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
+    ratio = 1.0
+    if sine < NO_TURN and cosine < 0.0:
+        # R = 2 n nᵀ − I, whose longest column tells n
+        longest = 0
+        for i in range(1, 3):
+            longest = i if turn[i, i] > turn[longest, longest] else longest
+        x, y, z = turn[0, longest], turn[1, longest], turn[2, longest]
+        if longest == 0:
+            x += 1.0
+        elif longest == 1:
+            y += 1.0
+        else:
+            z += 1.0
+        ratio = math.pi / math.sqrt(x * x + y * y + z * z)
+    elif sine >= NO_TURN:
+        ratio = math.atan2(sine, cosine) / sine
+    out[0], out[1], out[2] = ratio * x, ratio * y, ratio * z
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-untyped-def]
+    """Terms of the largest component of a mixture about each of K poses.
+
+    Parameters
+    ----------
+    poses : tuple
+        Rotations (K, 3, 3), and positions (K, 3).
+    predictions : tuple
+        Of G normal or t-distributions: rotations (G, 3, 3), positions (G, 3), precisions (G, 6, 6), logarithms (G,) of
+        the densities at their peaks with their shares, and degrees of freedom (G,).
+    broad : tuple of float
+        Precision of a rotation, solid angle, logarithm of the ratio of distances, and logarithm of the density of
+        rotations with the share of this component, −∞ for none.
+    out : tuple
+        Of `rootmatch.model.pose_prior.Terms`, filled.
+    which : (K,) int64 array
+        The largest component, G for the broad one; filled.
+    """
+    poses, predictions, out, which = borrowed((poses, predictions, out, which))
+    rotations, positions = poses
+    means, places, wholes, peaks, freedoms = predictions
+    any_turn, field, depth, log_turn = broad
+    precision, slope, squared, log_density = out
+    count = means.shape[0]
+    turn, step, push = np.empty((3, 3)), np.empty(6), np.empty(6)
+    for k in range(rotations.shape[0]):
+        x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
+        distance = math.sqrt(x * x + y * y + z * z)
+        best = log_turn
+        if log_turn > -math.inf:
+            best -= math.log(field * depth) + 3.0 * math.log(distance)
+        which[k], squared[k], log_density[k] = count, 0.0, best
+        for g in range(count):
+            vector_of(means[g], rotations[k], turn, step)
+            for a in range(3):
+                step[3 + a] = places[g, a] - positions[k, a]
+            total = 0.0
+            for a in range(6):
+                push[a] = 0.0
+                for b in range(6):
+                    push[a] += wholes[g, a, b] * step[b]
+                total += push[a] * step[a]
+            weight, peak, freedom = 1.0, peaks[g], freedoms[g]
+            if freedom < math.inf:
+                half = 0.5 * freedom
+                weight = (freedom + 6.0) / (freedom + total)
+                peak += math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
+                peak += 0.5 * weight * total - (half + 3.0) * math.log1p(total / freedom)
+            value = peak - 0.5 * weight * total
+            # the first of equal components
+            if value > best or (value == best and which[k] == count):
+                best = value
+                which[k], squared[k], log_density[k] = g, weight * total, peak
+                for a in range(6):
+                    slope[k, a] = weight * push[a]
+                    for b in range(6):
+                        precision[k, a, b] = weight * wholes[g, a, b]
+        if which[k] < count:
+            continue
+        for a in range(6):
+            slope[k, a] = 0.0
+            for b in range(6):
+                precision[k, a, b] = 0.0
+        unit, across, along = 2.0 * math.pi / (distance * distance), 1.0 / field, 1.0 / (depth * depth)
+        for a in range(3):
+            precision[k, a, a] = any_turn
+            for b in range(3):
+                ray = positions[k, a] * positions[k, b] / (distance * distance)
+                precision[k, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)

@@ -1,0 +1,128 @@
+"""Images of a body's points in some poses, to first order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import cross
+from rootmatch.cameras.base import CameraModel
+from rootmatch.model.compiled.projection import linearise
+from rootmatch.model.views import views_of
+from rootmatch.model.visibility import facing
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NO_ROWS, NO_LABELS = np.empty((0, 0)), np.empty((0, 0), np.int64)
+"""What a kernel gets in the place of None."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Images of a body's points in K poses, to first order.
+
+    Attributes
+    ----------
+    pixels : (K, n, 2) float64
+    jacobian : (K, n, 2, 6) float64
+        By rotations ω about the body's centre (left perturbation, rad) and by translations τ.
+    by_position : (K, n, 2, 3) float64
+        By the points' positions in the camera frame.
+    seen : (K, n) bool
+        Whether the camera model holds there.
+    cosine : (K, n) float64 or None
+        Between normals and the direction to the camera.
+    expected : (K, n) float64
+        Visibility apart from that of the normals: 0 where not seen, and as far as the image is known to reach.
+    rotation, position : (K, 3, 3) and (K, 3) float64
+        Of the poses, the position that of the body's centre.
+    blob : (K, n) int64 or None
+        The point that stands for each, see `rootmatch.model.blobs`; None if each stands for itself. Pixels and
+        Jacobians are those of blobs.
+    blob_variance : (K, n) float64 or None
+        Of each coordinate of a blob, in px², beside the noise of its detection.
+    """
+
+    pixels: Floats
+    jacobian: Floats
+    by_position: Floats
+    seen: NDArray[np.bool_]
+    cosine: Floats | None
+    expected: Floats
+    rotation: Floats
+    position: Floats
+    blob: Integers | None = None
+    blob_variance: Floats | None = None
+
+    def take(self, which: Integers) -> Linearised:
+        """Select some of the poses."""
+        every: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
+        some: dict[str, Any] = {name: None if one is None else one[which] for name, one in every.items()}
+        return Linearised(**some)
+
+    @property
+    def for_kernels(self) -> tuple[Floats, Integers, Floats]:
+        """Cosine, blob and blob variance, without rows where there are none."""
+        return (
+            NO_ROWS if self.cosine is None else self.cosine,
+            NO_LABELS if self.blob is None else self.blob,
+            NO_ROWS if self.blob_variance is None else self.blob_variance,
+        )
+
+
+FIELDS = tuple(field.name for field in fields(Linearised))
+
+
+def linearised(body: tuple[Floats, Floats], camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:
+    """Images of a body in poses (K, 3, 3) with its centre at (K, 3).
+
+    ``body``: points (n, 3) about the centre, and normals (n, 3) or (0, 3).
+    """
+    points, normals = body
+    views = views_of(camera)
+    if views is None:
+        return _by_numpy(points, normals, camera, rotation, position)
+    shape = len(rotation), len(points)
+    at = Linearised(
+        pixels=np.empty((*shape, 2)),
+        jacobian=np.empty((*shape, 2, 6)),
+        by_position=np.empty((*shape, 2, 3)),
+        seen=np.empty(shape, np.bool_),
+        cosine=np.empty(shape) if len(normals) else None,
+        expected=np.empty(shape),
+        rotation=rotation,
+        position=position,
+    )
+    cosine = at.for_kernels[0]
+    poses = np.array(rotation), np.array(position)
+    linearise(body, poses, views, (at.pixels, at.jacobian, at.by_position, at.seen, cosine, at.expected))
+    return at
+
+
+def _by_numpy(points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:
+    """`linearised` for cameras that are not compiled."""
+    rotated = points @ rotation.swapaxes(-1, -2)
+    places = rotated + position[:, None]
+    with np.errstate(all="ignore"):
+        pixels, by_position = camera.project(places), camera.jacobian(places)
+        seen = camera.sees(places)
+    jacobian = np.empty((*pixels.shape, 6))
+    # −a [r]× = r × a, row by row
+    jacobian[..., :3] = cross(rotated[:, :, None], by_position)
+    jacobian[..., 3:] = by_position
+    seen = seen & np.isfinite(pixels).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2))
+    pixels = np.array(np.where(seen[..., None], pixels, 0.0))
+    return Linearised(
+        pixels=pixels,
+        jacobian=np.where(seen[..., None, None], jacobian, 0.0),
+        by_position=np.where(seen[..., None, None], by_position, 0.0),
+        seen=seen,
+        cosine=facing(normals if len(normals) else None, camera.from_centre(places), rotation),
+        expected=np.where(seen, camera.in_image(pixels), 0.0),
+        rotation=rotation,
+        position=position,
+    )

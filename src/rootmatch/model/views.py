@@ -1,0 +1,96 @@
+"""Cameras as arrays of numbers, as the compiled projection takes them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.cameras.rig import RIM, Rig
+from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
+from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
+from rootmatch.problems.pose_fit.rig_fit import Copies
+
+Floats = NDArray[np.float64]
+
+
+class Views(NamedTuple):
+    """C cameras in one frame; see `rootmatch.model.compiled.projection.linearise`."""
+
+    kinds: NDArray[np.int64]
+    numbers: Floats
+    rotations: Floats
+    translations: Floats
+    offsets: Floats
+    sizes: Floats
+    rims: Floats
+
+
+def views_of(camera: CameraModel) -> Views | None:
+    """The numbers of a camera, or of the cameras of a rig; None if one is of another kind than those compiled."""
+    if isinstance(camera, Stereographic):
+        return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
+    if isinstance(camera, Camera):
+        return _of_camera(camera)
+    if isinstance(camera, Copies):
+        known = _of_rig(camera.rig)
+        if known is not None:
+            shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
+            return known._replace(translations=shifts, offsets=np.ascontiguousarray(camera.offsets, np.float64))
+    return None
+
+
+@lru_cache(maxsize=64)
+def _of_camera(camera: Camera) -> Views | None:
+    one = _numbers(camera)
+    return None if one is None else _views((one,))
+
+
+@lru_cache(maxsize=16)
+def _of_rig(rig: Rig) -> Views | None:
+    every = [_numbers(camera) for camera in rig.cameras]
+    known = tuple(one for one in every if one is not None)
+    if len(known) < len(every):
+        return None
+    views = _views(known)._replace(rotations=rig.rotations, translations=rig.translations)
+    if rig.sizes is None:
+        return views
+    sizes = np.array(rig.sizes, dtype=float)
+    return views._replace(sizes=sizes, rims=RIM * sizes[:, 0])
+
+
+def _numbers(camera: CameraModel) -> tuple[int, tuple[float, ...]] | None:
+    """The kind of a camera with its numbers."""
+    if not isinstance(camera, Camera):
+        return None
+    if camera.lens is None:
+        return PINHOLE, camera.numbers
+    if isinstance(camera.lens, KannalaBrandt):
+        return KANNALA_BRANDT, (*camera.numbers, *camera.lens.values, camera.lens.angle)
+    if isinstance(camera.lens, Brown) and not any(camera.lens.values[12:]):
+        values = (*camera.lens.values, *(0.0,) * 12)[:12]
+        return BROWN, (*camera.numbers, *values, camera.lens.fold)
+    return None
+
+
+def _views(every: tuple[tuple[int, tuple[float, ...]], ...]) -> Views:
+    """Views from one place and in one image."""
+    count = len(every)
+    numbers = np.zeros((count, NUMBERS))
+    for row, (_, values) in zip(numbers, every, strict=True):
+        row[: len(values)] = values
+    return Views(
+        kinds=np.array([kind for kind, _ in every]),
+        numbers=numbers,
+        rotations=np.tile(np.eye(3), (count, 1, 1)),
+        translations=np.zeros((count, 3)),
+        offsets=np.zeros((count, 2)),
+        sizes=np.full((count, 2), np.inf),
+        rims=np.ones(count),
+    )

@@ -1,0 +1,375 @@
+"""Compiled parts of the model of an image, each against a slow computation that shares no code with it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.special import gammaln, logsumexp
+from scipy.stats import multivariate_normal
+
+import rootmatch as rm
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.brown import Brown
+from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.stereographic import Stereographic
+from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
+from rootmatch.model.compiled.crowds import shares_of_crowds
+from rootmatch.model.compiled.gating import gate
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about, evidence, log_detected, stepped
+from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
+from rootmatch.model.views import views_of
+from rootmatch.model.visibility import visible
+from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
+
+Floats = NDArray[np.float64]
+
+PINHOLE = rm.Camera(900.0, 850.0, 640.0, 480.0)
+FISHEYE = replace(PINHOLE, fx=300.0, fy=310.0, lens=KannalaBrandt((0.02, -0.01, 0.003, -0.001)))
+BROWN = replace(PINHOLE, lens=Brown((-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, 0.01, 0.001, 0.002, 0.001, -0.001, 0.0005)))
+TILTED = replace(PINHOLE, lens=Brown((*BROWN.lens.values, 0.02, -0.01)))  # type: ignore[union-attr]
+CHART = Stereographic.about(np.array([[0.0, 0.6, 0.8]]))
+SIZES = ((1280.0, 960.0), (640.0, 480.0))
+
+
+def rig(sizes: object = None) -> CopiesAsGiven:
+    """Two cameras, a fisheye among them, and the copies of six points."""
+    turn = Rotation.from_rotvec([0.1, -0.3, 0.05]).as_matrix()
+    views = [(PINHOLE, np.eye(3), np.zeros(3)), (FISHEYE, turn, np.array([0.1, 0.02, -0.05]))]
+    made = rm.Rig(views, sizes=sizes)  # type: ignore[arg-type]
+    points = np.random.default_rng(3).uniform(-0.06, 0.06, (6, 3))
+    owner = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1])
+    return CopiesAsGiven(made, points, np.array([[0.0, 0.0], [1300.0, -20.0]]), owner)
+
+
+def scene(
+    camera: CameraModel, seed: int = 1000, poses: int = 7, **more: object
+) -> tuple[DetectionModel, Floats, Floats]:
+    """A model of six points, or of their copies, and poses, the last of them with points behind the camera."""
+    rng = np.random.default_rng(seed)
+    points = camera.points if isinstance(camera, CopiesAsGiven) else rng.uniform(-0.06, 0.06, (6, 3))
+    copies = len(camera.offsets) if isinstance(camera, CopiesAsGiven) else 1
+    points = np.tile(points, (copies, 1))
+    n = len(points)
+    R = Rotation.random(poses, random_state=seed).as_matrix()
+    position = rng.uniform((-0.2, -0.1, 0.4), (0.2, 0.1, 0.9), (poses, 3))
+    position[-1] = (0.01, 0.0, 0.02)
+    normals = rng.normal(size=(n, 3))
+    normals[0] = 0.0
+    sigma = rng.uniform(0.3, 0.8, 9)
+    target = rng.uniform((0, 0), (1280, 960), (9, 2))
+    given: dict[str, object] = {"normals": normals, "view_cosine": rng.uniform(0.2, 0.5, n), **more}
+    return DetectionModel(camera, points, target, sigma, **given), R, position  # type: ignore[arg-type]
+
+
+CAMERAS = {
+    "pinhole": PINHOLE, "fisheye": FISHEYE, "brown": BROWN, "chart": CHART, "tilted": TILTED, "rig": rig(),
+    "rig with sizes": rig(SIZES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_projection_and_its_derivatives(name: str) -> None:
+    camera = CAMERAS[name]
+    assert (views_of(camera) is None) == (name == "tilted")
+    model, R, position = scene(camera)
+    at = model.linearised(R, position)
+    places = (model.points - model.centre) @ R.swapaxes(1, 2) + position[:, None]
+    with np.errstate(all="ignore"):
+        pixels, seen = camera.project(places), camera.sees(places)
+        expected = np.where(seen, camera.in_image(pixels), 0.0)
+    np.testing.assert_array_equal(at.seen, seen)
+    assert seen.any()
+    assert not seen.all() or name == "chart"
+    np.testing.assert_allclose(at.pixels[seen], pixels[seen], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(at.expected, expected, rtol=1e-9, atol=1e-12)
+    assert not at.jacobian[~seen].any()
+    towards = camera.from_centre(places)
+    turned = model.normals @ R.swapaxes(1, 2)  # type: ignore[operator]
+    for k, i in zip(*np.nonzero(seen), strict=True):
+        length = np.linalg.norm(turned[k, i]) * np.linalg.norm(towards[k, i])
+        cosine = -turned[k, i] @ towards[k, i] / length if length else np.nan
+        np.testing.assert_allclose(at.cosine[k, i], cosine, rtol=1e-9, atol=1e-12)  # type: ignore[index]
+    for axis in range(6):
+        step, moved = 1e-6 * np.eye(6)[axis], []
+        for sign in (1.0, -1.0):
+            turn = Rotation.from_rotvec(sign * step[:3]).as_matrix()
+            there = (model.points - model.centre) @ (turn @ R).swapaxes(1, 2) + (position + sign * step[3:])[:, None]
+            with np.errstate(all="ignore"):
+                moved.append(camera.project(there))
+        slope = (moved[0] - moved[1]) / 2e-6
+        scale = np.abs(at.jacobian).max(axis=(2, 3))[..., None]
+        close = np.abs(at.jacobian[..., axis] - slope) <= 2e-6 * scale + 1e-9
+        assert close[seen & (places[..., 2] > 0.1)].all()
+    np.testing.assert_array_equal(at.by_position, at.jacobian[..., 3:])
+
+
+def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats, position: Floats, prior: PoseDensity):  # type: ignore[no-untyped-def]
+    """The formula of docs/model.md for one assignment about one pose, one term after another."""
+    at, terms = model.linearised(R[None], position[None]), prior.terms(R[None], position[None])
+    pairs = [(i, int(j)) for i, j in enumerate(assignment) if j >= 0]
+    precision, slope, squared = terms.precision[0].copy(), terms.slope[0].copy(), float(terms.squared[0])
+    total = 0.0
+    for i, j in pairs:
+        noise = model.sigma[j] ** 2 * np.eye(2)
+        if at.blob_variance is not None:
+            noise = noise + at.blob_variance[0, i] * np.eye(2)
+        if model.source_covariance is not None:
+            by_point = at.by_position[0, i] @ R
+            noise = noise + by_point @ model.source_covariance[i] @ by_point.T
+        off, J = model.target[j] - at.pixels[0, i], at.jacobian[0, i]
+        precision += J.T @ np.linalg.inv(noise) @ J
+        slope += J.T @ np.linalg.inv(noise) @ off
+        squared += off @ np.linalg.inv(noise) @ off
+        total += -math.log(2.0 * math.pi) - 0.5 * math.log(np.linalg.det(noise)) - model.clutter.log_density[j]
+        if model.log_weights is not None:
+            total += model.log_weights[i, j]
+        if model.allowed is not None and not model.allowed[i, j]:
+            total = -math.inf
+        if not at.seen[0, i]:
+            total = -math.inf
+    covariance = np.linalg.inv(precision)
+    step = covariance @ slope
+    squared = max(squared - slope @ step, 0.0)
+    freedom = 2.0 * len(pairs) - np.trace(covariance @ (precision - terms.precision[0]))
+    tilt = min(math.sqrt(np.trace(covariance[:3, :3]) / 2.0), 1.0)
+    shown = at.expected[0] * visible(None if at.cosine is None else at.cosine[0], model.view_cosine, np.array(tilt))
+    if at.blob is not None:
+        first = at.blob[0] == np.arange(len(shown))
+        any_of = [
+            1.0 - np.prod([1.0 - shown[m] for m in range(len(shown)) if at.blob[0, m] == i]) for i in range(len(shown))
+        ]
+        shown = np.where(first, any_of, 1e-9)
+    nodes, log_nodes = model.rates
+    owned = np.isin(np.arange(len(assignment)), [i for i, _ in pairs])
+    with np.errstate(divide="ignore"):
+        each = [
+            weight + np.where(owned, np.log(rate * shown), np.log1p(-rate * shown)).sum()
+            for rate, weight in zip(nodes, log_nodes, strict=True)
+        ]
+    total += float(logsumexp(each))
+    images = model.images or [np.arange(len(model.target))]
+    for own in images:
+        left = len(own) - len([j for _, j in pairs if j in own])
+        total += gammaln(left + 0.5) - gammaln(len(own) + 0.5)
+    taken = np.zeros((1, len(model.target)), np.bool_)
+    taken[0, [j for _, j in pairs]] = True
+    total += float(model.clutter.log_first(taken)[0])
+    half = 0.5 * model.options.noise_freedom
+    total += gammaln(half + freedom / 2.0) - gammaln(half) - freedom / 2.0 * math.log(half)
+    total -= (half + freedom / 2.0) * math.log1p(squared / (2.0 * half))
+    total += 3.0 * math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(precision)[1] + float(terms.log_density[0])
+    return total, step, covariance, squared, freedom, shown
+
+
+def assignments_of(model: DetectionModel, count: int, seed: int) -> NDArray[np.int64]:
+    """Random assignments of three or more points, each to a detection of its own image."""
+    rng, (n, n2) = np.random.default_rng(seed), model.shape
+    out = np.full((count, n), -1)
+    for row in out:
+        points = rng.permutation(n)[: rng.integers(3, 6)]
+        row[points] = rng.permutation(n2)[: len(points)]
+    return out
+
+
+def near(at: Gaussian, seed: int) -> tuple[Floats, Floats]:
+    """A pose about a prediction."""
+    step = np.random.default_rng(seed).normal(size=6) * np.sqrt(np.diag(at.covariance))
+    return Rotation.from_rotvec(step[:3]).as_matrix() @ at.rotation, at.position + step[3:]
+
+
+PREDICTED = Gaussian(
+    Rotation.from_rotvec([0.3, -0.2, 0.7]).as_matrix(), np.array([0.02, -0.05, 0.6]),
+    np.diag([1e-3, 2e-3, 1e-3, 1e-4, 1e-4, 4e-4]), freedom=8.0,
+)  # fmt: skip
+MIXTURE = Doubted(
+    [PREDICTED, replace(PREDICTED, position=np.array([0.1, 0.0, 0.7]))], [math.log(0.7), math.log(0.29)], Broad(), 0.01
+)
+WEIGHTS = np.random.default_rng(5).normal(size=(6, 9))
+CASES: dict[str, tuple[CameraModel, dict[str, object]]] = {
+    "normals": (PINHOLE, {}),
+    "normals, no view angle": (PINHOLE, {"view_cosine": None}),
+    "bare": (FISHEYE, {"normals": None, "view_cosine": None}),
+    "weights": (BROWN, {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.8, "rate": 0.8}),
+    "size": (PINHOLE, {"size": (1280.0, 960.0)}),
+    "blobs": (PINHOLE, {"resolution": 20.0}),
+    "source noise": (PINHOLE, {"source_covariance": np.tile(np.diag([1e-6, 2e-6, 4e-6]), (6, 1, 1))}),
+    "rig": (rig(SIZES), {}),
+    "predicted": (PINHOLE, {"prior": MIXTURE}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_evidence_is_the_formula(name: str) -> None:
+    camera, more = CASES[name]
+    model, R, position = scene(camera, seed=1001, poses=12, **more)
+    if name == "predicted":
+        R[:6], position[:6] = (np.array(one) for one in zip(*(near(PREDICTED, k) for k in range(6)), strict=True))
+    assignments = assignments_of(model, len(R), 1002)
+    if name == "blobs":
+        at = model.linearised(R, position)
+        assert at.blob is not None
+        assignments = np.where(at.blob == np.arange(6), assignments, -1)
+    found, _ = about(model, assignments, R, position)
+    finite = 0
+    for k in range(len(R)):
+        value, step, covariance, squared, freedom, shown = log_evidence(
+            model, assignments[k], R[k], position[k], model.prior
+        )
+        np.testing.assert_allclose(found.visible[k], shown, rtol=1e-6, atol=1e-12)
+        if not np.isfinite(value):
+            assert found.log_odds[k] == -np.inf
+            continue
+        finite += 1
+        scale = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(
+            found.covariance[k] / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-6
+        )
+        np.testing.assert_allclose(found.step[k] / scale, step / scale, atol=1e-5 * (1.0 + np.abs(step / scale).max()))
+        assert found.squared[k] == pytest.approx(squared, rel=1e-6, abs=1e-6)
+        assert found.freedom[k] == pytest.approx(freedom, abs=1e-6)
+        assert found.log_odds[k] == pytest.approx(value, rel=1e-8, abs=1e-6)
+    assert finite >= 6
+
+
+def test_many_hidden_points_do_not_underflow() -> None:
+    model, _, _ = scene(PINHOLE, rate=0.9)
+    shown = np.full((1, 5000), 0.99)
+    exact = 4999 * math.log1p(-0.9 * 0.99) + math.log(0.9 * 0.99)
+    used = np.arange(5000)[None] == 7
+    assert log_detected(model, used, shown)[0] == pytest.approx(exact, rel=1e-12)
+
+
+def test_steps() -> None:
+    model, R, position = scene(PINHOLE)
+    found, at = about(model, assignments_of(model, len(R), 1007), R, position)
+    step = np.random.default_rng(1008).normal(size=(len(R), 6)) * np.geomspace(1e-9, 1.0, len(R))[:, None]
+    rotation, moved = stepped(replace(found, step=step), at)
+    shortened = 0
+    for k in range(len(R)):
+        length = max(np.linalg.norm(step[k, :3]), np.linalg.norm(step[k, 3:]) / np.linalg.norm(position[k]))
+        part = step[k] * min(1.0, 0.5 / length)
+        shortened += length > 0.5
+        np.testing.assert_allclose(rotation[k], Rotation.from_rotvec(part[:3]).as_matrix() @ R[k], atol=1e-14)
+        np.testing.assert_allclose(moved[k], position[k] + part[3:], rtol=1e-13)
+    assert 0 < shortened < len(R)
+
+
+def test_evidence_of_no_assignment_is_of_the_prior() -> None:
+    model, _, _ = scene(PINHOLE, prior=MIXTURE)
+    found = evidence(model, np.full((1, 6), -1), model.linearised(PREDICTED.rotation[None], PREDICTED.position[None]))
+    np.testing.assert_allclose(found.covariance[0], PREDICTED.covariance / (14.0 / 8.0), rtol=1e-4, atol=1e-9)
+    assert found.squared[0] == pytest.approx(0.0, abs=1e-9)
+
+
+class TestPriors:
+    def test_a_broad_one_is_a_normal_distribution_of_its_volume(self) -> None:
+        position = np.array([[0.1, -0.2, 0.7], [0.0, 0.0, -3.0]])
+        terms = Broad().terms(np.tile(np.eye(3), (2, 1, 1)), position)
+        for k, distance in enumerate(np.linalg.norm(position, axis=1)):
+            volume = 8.0 * math.pi**2 * FIELD * math.log(DEPTHS) * distance**3
+            peak = 0.5 * np.linalg.slogdet(terms.precision[k] / (2.0 * math.pi))[1]
+            assert terms.log_density[k] == pytest.approx(-math.log(volume))
+            assert peak == pytest.approx(-math.log(volume))
+            along = position[k] / distance
+            assert along @ terms.precision[k, 3:, 3:] @ along == pytest.approx(
+                2.0 * math.pi / (distance * math.log(DEPTHS)) ** 2
+            )
+        assert not terms.slope.any()
+
+    @pytest.mark.parametrize("freedom", [8.0, math.inf])
+    def test_a_prediction_is_a_student_distribution(self, freedom: float) -> None:
+        prior = replace(PREDICTED, freedom=freedom)
+        rng = np.random.default_rng(1003)
+        for _ in range(20):
+            step = rng.normal(size=6) * np.sqrt(np.diag(prior.covariance)) * rng.choice([0.1, 1.0, 5.0])
+            R = Rotation.from_rotvec(step[:3]).as_matrix() @ prior.rotation
+            terms = prior.terms(R[None], (prior.position + step[3:])[None])
+            squared = float(step**2 / np.diag(prior.covariance) @ np.ones(6))
+            peak = multivariate_normal(np.zeros(6), prior.covariance).logpdf(np.zeros(6))
+            exact = peak - 0.5 * squared
+            if freedom < math.inf:
+                exact = peak + gammaln(freedom / 2 + 3) - gammaln(freedom / 2) - 3 * math.log(freedom / 2)
+                exact -= (freedom / 2 + 3) * math.log1p(squared / freedom)
+            assert terms.log_density[0] - 0.5 * terms.squared[0] == pytest.approx(exact, abs=1e-3, rel=1e-4)
+            weight = 1.0 if freedom == math.inf else (freedom + 6) / (freedom + squared)
+            np.testing.assert_allclose(terms.slope[0], -weight * step / np.diag(prior.covariance), rtol=1e-4, atol=1e-3)
+
+    def test_the_largest_component_stands_for_a_mixture(self) -> None:
+        rng = np.random.default_rng(1004)
+        R = Rotation.random(40, random_state=4).as_matrix()
+        position = rng.uniform((-0.2, -0.2, 0.3), (0.2, 0.2, 1.0), (40, 3))
+        for k in range(30):
+            R[k], position[k] = near(MIXTURE.predictions[k % 2], k)  # type: ignore[arg-type]
+        found, which = MIXTURE.terms(R, position), MIXTURE.prediction_of(R, position)
+        assert set(which.tolist()) == {-1, 0, 1}
+        every = [prior.terms(R, position) for prior in (*MIXTURE.predictions, MIXTURE.without)]
+        shares = [*MIXTURE.log_shares, math.log(MIXTURE.doubt)]
+        for k in range(40):
+            values = [
+                one.log_density[k] + share - 0.5 * one.squared[k] for one, share in zip(every, shares, strict=True)
+            ]
+            best = int(np.argmax(values))
+            assert which[k] == (best if best < 2 else -1)
+            assert found.log_density[k] == pytest.approx(every[best].log_density[k] + shares[best])
+            np.testing.assert_allclose(found.precision[k], every[best].precision[k], rtol=1e-12)
+
+    @pytest.mark.parametrize("axis", np.vstack([np.eye(3), [[0.6, -0.8, 0.0], [0.577, 0.577, 0.577]]]).tolist())
+    def test_half_turn_off_a_prediction(self, axis: list[float]) -> None:
+        axis = (np.array(axis) / np.linalg.norm(axis)).tolist()
+        turned = Rotation.from_rotvec(math.pi * np.array(axis)).as_matrix() @ PREDICTED.rotation
+        squared = replace(PREDICTED, freedom=math.inf).terms(turned[None], PREDICTED.position[None]).squared[0]
+        exact = math.pi**2 * (np.array(axis) ** 2 / np.diag(PREDICTED.covariance)[:3]).sum()
+        assert squared == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("weighed", [False, True])
+def test_gates(weighed: bool) -> None:
+    more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if weighed else {}
+    model, R, position = scene(PINHOLE, seed=1005, **more)
+    at = model.linearised(R[:1], position[:1])
+    covariance = np.diag([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]) + 1e-4
+    shown = np.linspace(0.05, 1.0, 6)
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1))
+    target, sigma, weights, *_ = model.image_for_kernels
+    candidates, gains, assignment = np.empty((6, 9), np.bool_), np.empty((6, 9)), np.empty(6, np.int64)
+    unique = gate(
+        (at.pixels[0], at.jacobian[0], of_points, shown), covariance,
+        (target, sigma, model.clutter.log_density, weights), (16.0, 0.9, 0.1), (candidates, gains, assignment),
+    )  # fmt: skip
+    for i in range(6):
+        for j in range(9):
+            spread = at.jacobian[0, i] @ covariance @ at.jacobian[0, i].T + of_points[i] + sigma[j] ** 2 * np.eye(2)
+            off = target[j] - at.pixels[0, i]
+            squared = float(off @ np.linalg.inv(spread) @ off)
+            log_density = multivariate_normal(at.pixels[0, i], spread).logpdf(target[j])
+            chance = 0.9 * shown[i]
+            gain = log_density + math.log(chance / (1.0 - chance)) - model.clutter.log_density[j]
+            possible = squared <= 16.0 and shown[i] > 0.1
+            if weighed:
+                gain, possible = gain + WEIGHTS[i, j], possible and bool(WEIGHTS[i, j] > -1.0)
+            assert candidates[i, j] == possible
+            if not weighed or WEIGHTS[i, j] > -1.0:
+                assert gains[i, j] == pytest.approx(gain, rel=1e-6)
+    good = candidates & (gains > 0.0)
+    assert unique == bool((good.sum(axis=0) <= 1).all() and (good.sum(axis=1) <= 1).all())
+    assert good.any()
+
+
+def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:
+    densities = np.random.default_rng(1006).uniform(0.0, 1.0, (SCALES + 1, 30)) ** 4
+    prior = np.array([PSEUDO, *[PSEUDO / SCALES] * SCALES])
+    shares = prior / prior.sum()
+    expected = shares.copy()
+    for _ in range(STEPS):
+        responsible = expected[:, None] * densities / (expected @ densities)
+        expected = responsible.sum(axis=1) + prior
+        expected = expected / expected.sum()
+    shares_of_crowds(densities, prior, STEPS, shares)
+    np.testing.assert_allclose(shares, expected, rtol=1e-12)
+    assert np.abs(shares - prior / prior.sum()).max() > 0.01
