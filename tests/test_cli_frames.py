@@ -232,6 +232,7 @@ def test_frames_in_order_from_a_pipe(folder: Path, tmp_path: Path) -> None:
         "track", folder / "model.csv", folder / "frames.csv", *OPTIONS, "--rate", 0.5, "--poses", tmp_path / "b.csv"
     )
     assert "warning: the frames are 2 s apart at --rate 0.5; where frame is a time in milliseconds" in slow.stderr
+    assert slow.stderr.count("apart") == 1  # not by the tracker too
 
 
 def test_bodies_of_a_model(folder: Path, tmp_path: Path) -> None:

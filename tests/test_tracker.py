@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import warnings
 from typing import Any
 
 import numpy as np
@@ -288,6 +289,34 @@ def test_times_go_forward() -> None:
         rm.Tracker(BODY, rm.P3P(CAMERA), noise="auto")
     with pytest.raises(rm.InputError, match="prior: points of a plane given"):
         rm.Tracker(BODY[:, :2], rm.Similarity(2))
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (1000.0 * INTERVAL * np.arange(12), ["time: the frames are 16.7 s apart; where times are in milliseconds"]),
+        (INTERVAL * np.arange(12), []),
+        (np.array([0.0, 60.0, 120.0, 120.1, 120.2, 120.3, 180.0, 240.0, 300.0]), []),  # seconds, with pauses
+        (2.0 * np.arange(5), []),  # of four steps nothing is said
+    ],
+    ids=["milliseconds", "seconds", "pauses", "few"],
+)
+def test_times_that_are_milliseconds_are_noticed_once(times: NDArray[np.float64], said: list[str]) -> None:
+    one, nothing = tracker(), np.empty((0, 2))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for time in times.tolist():
+            one.update(nothing, time=time)
+    assert [str(each.message)[: len(text)] for each, text in zip(caught, said, strict=True)] == said
+    assert all(each.filename == __file__ for each in caught)
+
+
+def test_steps_that_a_tracker_takes_by_itself_are_its_own_rate() -> None:
+    one = tracker(tracking=TrackingOptions(interval=4.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(8):
+            one.update(np.empty((0, 2)))
 
 
 def test_a_prediction_is_the_callers_own() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+import warnings
 from collections import Counter
 from contextlib import ExitStack, closing
 from itertools import pairwise
@@ -25,8 +26,8 @@ from rootmatch.errors import InputError
 
 RATE = 60.0
 """Frames a second where neither --rate nor a column time says it."""
-FIRST_FRAMES, SLOW = 50, 1.0
-"""Frames whose steps are looked at, and seconds between two beyond which frame is hardly a number of one. Not tuned."""
+FIRST_FRAMES = 50
+"""Frames whose steps are looked at. Not tuned."""
 
 Frames = Annotated[
     Path,
@@ -152,6 +153,8 @@ def track(
         ExitStack() as files,
     ):
         leaves("what was written is kept")
+        files.enter_context(warnings.catch_warnings())
+        warnings.filterwarnings("ignore", message="time: the frames are")  # said below, of more frames and of --rate
         tracker = Tracker(source.points, posed, noise=noises.of(None), **options)
         matches = files.enter_context(closing(AppendedTable(output, MATCH_COLUMNS))) if output else None
         table = files.enter_context(closing(AppendedTable(poses, header))) if poses else None
@@ -188,6 +191,8 @@ def track(
 
 def _warn_of_slow_frames(times: list[float], rate: float | None) -> None:
     """Say so where frames are seconds apart: their numbers, or times, are probably milliseconds."""
+    from rootmatch.tracking.frame_steps import SLOW
+
     if len(times) < 2:
         return
     step = median(after - before for before, after in pairwise(times))

@@ -30,6 +30,7 @@ from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
+from rootmatch.tracking.frame_steps import FrameSteps
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -133,6 +134,7 @@ max_evaluations
         self.time: float | None = None
         self.labels = self.matcher.labels
         self._frame = 0
+        self._steps = FrameSteps()
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
@@ -194,7 +196,8 @@ max_evaluations
             Pixels (x right, y down), in any order, including clutter; n' may change from frame to frame and may be 0.
             For a `Rig`, ``(pixels, index)`` or rows of x, y and the index of the camera. For `Rigid`, (n', 3) points.
         time : float, optional
-            Seconds, later than the previous frame; by default one interval later.
+            Seconds, later than the previous frame; by default one interval later. Where most of the first steps are
+            longer than a second, a `UserWarning` says once that these may be milliseconds.
         prior : Pose, PosePrior or dict, optional
             A pose replaces the tracker's own prediction. Partial knowledge, for example from an inertial sensor, is
             combined with that prediction, and narrows the search for a body that is lost. With ``bodies``, a dict from
@@ -313,4 +316,6 @@ max_evaluations
             raise InputError(f"time: {time!r} given; give seconds")
         if self.time is not None and time <= self.time:
             raise InputError(f"time: {time:g} s given after {self.time:g} s; give frames in order, or reset() first")
+        if self.time is not None:
+            self._steps.take(time - self.time)
         return float(time)
