@@ -76,7 +76,7 @@ def decided_by_model(task: MatchingTask) -> Finding | None:
     if model is None or not default or options.backend in selection.ON_CARD:
         return None
     with task.deadline.enforced():
-        checkpoint()  # what follows is done whole
+        checkpoint()
     if (found := _as_predicted(task, model)) is not None:
         return found
     if is_small(model.clouds):

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.model.self_motion import exactly_symmetric
@@ -133,11 +134,17 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     Neighbours are weighed by fits of their own. Labellings that a self-motion of the source exchanges become equally
     probable to the degree that the source is exactly symmetric under it. ``mirrored``: labellings (M, n) by
     reflections, which are not answers.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes: without its neighbours a labelling would look more certain than it is.
     """
     n = len(model.clouds.source)
     proposals = proposals[(proposals >= 0).sum(axis=1) >= 3]
     if not len(proposals):
         return PointSetPosterior(np.empty((0, n), np.int64), np.empty(0), np.empty(0), np.empty(0, np.int64))
+    checkpoint()
     fit = model.fit(proposals)
     odds = model.log_odds(fit)
     fit, odds = _best(fit, odds)
@@ -148,6 +155,7 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
         waiting = [k for k in likely if fit.assignments[k].tobytes() not in expanded][:EXPANDED]
         new: list[Integers] = []
         for k in waiting:
+            checkpoint()
             one = fit.assignments[k]
             expanded.add(one.tobytes())
             changes, gains = likely_changes(one, model.gains(fit, k), odds.max() - odds[k] - NEGLIGIBLE)
@@ -219,6 +227,7 @@ def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> 
         if looked_at == SYMMETRIC:
             break
         looked_at += 1
+        checkpoint()
         # the point that one labelling assigns to a target takes the place of the other's point
         first, second = (
             np.argsort(one, kind="stable")[int((one < 0).sum()) :] for one in (assignments[a], assignments[b])

@@ -56,6 +56,8 @@ ROUNDS = 3
 """Most times that samples are drawn about those before. A round value."""
 ENOUGH = 40.0
 """Effective number of samples (Kish) with which that ends. A round value."""
+SECONDS_PER_PAIR = 1e-9
+"""To list a pair of a point and a detection (benchmarks/deadlines.py, task 160)."""
 LOOKED_AT = 6
 """Samples whose likeliest assignments are proposed. A round value."""
 
@@ -176,11 +178,11 @@ class TwoViewPosterior:
 def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoViewPosterior:
     """The posterior about the poses of proposed assignments (K, n)."""
     rng = np.random.default_rng([seed, 17])
-    rows, columns = _possible(model)
     assignments = assignments[(assignments >= 0).sum(axis=1) >= model.size - 1]
     if not len(assignments):
         return TwoViewPosterior(model, -math.inf, [])
-    checkpoint()
+    checkpoint(SECONDS_PER_PAIR * model.shape[0] * model.shape[1])
+    rows, columns = _possible(model)
     centres = centres_of(model, fitted(model, distinct(assignments)[:NAMED]))
     checkpoint()
     drawn = drawn_about(model, centres, max(min(FIRST, MOST_RATIOS // len(rows)), FEWEST), rng)
@@ -237,9 +239,9 @@ def posterior(model: TwoViewModel, assignments: Integers, seed: int = 0) -> TwoV
 def _possible(model: TwoViewModel) -> tuple[Integers, Integers]:
     """Points and detections (P,) of the pairs that may be matches."""
     if model.log_weights is None:
-        every = np.arange(model.shape[0] * model.shape[1])
-    else:
-        every = np.flatnonzero(np.isfinite(model.log_weights))
+        n, n_target = model.shape
+        return np.repeat(np.arange(n), n_target), np.tile(np.arange(n_target), n)
+    every = np.flatnonzero(np.isfinite(model.log_weights))
     return every // model.shape[1], every % model.shape[1]
 
 

@@ -13,8 +13,8 @@ from rootmatch.deadline import checkpoint
 from rootmatch.problems.derived.measurements import Measurement
 
 Floats = NDArray[np.float64]
-ROWS = 64
-"""Rows of a table of pairs that are computed together."""
+CELLS = 16_384
+"""Pairs of which a quantity and its derivatives are computed between two looks at the time: some milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class Evaluator:
             for k in self.used(kind):
                 out[k] = self.leaf(kind, k, coordinates)
             return out
-        for first in range(0, n, ROWS):
-            checkpoint()
-            points = coordinates[first : first + ROWS, None], coordinates[None, :]
+        for rows in _pieces(n):
+            points = coordinates[rows, None], coordinates[None, :]
             for k in self.used(kind):
-                out[k, first : first + ROWS] = self.leaf(kind, k, *points)
+                checkpoint()
+                out[k, rows] = self.leaf(kind, k, *points)
         return out
 
     def noise_table(self, kind: str, coordinates: Floats, spread: Floats) -> Floats:
@@ -93,12 +93,11 @@ class Evaluator:
                 out[k] = self.leaf_noise(kind, k, [coordinates], [spread])[0].T
             return out.reshape(count * axes, n)
         out = np.zeros((count, 2, axes, n, n))
-        for first in range(0, n, ROWS):
-            checkpoint()
-            rows = slice(first, first + ROWS)
+        for rows in _pieces(n):
             points = [coordinates[rows, None], coordinates[None, :]]
             spreads = [spread[rows, None], spread[None, :]]
             for k in self.used(kind):
+                checkpoint()
                 for end, part in enumerate(self.leaf_noise(kind, k, points, spreads)):
                     out[k, end, :, rows] = np.moveaxis(part, -1, 0)
         return out.reshape(count * 2 * axes, n, n)
@@ -142,3 +141,9 @@ class Evaluator:
             for slot, part in zip(slots, parts, strict=True):
                 out[:, slot, columns] += derivative[:, None] * part
         return value, slope, out
+
+
+def _pieces(n: int) -> list[slice]:
+    """Rows of a table of n × n pairs that are computed together, at least one."""
+    size = max(CELLS // max(n, 1), 1)
+    return [slice(first, first + size) for first in range(0, n, size)]

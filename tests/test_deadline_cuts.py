@@ -1,0 +1,362 @@
+"""What a deadline leaves out: work is counted by a clock that stands still, or that moves on with each look or unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rootmatch.cameras.pinhole import Camera
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint
+from rootmatch.explain import body_labels, known_rotation, point_set_decision
+from rootmatch.explain.decide import Status
+from rootmatch.explain.explain import explain
+from rootmatch.explain.match_options import MatchOptions
+from rootmatch.explain.task import MatchingTask
+from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.mode_search import PosteriorOptions, modes_of
+from rootmatch.model.modes import Modes
+from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.prediction import proposals_about
+from rootmatch.model.proposals import Proposals
+from rootmatch.model.two_view_model import TwoViewModel
+from rootmatch.problems.derived import evaluator
+from rootmatch.problems.p3p.problem import P3P
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.similarity.problem import Rigid
+from rootmatch.problems.up2pf.problem import UP2PF
+from rootmatch.samplers.point_sets import search
+from rootmatch.samplers.point_sets.options import PointSetOptions
+from rootmatch.samplers.point_sets.search import MotionSearch
+from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
+
+CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
+EVERY = PosteriorOptions(negligible=1e6, hopeless=1e6)
+"""No mode and no proposal is left out for what it says."""
+
+
+class Clock:
+    """Seconds that pass when told, and with every look."""
+
+    def __init__(self, step: float = 0.0) -> None:
+        self.now, self.step = 0.0, step
+
+    def __call__(self) -> float:
+        self.now += self.step
+        return self.now
+
+
+class Body:
+    """Eight points before a camera, seen among clutter: a model, and proposals of which the first is true."""
+
+    def __init__(self, clutter: int = 12) -> None:
+        rng = np.random.default_rng(5)
+        self.points = rng.uniform(-0.1, 0.1, (8, 3))
+        self.R = Rotation.random(random_state=5).as_matrix()
+        self.position = np.array([0.1, -0.05, 0.8])
+        self.centre = self.points.mean(axis=0)
+        pixels = CAMERA.project((self.points - self.centre) @ self.R.T + self.position)
+        self.target = np.concatenate([pixels, rng.uniform((0, 0), (1280, 960), (clutter, 2))])
+        self.target += rng.normal(0.0, 0.4, self.target.shape)
+        self.model = DetectionModel(CAMERA, self.points, self.target, np.full(len(self.target), 0.4))
+        turns = Rotation.random(5, random_state=6).as_matrix()
+        assignments = np.array([np.arange(8), *(rng.permutation(len(self.target))[:8] for _ in turns)])
+        rotation = np.concatenate([self.R[None], turns])
+        self.proposals = Proposals(assignments, rotation, np.tile(self.position, (len(rotation), 1)))
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body()
+
+
+def assert_same(one: Modes, other: Modes) -> None:
+    assert np.array_equal(one.assignments, other.assignments)
+    assert np.array_equal(one.log_mass, other.log_mass)
+
+
+@pytest.mark.parametrize(("wanted", "weighed"), [(2.5, 2), (1.0, 1), (0.3, 1), (1e6, 6)])
+def test_as_many_proposals_are_weighed_as_end_in_time(
+    body: Body, wanted: float, weighed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, possible = [], mode_search._possible
+
+    def counted(model: DetectionModel, proposals: Proposals, *arguments: Any) -> Any:
+        seen.append(len(proposals.assignments))
+        return possible(model, proposals, *arguments)
+
+    monkeypatch.setattr(mode_search, "_possible", counted)
+    each = mode_search.SECONDS_PER_DENSITY * body.model.shape[1] * len(body.model.clutter.centres)
+    deadline = Deadline(wanted * each, clock=Clock())
+    with deadline.enforced():
+        found = modes_of(body.model, body.proposals, options=EVERY)
+    assert seen == [weighed]
+    assert deadline.stopped_early == (weighed < 6)
+    assert_same(found, modes_of(body.model, body.proposals.take(np.arange(weighed)), options=EVERY))
+
+
+def test_no_proposal_is_weighed_after_the_deadline(body: Body) -> None:
+    with Deadline(1.0, clock=Clock(2.0)).enforced(), pytest.raises(OutOfTime):
+        modes_of(body.model, body.proposals)
+
+
+def test_modes_are_grown_until_the_deadline_the_strongest_first(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, taken, before = Clock(), [], mode_search._with
+
+    def slow(kept: Any, mode: Any, *arguments: Any, **options: Any) -> Any:
+        taken.append(mode.log_odds)
+        grown = before(kept, mode, *arguments, **options)
+        clock.now += 1.0
+        return grown
+
+    monkeypatch.setattr(mode_search, "_with", slow)
+    modes_of(body.model, body.proposals, options=EVERY)
+    every = taken.copy()
+    assert len(every) > 3
+    assert every == sorted(every, reverse=True)
+    for seconds, count in ((2.5, 3), (1.0, 1)):
+        clock.now = 0.0
+        taken.clear()
+        deadline = Deadline(seconds, clock=clock)
+        with deadline.enforced():
+            found = modes_of(body.model, body.proposals, options=EVERY)
+        assert taken == every[:count]
+        assert deadline.stopped_early
+        assert (found.assignments[0] == np.arange(8)).all()
+
+
+def test_a_solver_is_not_begun_whose_tables_would_be_late() -> None:
+    shape, calls = (30, 40), []
+    tensor = AffinityTensor.unchecked(np.empty((0, 3), np.int32), np.empty(0), shape)
+
+    def solver(tensor: AffinityTensor, *, seed: int = 0, deadline: Deadline = NEVER) -> Solution:
+        calls.append(deadline)
+        return empty_solution(tensor)
+
+    tables = SECONDS_PER_PAIR * 30 * 40
+    for seconds, begun in ((0.9 * tables, False), (1.1 * tables, True)):
+        calls.clear()
+        deadline = Deadline(seconds, clock=Clock())
+        with deadline.enforced():
+            solution = solved(solver, tensor, 0, deadline)
+        assert calls == [deadline] * begun
+        assert solution.converged == begun
+        assert deadline.stopped_early != begun
+        assert solution.assignment.shape == (30,)
+        assert (solution.assignment == -1).all()
+
+
+def test_a_solver_that_a_deadline_ends_has_found_nothing() -> None:
+    tensor = AffinityTensor.unchecked(np.empty((0, 3), np.int32), np.empty(0), (3, 4))
+    clock = Clock()
+
+    def solver(tensor: AffinityTensor, *, seed: int = 0) -> Solution:
+        clock.now += 2.0
+        checkpoint()
+        raise AssertionError("beyond the deadline")
+
+    deadline = Deadline(1.0, clock=clock)
+    with deadline.enforced():
+        solution = solved(solver, tensor, 0, deadline)
+    assert not solution.converged
+    assert solution.assignment.tolist() == [-1, -1, -1]
+
+
+def test_congruent_bodies_are_compared_until_the_deadline() -> None:
+    rng = np.random.default_rng(7)
+    first = rng.uniform(-1.0, 1.0, (12, 3))
+    order = rng.permutation(12)
+    second = (first @ Rotation.random(random_state=7).as_matrix().T)[order]
+    body_labels._twin_points.cache_clear()  # of another test
+    with Deadline(6.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+        body_labels.twin_points(first, second, 1e-6)  # in the midst of the rows
+    late = Deadline(0.9 * SECONDS_PER_STEP * 12**3, clock=Clock())
+    with late.enforced(), pytest.raises(OutOfTime):
+        body_labels.twin_points(first, second, 1e-6)  # before the assignment, which is made whole
+    assert late.stopped_early
+    with Deadline(1.1 * SECONDS_PER_STEP * 12**3, clock=Clock()).enforced():
+        found = body_labels.twin_points(first, second, 1e-6)
+    assert found is not None  # what was cut off is not remembered as none
+    assert np.array_equal(order[found], np.arange(12))
+
+
+def test_pairs_of_large_point_sets_are_not_sorted_late() -> None:
+    rng = np.random.default_rng(3)
+    source = rng.uniform(-1.0, 1.0, (12, 3))
+    target = source @ Rotation.random(random_state=3).as_matrix().T
+    task = MatchingTask.of(Rigid(3), source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
+    model = point_set_decision.model_of(task)
+    assert model is not None
+    seconds = search.SECONDS_PER_PAIR * 12**2
+    arguments = task.sampling_task, model.clouds, PointSetOptions(), NEVER
+    with Deadline(0.9 * seconds, clock=Clock()).enforced(), pytest.raises(OutOfTime):
+        MotionSearch(*arguments)
+    with Deadline(1.1 * seconds, clock=Clock()).enforced():
+        assert len(MotionSearch(*arguments).pairs) == 66
+
+
+def looks_at(clock: Clock, work: Callable[[], Any]) -> int:
+    """How often work looks at a deadline that does not pass."""
+    with Deadline(1e6, clock=clock).enforced():
+        before = clock.now
+        work()
+    return round(clock.now - before)
+
+
+def test_neighbours_of_labellings_are_weighed_until_the_deadline() -> None:
+    corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+    rng = np.random.default_rng(4)
+    target = corners @ Rotation.random(random_state=4).as_matrix().T + 0.01 * rng.normal(size=corners.shape)
+    task = MatchingTask.of(Rigid(3), corners, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
+    model = point_set_decision.model_of(task)
+    assert model is not None
+    turned = np.array([4, 5, 0, 1, 6, 7, 2, 3])  # a cube is symmetric: what exchanges labels is looked at too
+    proposals = np.array([np.arange(8), turned])
+    free = point_set_posterior.posterior(model, proposals)
+    clock = Clock(1.0)
+    looks = looks_at(clock, lambda: point_set_posterior.posterior(model, proposals))
+    hypotheses = len(free.assignments)
+    assert looks > 1 + hypotheses  # each of them, and each exchange
+    for most in range(looks):
+        with Deadline(most + 0.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+            point_set_posterior.posterior(model, proposals)
+    with Deadline(looks + 0.5, clock=Clock(1.0)).enforced():
+        found = point_set_posterior.posterior(model, proposals)
+    assert np.array_equal(found.probabilities, free.probabilities)
+
+
+def test_point_sets_that_a_deadline_ends_are_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    source = rng.uniform(-1.0, 1.0, (30, 3))
+    target = source @ Rotation.random(random_state=3).as_matrix().T + 0.01 * rng.normal(size=source.shape)
+    clock, before = Clock(), point_set_posterior._best
+
+    def slow(*arguments: Any) -> Any:
+        clock.now += 1.0
+        return before(*arguments)
+
+    monkeypatch.setattr(point_set_posterior, "_best", slow)
+    for seconds, status in ((0.5, Status.UNTRUSTED), (1e6, Status.MATCHED)):
+        clock.now = 0.0
+        task = MatchingTask.of(
+            Rigid(3), source, target, noise=0.01, options=MatchOptions(), deadline=Deadline(seconds, clock=clock)
+        )
+        assert explain(task).status is status
+        assert task.deadline.stopped_early == (status is Status.UNTRUSTED)
+
+
+def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(8)
+    bearings = [np.array([*rng.normal(size=(2, count)), np.ones(count)]).T for count in (12, 9)]
+    bearings = [each / np.linalg.norm(each, axis=1, keepdims=True) for each in bearings]
+    views = TwoViewModel(*bearings, np.full(12, 1e-6), np.full(9, 1e-6), np.zeros(9))
+    rows, columns = two_view_posterior._possible(views)
+    assert rows.tolist() == [k // 9 for k in range(12 * 9)]
+    assert columns.tolist() == [k % 9 for k in range(12 * 9)]
+    listed = []
+
+    def counted(model: Any) -> Any:
+        listed.append(model)
+        raise OutOfTime  # what follows is not of interest
+
+    monkeypatch.setattr(two_view_posterior, "_possible", counted)
+    nothing = np.full((1, 12), -1)
+    assert not two_view_posterior.posterior(views, nothing).parts  # and no list is made for it
+    some = np.where(np.arange(12) < 9, np.arange(12), -1)[None]
+    for share, count in ((0.9, 0), (1.1, 1)):
+        deadline = Deadline(share * two_view_posterior.SECONDS_PER_PAIR * 12 * 9, clock=Clock())
+        with deadline.enforced(), pytest.raises(OutOfTime):
+            two_view_posterior.posterior(views, some)
+        assert len(listed) == count
+
+
+def test_tables_of_a_derived_problem_are_made_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    problem = UP2PF((320, 240), (0, 1, 0), (0, 1, 0))
+    points, pixels = rng.uniform(-1.0, 1.0, (9, 3)), rng.uniform(0.0, 480.0, (20, 2))
+    task = MatchingTask.of(problem, points, pixels, noise=0.5, options=MatchOptions(), deadline=NEVER)
+
+    def tables() -> dict[str, Any]:
+        made = problem.tables(task.points)
+        return {name: value for name, value in made._asdict().items() if name != "tag"}
+
+    whole = tables()
+    assert {"target_pair", "target_pair_noise"} <= set(whole)
+    looks = looks_at(Clock(1.0), tables)
+    monkeypatch.setattr(evaluator, "CELLS", 60)  # three rows of pairs of detections
+    clock = Clock(1.0)
+    assert looks_at(clock, tables) > 3 * looks
+    pieces = tables()
+    for name, value in whole.items():
+        assert np.array_equal(pieces[name], value), name
+    with Deadline(1.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+        tables()
+    with Deadline(looks + 1.5, clock=Clock(1.0)).enforced(), pytest.raises(OutOfTime):
+        tables()  # in the midst of it
+
+
+def about(body: Body, off: NDArray[np.float64]) -> Gaussian:
+    """A prediction off by a rotation vector and a movement, wide enough for it."""
+    R = Rotation.from_rotvec(off[:3]).as_matrix() @ body.R
+    return Gaussian(R, body.position + off[3:], np.diag([0.15**2] * 3 + [0.05**2] * 3))
+
+
+def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = about(body, np.array([0.2, -0.2, 0.2, 0.05, -0.04, 0.05]))
+    clock, rounds, before = Clock(), [0], prediction.settle
+
+    def slow(*arguments: Any, **options: Any) -> Any:
+        clock.now += 1.0
+        rounds[0] += 1
+        return before(*arguments, **options)
+
+    monkeypatch.setattr(prediction, "settle", slow)
+    whole = proposals_about(body.model, wrong)
+    assert whole is not None
+    total = rounds[0]
+    assert total > 2  # the first one does not convince
+    kept = {row.tobytes() for row in whole.assignments}
+    counts = []
+    for seconds in (1.5, 2.5, 1e6):
+        clock.now, rounds[0] = 0.0, 0
+        with Deadline(seconds, clock=clock).enforced():
+            found = proposals_about(body.model, wrong)
+        counts.append(rounds[0])
+        assert found is not None
+        assert {row.tobytes() for row in found.assignments} <= kept
+    assert counts == [2, 3, total]
+
+
+def test_poses_with_a_known_rotation_are_scored_until_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = Body(3)
+    t = body.position - body.R @ body.centre
+    known = PosePrior(rotation=(body.R, 0.02), position=(t, 0.05))
+    task = MatchingTask.of(P3P(CAMERA), body.points, body.target, noise=0.4, options=MatchOptions(), prior=known)
+    clock, count, before = Clock(), [0], known_rotation._score
+
+    def slow(*arguments: Any) -> Any:
+        clock.now += 1.0
+        count[0] += 1
+        return before(*arguments)
+
+    monkeypatch.setattr(known_rotation, "_score", slow)
+    whole = known_rotation.poses_by_rotation(task, known, body.model)
+    assert count == [1]
+    monkeypatch.setattr(known_rotation, "BATCH", 1)  # a piece for each pair of matches
+    pieces = known_rotation.poses_by_rotation(task, known, body.model)
+    assert whole is not None
+    assert pieces is not None
+    assert np.array_equal(whole.assignments, pieces.assignments)
+    most = count[0] - 1
+    assert most > 5
+    clock.now, count[0] = 0.0, 0
+    with Deadline(3.5, clock=clock).enforced(), pytest.raises(OutOfTime):
+        known_rotation.poses_by_rotation(task, known, body.model)
+    assert count == [4]
