@@ -268,7 +268,12 @@ def test_pairs_of_two_views_are_not_listed_late(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(two_view_posterior, "_possible", counted)
     nothing = np.full((1, 12), -1)
-    assert not two_view_posterior.posterior(views, nothing).parts  # and no list is made for it
+    told = two_view_posterior.posterior(views, nothing)  # of which no list is made, and no table
+    assert not told.parts
+    unmatched = told.confidence_in(nothing[0])
+    assert "marginals" not in vars(told)
+    assert not told.marginals.any()
+    assert unmatched == pytest.approx(np.full(12, (1.0 - two_view_posterior.WRONG_MODEL) * 0.5 / (1.0 - 0.5 * 0.9)))
     some = np.where(np.arange(12) < 9, np.arange(12), -1)[None]
     for share, count in ((0.9, 0), (1.1, 1)):
         deadline = Deadline(share * two_view_posterior.SECONDS_PER_PAIR * 12 * 9, clock=Clock())

@@ -96,14 +96,22 @@ class TwoViewPosterior:
         return marginals
 
     @cached_property
+    def _matched(self) -> Floats:
+        """Probability (n,) that each point has a match if the images show the same points."""
+        # without samples the table of thousands of points would take as long as a short time limit
+        return np.asarray(self.marginals.sum(axis=1)) if self.parts else np.zeros(self.model.shape[0])
+
+    @cached_property
     def unmatched(self) -> Floats:
         """Probability (n,) that each point has no match."""
         nothing = (1.0 - PRESENT) / (1.0 - PRESENT * (1.0 - MISSED))
         absent = (1.0 - WRONG_MODEL - self.present) * nothing
-        return np.asarray(absent + self.present * np.maximum(1.0 - self.marginals.sum(axis=1), 0.0))
+        return np.asarray(absent + self.present * np.maximum(1.0 - self._matched, 0.0))
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """Probability (n,) that each point's match, or its being unmatched, is right."""
+        if not (assignment >= 0).any():
+            return self.unmatched
         own = self.marginals[np.arange(len(assignment)), np.maximum(assignment, 0)]
         return np.where(assignment >= 0, self.present * own, self.unmatched)
 
@@ -114,7 +122,7 @@ class TwoViewPosterior:
 
         rows, columns = linear_sum_assignment(self.marginals, maximize=True)
         # a pair that is less probable than that its point has no match is none
-        free = 1.0 - self.marginals.sum(axis=1)
+        free = 1.0 - self._matched
         good = self.marginals[rows, columns] > free[rows]
         assignment = np.full(len(free), -1, np.int64)
         assignment[rows[good]] = columns[good]
