@@ -5,15 +5,18 @@ from __future__ import annotations
 import ctypes
 import os
 import pickle
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
 from rootmatch.jit.cache import SUFFIX, interrupts_kept
+from rootmatch.jit.signals import RAISING, signals_wait
 
 MODULE = """
 from rootmatch.jit.decorators import driver
@@ -66,13 +69,18 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 def run(folder: Path, *instead: Path, **more: str) -> list[str]:
     """What the script prints, the compiled code kept in the folder; and what with other files in place of its own."""
+    return printed(folder, SCRIPT, *map(str, instead), **more)
+
+
+def printed(folder: Path, script: str, *arguments: str, **more: str) -> list[str]:
+    """What a script prints that finds the module and keeps its compiled code in the folder."""
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": str(folder / "cache"),
         "PYTHONPATH": f"{folder}{os.pathsep}{SOURCES}",
         **more,
     }
-    command = [sys.executable, "-c", SCRIPT, *map(str, instead)]
+    command = [sys.executable, "-c", script, *arguments]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
@@ -147,6 +155,85 @@ def test_an_interrupt_while_c_calls_python_is_not_lost(then: Exception | None) -
     assert sys.unraisablehook is hook
     with pytest.raises(ValueError, match="another"), interrupts_kept():
         raise ValueError("another")
+
+
+class EndedError(Exception):
+    """What the handler of a timer raises."""
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """Puts back the handlers of signals."""
+    before = {number: signal.getsignal(number) for number in RAISING}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("handlers")
+def test_signals_wait_for_the_end_and_then_all_come() -> None:
+    told: list[str] = []
+
+    def ended(number: int, frame: FrameType | None) -> None:
+        told.append(f"ended in {frame.f_code.co_name if frame else None}")
+        raise EndedError
+
+    def noted(number: int, frame: FrameType | None) -> None:
+        told.append("noted")
+
+    def work() -> None:
+        with signals_wait():
+            for _ in range(2):
+                signal.raise_signal(signal.SIGTERM)
+                signal.raise_signal(signal.SIGINT)
+            told.append("whole")
+
+    signal.signal(signal.SIGINT, ended)
+    signal.signal(signal.SIGTERM, noted)
+    with pytest.raises(EndedError):
+        work()
+    assert sorted(told[1:]) == ["ended in work", "noted"]
+    assert told[0] == "whole"
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == (ended, noted)
+    with pytest.raises(EndedError):
+        signal.raise_signal(signal.SIGINT)  # as before
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    with pytest.raises(ValueError, match="its own"), signals_wait():
+        raise ValueError("its own")
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    with ThreadPoolExecutor(1) as pool:  # where no handler can be set, and none is called
+        assert pool.submit(lambda: signals_wait().__enter__()).result() is None
+
+
+LOADED = """
+import signal, sys
+from numba.core.codegen import JITCodeLibrary
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
+before, inside = JITCodeLibrary._object_getbuffer_hook.__func__, [0]
+
+def interrupted(cls, module):
+    if sys.argv[1] == "interrupted":
+        inside[0] += 1
+        signal.raise_signal(signal.SIGINT)  # LLVM calls this for the code that is loaded
+    return before(cls, module)
+
+JITCodeLibrary._object_getbuffer_hook = classmethod(interrupted)
+import kernels
+try:
+    print(kernels.double(1.5))
+except KeyboardInterrupt:
+    print("interrupted", inside[0] > 0)
+    sys.argv[1] = ""
+    print(kernels.double(1.5), sum(kernels.double.stats.cache_hits.values()))
+"""
+
+
+def test_an_interrupt_while_code_is_loaded_comes_after_it(tmp_path: Path) -> None:
+    """It was lost, with the code: to call what was missing ended the process."""
+    (tmp_path / "kernels.py").write_text(MODULE)
+    assert run(tmp_path) == ["3.0 0"]
+    assert printed(tmp_path, LOADED, "interrupted") == ["interrupted True", "3.0 1"]
 
 
 def test_two_processes_compile_once(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from rootmatch.jit import prebuilt
 from rootmatch.jit.fallback import MISSING, warn_lost
 from rootmatch.jit.locks import FileLock
 from rootmatch.jit.options import FOR_PYTHON_ALONE
+from rootmatch.jit.signals import signals_wait
 
 LOG = logging.getLogger("rootmatch")
 
@@ -212,13 +213,14 @@ try:
                 data = path.read_bytes()
             except OSError:
                 return None
-            try:
-                if HASH_SECRET in data:
-                    target_context.refresh()
-                rtsys.initialize(target_context)
-                return CompileResult._rebuild(target_context, *pickle.loads(data))  # type: ignore[no-untyped-call]
-            except Exception:  # pickle runs what it reads: anything can come of a damaged file
-                return None
+            with signals_wait():  # a symbol may be missing else, and to write to its address ends the process
+                try:
+                    if HASH_SECRET in data:
+                        target_context.refresh()
+                    rtsys.initialize(target_context)
+                    return CompileResult._rebuild(target_context, *pickle.loads(data))  # type: ignore[no-untyped-call]
+                except Exception:  # pickle runs what it reads: anything can come of a damaged file
+                    return None
 
         def save_overload(self, sig: Any, data: Any) -> None:
             """Write compiled code to disk, and delete the driver's files that belong to other sources."""
