@@ -23,8 +23,10 @@ from rootmatch.model.compiled.gating import gate
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, log_detected, stepped
 from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
-from rootmatch.model.views import views_of
+from rootmatch.model.proposals import poses_of_few
+from rootmatch.model.views import frames_of, views_of
 from rootmatch.model.visibility import visible
+from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
 from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
 Floats = NDArray[np.float64]
@@ -326,6 +328,52 @@ class TestPriors:
         squared = replace(PREDICTED, freedom=math.inf).terms(turned[None], PREDICTED.position[None]).squared[0]
         exact = math.pi**2 * (np.array(axis) ** 2 / np.diag(PREDICTED.covariance)[:3]).sum()
         assert squared == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["pinhole", "fisheye", "chart", "rig"])
+@pytest.mark.parametrize("matched", [3, 4, 5])
+def test_poses_of_few_matches(name: str, matched: int) -> None:
+    """The true pose is among them, and all that put three of the matches on their rays."""
+    camera = CAMERAS[name]
+    model, _, _ = scene(camera, poses=2)
+    R, position = Rotation.from_rotvec([0.3, -0.2, 0.4]).as_matrix(), np.array([0.02, 0.03, 0.8])
+    pixels = model.linearised(R[None], position[None]).pixels[0]
+    n, views = 6, len(pixels) // 6
+    model = replace(model, target=pixels)
+    if isinstance(camera, CopiesAsGiven):
+        model = replace(model, camera=replace(camera, owner=np.repeat(np.arange(views), n)))
+    assignments = np.full((2, n * views), -1)
+    assignments[1, :matched] = np.arange(matched)
+    assignments[1, n : n + matched] = n + np.arange(matched if views == 2 else 0)
+    found = poses_of_few(model, assignments)
+    assert len(found.assignments) >= views
+    np.testing.assert_array_equal(found.assignments, np.repeat(assignments[1:], len(found.assignments), axis=0))
+    off = np.linalg.norm(found.position - position, axis=1) + np.linalg.norm(found.rotation - R, axis=(1, 2))
+    assert np.sort(off)[views - 1] < 1e-6, "from each camera"
+    for view in range(views):
+        own = np.arange(matched) + n * view
+        chosen = triples(pixels[None], np.isin(np.arange(n * views), own)[None])[0]
+        points, rays = (model.points - model.centre)[chosen], model.rays[chosen]
+        turns, shifts = frames_of(model.camera)
+        for rotations, translations, corners, seen in zip(*poses_of_triples(points, rays), points, rays, strict=True):
+            for turn, shift in zip(rotations, translations, strict=True):
+                places = corners @ turn.T + shift
+                if not np.linalg.norm(places / np.linalg.norm(places, axis=1)[:, None] - seen) < 1e-7:
+                    continue  # none, or one of a root that is only nearly real
+                turn, shift = turns[view].T @ turn, turns[view].T @ (shift - shifts[view])
+                off = np.linalg.norm(found.position - shift, axis=1) + np.linalg.norm(
+                    found.rotation - turn, axis=(1, 2)
+                )
+                assert off.min() < 1e-5
+
+
+def test_more_matches_than_few_have_no_minimal_sets() -> None:
+    model, _, _ = scene(PINHOLE)
+    assignments = np.array([[0, 1, -1, -1, -1, -1], [0, 1, 2, 3, 4, 5]])
+    assert len(poses_of_few(model, assignments).assignments) <= 16
+    points = np.random.default_rng(1009).uniform(-0.06, 0.06, (9, 3))
+    more = replace(model, points=points, normals=None, view_cosine=None)
+    assert len(poses_of_few(more, np.arange(9)[None]).assignments) == 0
 
 
 @pytest.mark.parametrize("weighed", [False, True])

@@ -222,3 +222,36 @@ def test_single_precision_falls_back_to_double(monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.undo()
         float32.can_remake.cache_clear()
     assert float32.serving(float32.rounded(tables), dot) is not dot
+
+
+def kernels_of(text: str) -> list[ast.FunctionDef]:
+    """The functions of a module that are compiled."""
+    names = {"part", "scalar", "kernel", "driver"}
+    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    return [one for one in functions if {ast.unparse(by).partition("(")[0] for by in one.decorator_list} & names]
+
+
+def test_no_kernel_asks_whether_a_number_is_finite_but_by_comparing() -> None:
+    asked = [
+        f"{path.name}: {one.name}"
+        for path in SOURCES.rglob("*.py")
+        for one in kernels_of(path.read_text(encoding="utf-8"))
+        if "isfinite" in ast.unparse(one)
+    ]
+    assert not asked, asked
+    assert sum(len(kernels_of(path.read_text(encoding="utf-8"))) for path in SOURCES.rglob("*.py")) > 100
+
+
+def test_comparing_tells_what_is_finite_where_arithmetic_is_reordered() -> None:
+    from numba import njit
+
+    from rootmatch.jit.decorators import FASTMATH
+
+    @njit(fastmath=FASTMATH, error_model="numpy")  # type: ignore[untyped-decorator]
+    def finite(a, b, c):  # type: ignore[no-untyped-def]
+        return abs(a + b + c) < float("inf")
+
+    nan, infinity = float("nan"), float("inf")
+    assert finite(1.0, -2.0, 3.0)
+    for values in ((1.0, nan, 2.0), (infinity, 0.0, 1.0), (-infinity, infinity, 1.0), (0.0, 1.0, -infinity)):
+        assert not finite(*values), values

@@ -10,7 +10,10 @@ from rootmatch.jit.internal import internal
 from rootmatch.jit.options import FORCED
 
 FASTMATH = {"contract", "arcp", "nsz", "reassoc"}
-"""Reordering and fused products are welcome; NaN and infinity keep their meaning, as kernels compare with them."""
+"""Reordering and fused products are welcome; NaN and infinity keep their meaning where kernels compare with them.
+
+`math.isfinite` is none: it is compiled as x − x, which reordering takes for zero. Ask for ``abs(x) < math.inf``.
+"""
 
 
 scalar = internal(fastmath=FASTMATH, error_model="numpy", **FORCED)

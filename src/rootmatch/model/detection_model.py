@@ -25,6 +25,7 @@ from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
 from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_prior import Broad, PoseDensity
+from rootmatch.model.views import rays_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
 from rootmatch.options import Options, option
 
@@ -144,6 +145,11 @@ class DetectionModel:
         for k, own in enumerate(self.images):
             out[own] = k
         return out
+
+    @cached_property
+    def rays(self) -> Floats:
+        """Unit rays (n', 3) of the detections in the frames of their cameras."""
+        return rays_of(self.camera, self.target)
 
     @cached_property
     def _log_counts(self) -> Floats:

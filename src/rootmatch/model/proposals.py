@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.cameras.base import CameraModel
+from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
-from rootmatch.problems.pose_fit.rig_fit import Copies
+from rootmatch.model.views import frames_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -18,7 +17,6 @@ Integers = NDArray[np.int64]
 FEW = 6
 """Number of matches up to which all poses of minimal sets are tried: with more, one minimum is far deeper than the
 others. A round value."""
-ORIGIN = np.zeros(2)
 
 
 class Proposals(NamedTuple):
@@ -50,38 +48,19 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
-    camera, points = model.camera, len(model.points)
-    if not isinstance(camera, Copies):
-        return _poses_in_camera(model, assignments, camera, np.ones(points, np.bool_))
-    parts, owner = [], np.arange(points) // camera.count
-    for k, (one, rotation, translation) in enumerate(camera.rig.views):
-        found = _poses_in_camera(model, assignments, one, owner == k, camera.offsets[k])
-        turn = np.asarray(rotation).T
-        position = (found.position - np.asarray(translation)) @ turn.T
-        parts.append(Proposals(found.assignments, turn @ found.rotation, position))
-    return joined(parts)
-
-
-def _poses_in_camera(
-    model: DetectionModel, assignments: Integers, camera: CameraModel, own: NDArray[np.bool_], offset: Floats = ORIGIN
-) -> Proposals:
-    """`poses_of_few` in the frame of a camera that has some of the points, and whose image lies at an offset."""
-    used = (assignments >= 0) & own
-    count = used.sum(axis=1)
-    few = (count >= 3) & (count <= FEW)
-    assignments, used = assignments[few], used[few]
-    if not len(assignments):
-        return Proposals(assignments, np.empty((0, 3, 3)), np.empty((0, 3)))
-    image = model.target[np.maximum(assignments, 0)] - offset
-    chosen = triples(image, used).reshape(len(assignments), -1)
-    points = (model.points - model.centre)[chosen].reshape(-1, 3, 3)
-    seen = np.take_along_axis(image, chosen[..., None], axis=1)
-    rays = camera.bearings(seen.reshape(-1, 2)).reshape(-1, 3, 3)
-    rotation, position = poses_of_triples(points, rays)
-    rotation, position = rotation.reshape(-1, 3, 3), position.reshape(-1, 3)
-    whole = np.asarray(np.isfinite(position).all(axis=1))
-    every = np.repeat(assignments, len(whole) // len(assignments), axis=0)
-    return Proposals(every[whole], rotation[whole], position[whole])
+    assignments = np.array(assignments, np.int64)
+    rotations, translations = frames_of(model.camera)
+    most = 8 * len(assignments) * len(rotations)
+    of, rotation, position = np.empty(most, np.int64), np.empty((most, 3, 3)), np.empty((most, 3))
+    count = poses_of_minimal_sets(
+        model.points - model.centre,
+        (model.image_for_kernels[0], model.rays),
+        assignments,
+        (rotations, translations),
+        FEW,
+        (of, rotation, position),
+    )
+    return Proposals(assignments[of[:count]], rotation[:count].copy(), position[:count].copy())
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Integers) -> Proposals:

@@ -100,7 +100,7 @@ def equations(views, model, state, spread, matches, weights, near, normal, side,
         _, floor2, r2, mean2, spread2 = inverse_distance(k, size2, parallax, ahead, noise, mean, scene2)
         own = 1.0 / math.sqrt(spread2)
         z = 0.5 * own * math.log(r2 / mean2)
-        usable = ahead > 0.0 and math.isfinite(z)
+        usable = ahead > 0.0 and abs(z) < math.inf
         by_side = 1.0 / math.sqrt(size2 * noise)
         behind = min(parallax, 0.0) * by_side
         if not near:
@@ -126,7 +126,7 @@ def equations(views, model, state, spread, matches, weights, near, normal, side,
                 if usable:
                     change = parallax / (ahead * ahead * r2) * moved
                     change -= (1.0 - floor2 / r2) * (dpu - dk * pt - k * dpt) / ahead
-                    rows[1, a] = own * change if math.isfinite(change) else 0.0
+                    rows[1, a] = own * change if abs(change) < math.inf else 0.0
                 if behind < 0.0:
                     rows[2, a] = moved * by_side
         last = size - 1
@@ -185,7 +185,7 @@ def descend_poses(  # type: ignore[no-untyped-def]
         chi2 = equations(views, model, state, spreads[index], own, weight, near, normal, side, scratch)
         damping = 1e-4
         for _ in range(steps):
-            if not (math.isfinite(chi2) and chi2 > 0.0):
+            if not 0.0 < chi2 < math.inf:
                 break
             if not solved(normal, side, damping, size, work, step):
                 damping = 10.0 * max(damping, 1e-6)

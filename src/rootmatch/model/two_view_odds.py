@@ -89,4 +89,4 @@ def log_odds_of(views, poses, start, end, rows, columns, most, least, out):  # t
             # relative to the bound, where the variances of the two bearings stand alone
             log = 0.5 * (math.log(slope * slope * (v + w) * w / (across * spread2 * r2)) - squares)
             log += most[pair] + term
-            out[sample, pair] = log if math.isfinite(log) else -math.inf
+            out[sample, pair] = log if abs(log) < math.inf else -math.inf

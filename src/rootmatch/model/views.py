@@ -14,6 +14,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import RIM, Rig
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
+from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
 from rootmatch.problems.pose_fit.rig_fit import Copies
 
@@ -44,6 +45,43 @@ def views_of(camera: CameraModel) -> Views | None:
             shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
             return known._replace(translations=shifts, offsets=np.ascontiguousarray(camera.offsets, np.float64))
     return None
+
+
+def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
+    """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
+    if not isinstance(camera, Copies):
+        return np.eye(3)[None], np.zeros((1, 3))
+    return camera.rig.rotations, camera.rig.translations / camera.unit
+
+
+def rays_of(camera: CameraModel, target: Floats) -> Floats:
+    """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras, found once for all bodies of an image."""
+    target = np.array(target, float)
+    if not isinstance(camera, Copies):
+        return _rays(camera, target)
+    return _rays_of_rig(camera.rig, target.tobytes(), np.array(camera.offsets, float).tobytes(), camera.owner.tobytes())
+
+
+@lru_cache(maxsize=4)
+def _rays_of_rig(rig: Rig, target_bytes: bytes, offset_bytes: bytes, owner_bytes: bytes) -> Floats:
+    target, owner = np.frombuffer(target_bytes).reshape(-1, 2), np.frombuffer(owner_bytes, np.int64)
+    rays = np.empty((len(target), 3))
+    for k, (camera, offset) in enumerate(zip(rig.cameras, np.frombuffer(offset_bytes).reshape(-1, 2), strict=True)):
+        rays[owner == k] = _rays(camera, target[owner == k] - offset)
+    return rays
+
+
+def _rays(camera: CameraModel, target: Floats) -> Floats:
+    """Unit rays (m, 3) of detections (m, 2) of one camera; NaN where its lens shows nothing."""
+    rays = np.full((len(target), 3), np.nan)
+    if len(target) == 0:
+        return rays
+    try:
+        rays[:] = camera.bearings(target)
+    except UnseenPixelError:
+        shown = camera.shows(target)
+        rays[shown] = camera.bearings(target[shown])
+    return rays
 
 
 @lru_cache(maxsize=64)

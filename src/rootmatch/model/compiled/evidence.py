@@ -267,7 +267,7 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
         total += log_of_rates(owned, missing, matches, nodes, log_nodes)
         total += log_of_squared(squared, freedom, noise_freedom)
         total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[k]
-        log_odds[k] = total if possible and math.isfinite(total) else -math.inf
+        log_odds[k] = total if possible and total < math.inf else -math.inf
         squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
 
 

@@ -154,7 +154,7 @@ def linearise(body, poses, views, out):  # type: ignore[no-untyped-def]
                 f2 = Q[2, 0] * n0 + Q[2, 1] * n1 + Q[2, 2] * n2
                 length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * math.sqrt(x * x + y * y + z * z)
                 cosine[k, i] = -(f0 * x + f1 * y + f2 * z) / length if length > 0.0 else np.nan
-            if not (seen and math.isfinite(total)):
+            if not (seen and abs(total) < math.inf):
                 seen_by[k, i], expected[k, i] = False, 0.0
                 for row in range(2):
                     pixels[k, i, row] = 0.0

@@ -88,7 +88,7 @@ def derivative(position, translation, camera, axes, out):  # type: ignore[no-unt
     out[1, turns], out[1, turns + 1], out[1, turns + 2] = 0.0, b, d
     for row in range(2):
         for q in range(turns + 3):
-            if not math.isfinite(out[row, q]):
+            if not abs(out[row, q]) < math.inf:
                 out[row, q] = 0.0
 
 
@@ -109,7 +109,7 @@ def equations(image, given, axes, prior, translation, positions, predicted, jaco
         w2 = weight[k] * weight[k]
         for row in range(2):
             residual = predicted[i, row] - target[k, row]
-            residual = residual if math.isfinite(residual) else 0.0
+            residual = residual if abs(residual) < math.inf else 0.0
             for p in range(size):
                 scaled = w2 * jacobian[row, p]
                 slope[p] += scaled * residual
@@ -161,7 +161,7 @@ def descended(points, image, given, axes, prior, rotation, translation, scratch)
     """
     positions, predicted, jacobian, normal, factor, slope, step, tilt, new, moved = scratch
     size, turns = prior.shape[0], axes.shape[0]
-    if not (math.isfinite(translation[0]) and math.isfinite(translation[1]) and math.isfinite(translation[2])):
+    if not abs(translation[0]) + abs(translation[1]) + abs(translation[2]) < math.inf:
         translation[0], translation[1], translation[2] = 0.0, 0.0, 5.0
     copied(rotation, translation, new, moved)
     for p in range(size):

@@ -131,7 +131,7 @@ def start_of_triple(points, rays, image, triple, rotations, translations, places
                 value = 0.0
                 for axis in range(3):
                     value += frames[0, p, axis] * frames[1, q, axis]
-                good = good and math.isfinite(value)
+                good = good and abs(value) < math.inf
                 rotations[root, p, q] = value
                 middle += value * (corners[0, q] + corners[1, q] + corners[2, q]) / 3.0
             translations[root, p] = (places[0, p] + places[1, p] + places[2, p]) / 3.0 - middle
