@@ -18,8 +18,9 @@ from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
-from rootmatch.model.compiled.crowds import shares_of_crowds
+from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
 from rootmatch.model.compiled.gating import gate
+from rootmatch.model.compiled.single_changes import gains_of_matches
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, log_detected, stepped
 from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
@@ -407,6 +408,69 @@ def test_gates(weighed: bool) -> None:
     good = candidates & (gains > 0.0)
     assert unique == bool((good.sum(axis=0) <= 1).all() and (good.sum(axis=1) <= 1).all())
     assert good.any()
+
+
+@pytest.mark.parametrize("name", ["plain", "weights", "source noise"])
+def test_gains_of_single_matches(name: str) -> None:
+    """Each is what a fit without the point's own match predicts, by normal equations that leave that match out."""
+    more: dict[str, object] = {}
+    if name == "weights":
+        more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0}
+    model, R, position = scene(PINHOLE, seed=1010, poses=3, **more)
+    at = model.linearised(R[:1], position[:1])
+    assert at.seen.all()
+    assignment = np.array([0, 1, 2, 3, 4, -1])
+    model = replace(model, target=model.target.copy())
+    rng = np.random.default_rng(1011)
+    model.target[:5] = at.pixels[0, :5] + rng.normal(0.0, 0.5, (5, 2))
+    uncertain = name == "source noise"
+    of_points = np.tile(float(uncertain) * np.array([[0.5, 0.1], [0.1, 0.3]]), (6, 1, 1))
+    P = np.diag([1.0, 1.0, 1.0, 100.0, 100.0, 100.0])
+    rows = [at.jacobian[0, i] for i in range(6)]
+    noise = [of_points[i] + model.sigma[j] ** 2 * np.eye(2) for i, j in enumerate(assignment)]
+    each = [rows[i].T @ np.linalg.inv(noise[i]) @ rows[i] if assignment[i] >= 0 else 0.0 * P for i in range(6)]
+    off = [model.target[j] - at.pixels[0, i] for i, j in enumerate(assignment)]
+    push = [rows[i].T @ np.linalg.inv(noise[i]) @ off[i] if assignment[i] >= 0 else np.zeros(6) for i in range(6)]
+    # the mode's pose is the best one, so that residuals are about it
+    step = np.linalg.solve(P + sum(each), sum(push))
+    pixels = at.pixels[0] + np.array([row @ step for row in rows])
+    covariance = np.linalg.inv(P + sum(each))
+    visible_by = np.linspace(0.3, 1.0, 6)
+    target, sigma, weights, *_ = model.image_for_kernels
+    gains, log_count = np.empty((6, 9)), rng.normal(size=9)
+    gains_of_matches(
+        assignment, (pixels, at.jacobian[0], of_points[: 6 * uncertain], visible_by, at.seen[0]),
+        covariance, (target, sigma, model.clutter.log_density, weights, log_count), 0.8, gains,
+    )  # fmt: skip
+    for i in range(6):
+        without = P + sum(one for k, one in enumerate(each) if k != i)
+        there = np.linalg.solve(without, sum(one for k, one in enumerate(push) if k != i))
+        predicted = at.pixels[0, i] + rows[i] @ there
+        spread = rows[i] @ np.linalg.inv(without) @ rows[i].T + of_points[i]
+        for j in range(9):
+            log_density = multivariate_normal(predicted, spread + sigma[j] ** 2 * np.eye(2)).logpdf(model.target[j])
+            chance = 0.8 * visible_by[i]
+            gain = log_density + math.log(chance / (1.0 - chance)) - model.clutter.log_density[j] + log_count[j]
+            if name == "weights":
+                gain = gain + WEIGHTS[i, j] if WEIGHTS[i, j] > -1.0 else -np.inf
+            assert gains[i, j] == pytest.approx(gain, rel=1e-4, abs=1e-4)
+
+
+def test_densities_of_crowds() -> None:
+    rng = np.random.default_rng(1012)
+    target, sigma = rng.uniform(0.0, 300.0, (9, 2)), rng.uniform(0.3, 0.8, 9)
+    centres, label = np.array([0, 2, 3, 7]), np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
+    about = np.empty((SCALES, 9, 4))
+    densities_of_crowds(target, sigma, centres, label, 80.0, about)
+    for k in range(SCALES):
+        for i in range(9):
+            for c, j in enumerate(centres):
+                spread = ((80.0 * 0.5**k) ** 2 + sigma[i] ** 2 + sigma[j] ** 2) * np.eye(2)
+                density = (
+                    multivariate_normal(target[j], spread).pdf(target[i]) if i != j and label[i] == label[j] else 0.0
+                )
+                assert about[k, i, c] == pytest.approx(density, rel=1e-9, abs=1e-300)
+    assert (about > 0.0).any()
 
 
 def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.model.compiled.crowds import shares_of_crowds
+from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -134,15 +134,10 @@ def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, labe
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
-    same = label[:, None] == label[centres]
-    same[centres, np.arange(len(centres))] = False
-    squared = ((target[:, None] - target[centres]) ** 2).sum(axis=2)
-    noise = sigma[:, None] ** 2 + sigma[centres] ** 2
-    width = math.sqrt(float(areas.mean())) / 4.0
     kernels = np.empty((SCALES, count, len(centres)))
-    for k in range(SCALES):
-        variance = (width * 0.5**k) ** 2 + noise
-        kernels[k] = np.where(same, np.exp(-0.5 * squared / variance) / (2.0 * math.pi * variance), 0.0)
+    width = math.sqrt(float(areas.mean())) / 4.0
+    # copies: what is read-only is another type to a kernel
+    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), width, kernels)
     densities = np.concatenate([uniform[None], kernels.sum(axis=2) / (len(centres) - 1)])
     prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO

@@ -35,6 +35,8 @@ Integers = NDArray[np.int64]
 ANY_POSE = Broad()
 NONE, NO_ROWS = np.empty(0), np.empty((0, 0))
 """What a kernel gets in the place of None."""
+EXACT = np.empty((0, 2, 2))
+"""Covariances of pixels by model points that are exact, as a kernel takes them."""
 HIGHEST_RATE = 0.999
 """Highest detection rate that is believed: beyond it, one hidden point would refute a pose."""
 USUAL_RATE = 0.9

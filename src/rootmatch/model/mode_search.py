@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.blobs import of_blobs
-from rootmatch.model.compiled.evidence import LOG_2PI
-from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, about, evidence, settled, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
@@ -234,36 +234,28 @@ def _first_order(
     model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions
 ) -> tuple[Changes, Floats]:
     """The changes of a mode that are not negligible, and their log-odds to first order in its pose."""
-    assignment, n = mode.assignment, model.shape[0]
-    matched, image = assignment >= 0, np.maximum(assignment, 0)
-    jacobian = at.jacobian[0]
-    spread = jacobian @ mode.covariance @ jacobian.swapaxes(1, 2)
-    of_points = model.of_points(at)
-    of_point = np.zeros((n, 2, 2)) if of_points is None else of_points[0]
-    noise = of_point + (model.sigma[image] ** 2)[:, None, None] * np.eye(2)
-    # a point's own match must not predict itself: without it, the prediction moves away and is less certain
-    hat = np.where(matched[:, None, None], spread @ np.linalg.inv(noise), 0.0)
-    away = np.linalg.inv((1.0 + 1e-9) * np.eye(2) - hat)
-    residual = model.target[image] - at.pixels[0]
-    pixels = np.where(matched[:, None], model.target[image] - (away @ residual[..., None])[..., 0], at.pixels[0])
-    spread = np.where(matched[:, None, None], away @ spread, spread) + of_point
-    x, y = (model.target[:, axis] - pixels[:, axis, None] for axis in (0, 1))
-    variance = model.sigma**2
-    a, b, d = spread[:, 0, 0, None] + variance, spread[:, 0, 1, None], spread[:, 1, 1, None] + variance
-    determinant = np.maximum(a * d - b * b, variance**2)  # it is, but for rounding
-    density = -0.5 * ((d * x * x - 2.0 * b * x * y + a * y * y) / determinant + np.log(determinant)) - LOG_2PI
+    assignment, of_points = mode.assignment, model.of_points(at)
+    matched = assignment >= 0
     count = int(matched.sum())
     rate = model.rate
     if rate is None:
         rate = (count + 0.5) / (max(float(mode.visible.sum()), count) + 1.0)
-    chance = np.minimum(rate * mode.visible, 0.999)
-    with np.errstate(divide="ignore"):
-        shown = np.log(chance) - np.log1p(-chance)
-    gains = density + shown[:, None] - model.clutter.log_density + model.log_count_of_one(assignment)
-    if model.log_weights is not None:
-        gains = gains + model.log_weights
-    possible = at.seen[0] if model.allowed is None else at.seen[0][:, None] & model.allowed
-    gains = np.where(possible if possible.ndim == 2 else possible[:, None], gains, -np.inf)
+    target, sigma, log_weights, *_ = model.image_for_kernels
+    gains = np.empty(model.shape)
+    gains_of_matches(
+        np.array(assignment, np.int64),
+        (
+            at.pixels[0],
+            at.jacobian[0],
+            EXACT if of_points is None else np.array(of_points[0]),
+            mode.visible,
+            at.seen[0],
+        ),
+        np.array(mode.covariance),
+        (target, sigma, model.clutter.log_density, log_weights, model.log_count_of_one(assignment)),
+        float(rate),
+        gains,
+    )
     own = gains[np.flatnonzero(matched), assignment[matched]]
     gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
     changes, change = likely_changes(assignment, gains, -options.negligible)

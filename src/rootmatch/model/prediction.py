@@ -19,7 +19,7 @@ from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.compiled.gating import gate
-from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, evidence, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_prior import Gaussian
@@ -62,8 +62,6 @@ class PredictionOptions(Options):
 DEFAULT_PREDICTION = PredictionOptions()
 HIDDEN = 0.1
 """Least visibility of a point with candidates."""
-EXACT = np.empty((0, 2, 2))
-"""Covariances of pixels by model points that are exact, as a kernel takes them."""
 
 
 @dataclass(frozen=True, eq=False)

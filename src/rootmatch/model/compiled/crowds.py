@@ -1,6 +1,8 @@
-"""Shares of clutter that crowds, compiled: see `rootmatch.model.clutter`."""
+"""Clutter that crowds, its densities and shares, compiled: see `rootmatch.model.clutter`."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -31,3 +33,34 @@ def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untype
             every += total[s]
         for s in range(count):
             shares[s] = total[s] / every
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def densities_of_crowds(target, sigma, centres, label, width, about):  # type: ignore[no-untyped-def]
+    """Densities of members of crowds of several widths, each half as wide as the one before, into ``about``.
+
+    Parameters
+    ----------
+    target, sigma : (n', 2) and (n',) arrays
+        Detections, px.
+    centres : (c,) int64 array
+        Detections about which others crowd.
+    label : (n',) int64 array
+        Image of each detection; no crowd reaches into another one.
+    width : float
+        Of the widest, px.
+    about : (S, n', c) array
+        Density at each detection about each centre; zero about itself.
+    """
+    target, sigma, centres, label, about = borrowed((target, sigma, centres, label, about))
+    for k in range(about.shape[0]):
+        own = width * 0.5**k
+        for i in range(target.shape[0]):
+            for c in range(centres.shape[0]):
+                j = centres[c]
+                if i == j or label[i] != label[j]:
+                    about[k, i, c] = 0.0
+                    continue
+                x, y = target[i, 0] - target[j, 0], target[i, 1] - target[j, 1]
+                variance = own * own + sigma[i] * sigma[i] + sigma[j] * sigma[j]
+                about[k, i, c] = math.exp(-0.5 * (x * x + y * y) / variance) / (2.0 * math.pi * variance)
