@@ -26,6 +26,7 @@ from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.io.frame_files import Frame, read_frames
 from rootmatch.io.known_files import read_known
+from rootmatch.io.point_files import read_points
 from test_tracker import BODY, frame
 from test_worker_lifetime import running
 
@@ -493,6 +494,77 @@ def test_what_is_known_is_read_from_a_file(folder: Path, tmp_path: Path) -> None
     bodies = write(tmp_path / "model.csv", "body,x,y,z", [["hmd", *point] for point in BODY.tolist()])
     labelled = write(tmp_path / "labelled.csv", f"frame,body,{header}", [[row[0], "hmd", *row[1:]] for row in rows])
     assert "hmd" in run("track", bodies, folder / "frames.csv", *OPTIONS, "--known", labelled, "--json").stdout
+
+
+def test_what_is_known_is_read_from_the_image_file(folder: Path, tmp_path: Path) -> None:
+    """In one row of each frame or in all, for one image, for many, and for a tracker: as from a file of its own."""
+    both = folder / "model.csv", folder / "frames.csv"
+    records = [json.loads(line) for line in run("track", *both, *OPTIONS, "--json").stdout.splitlines()]
+    poses = {record["frame"]: record["pose"]["quaternion"] for record in records if record["pose"] is not None}
+    header = "qx,qy,qz,qw,q_sigma"
+    apart = write(tmp_path / "known.csv", f"frame,{header}", [[k, *q, 2.0] for k, q in poses.items()])
+    with both[1].open(encoding="utf-8", newline="") as stream:
+        names, *rows = csv.reader(stream)
+    told, seen = [], set()
+    for row in rows:
+        number = int(row[names.index("frame")])
+        whole = number in poses and (number % 2 == 0 or number not in seen)
+        seen.add(number)
+        told.append([*row, *(map(repr, [*poses[number], 2.0]) if whole else [""] * 5)])
+    inside = write(tmp_path / "frames.csv", ",".join(names) + f",{header}", told)
+    for command in ("match", "track"):
+        one = run(command, both[0], inside, *OPTIONS, "--json")
+        other = run(command, *both, *OPTIONS, "--known", apart, "--json")
+        results = [[json.loads(line) for line in text.stdout.splitlines()] for text in (one, other)]
+        assert [record["status"] for record in results[0]].count("matched") >= len(poses) - 1
+        assert _without_times(results[0]) == _without_times(results[1])
+        twice = run(command, both[0], inside, *OPTIONS, "--known", apart)
+        assert "--known: the image file has columns of what is known as well" in twice.stderr
+        assert twice.exit_code == 2
+    pixels = frame(0)[0].tolist()
+    first = [[*pixels[0], *poses[0], 2.0], *([*row, *[""] * 5] for row in pixels[1:])]
+    image = write(tmp_path / "image.csv", f"x,y,{header}", first)
+    assert run("match", both[0], image, *OPTIONS).exit_code == 0
+    refused = run("match", both[0], image, *OPTIONS, "--prior", apart)
+    assert "--prior" in refused.stderr
+    assert "has columns of what is known of the pose" in refused.stderr
+
+
+def _without_times(value: Any) -> Any:
+    """A record without what a clock tells."""
+    if isinstance(value, dict):
+        return {name: _without_times(one) for name, one in value.items() if "second" not in name}
+    return [_without_times(one) for one in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "text"),
+    [
+        ("frame,x,y,tx,ty,tz,t_sigma", [[0, 1, 2, 0, 0, 1, 1], [0, 3, 4, 0, 0, 2, 1]],
+         "row 3: tz is '2', and '1' in a row of the image before"),
+        ("frame,x,y,tx,ty,tz", [[0, 1, 2, 0, 0, 1]], "the column t_sigma is missing; give tx,ty,tz,t_sigma or none"),
+        ("frame,x,y,tx,ty,tz,t_sigma", [[0, 1, 2, 0, "", 1, 1]], "row 2: ty is empty"),
+        ("frame,x,y,qx,qy,qz,qw,q_sigma", [[0, 1, 2, 0, 0, 0, 2, 1]], "row 2: pose: a quaternion of length 2 given"),
+    ],
+)  # fmt: skip
+def test_columns_of_what_is_known_that_cannot_be_read(
+    tmp_path: Path, header: str, rows: list[list[Any]], text: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(text)):
+        list(read_frames(write(tmp_path / "bad.csv", header, rows)))
+    alone = header.removeprefix("frame,")
+    with pytest.raises(InputError, match=re.escape(text)):
+        read_points(write(tmp_path / "one.csv", alone, [row[1:] for row in rows]), 2, of_image=True)
+
+
+def test_knowledge_of_one_frame_is_not_that_of_the_next(tmp_path: Path) -> None:
+    rows = [[0, 1, 2, 0, 0, 1, 1], [0, 3, 4, *[""] * 4], [1, 5, 6, *[""] * 4], [2, "", "", 0, 0, 3, 1]]
+    first, second, third = read_frames(write(tmp_path / "frames.csv", "frame,x,y,tx,ty,tz,t_sigma", rows))
+    assert first.known is not None
+    assert first.known.position is not None
+    assert second.known is None
+    assert third.known is not None, "of a frame without detections"
+    assert len(third.points) == 0
 
 
 @pytest.mark.parametrize(

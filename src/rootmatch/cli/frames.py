@@ -85,7 +85,7 @@ class Job:
         """What is known of the pose of a frame, or of those of bodies; None if nothing is."""
         from rootmatch.io.known_files import prior_of_frame
 
-        return prior_of_frame(self.known, frame.number, frame.time)
+        return prior_of_frame(self.known, frame.number, frame.time, frame.known)
 
     def noise_of(self, frame: Frame) -> Any:
         """σ of a frame whose detections have each their own; None if that of the options holds."""

@@ -165,13 +165,18 @@ def match(
             if not match_frames(job, image, many, 1 if jobs is None else jobs, scheduler):
                 raise typer.Exit(NOT_TRUSTED)
         return
-    target = io.read_points(image, posed.target_dimension, posed.order, of_rig=rig_of(posed) is not None)
+    of_rig = rig_of(posed) is not None
+    target = io.read_points(image, posed.target_dimension, posed.order, of_rig=of_rig, of_image=True)
+    if prior is not None and target.known is not None:
+        raise InputError(f"--prior: {image} has columns of what is known of the pose; leave one of them out")
     true = io.read_truth(truth, source, target) if truth else None
     options = plain | {
         "scheduler": scheduler,
         "candidates": io.read_candidates(candidates, source, target) if candidates else None,
-        "prior": io.read_prior(prior, source.bodies is not None) if prior else io.prior_of_frame(priors),
+        "prior": io.prior_of_frame(priors, here=target.known),
     }
+    if prior is not None:
+        options["prior"] = io.read_prior(prior, source.bodies is not None)
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise", "motions", "seed")}
     with (

@@ -167,7 +167,7 @@ def track(
                 raise InputError(f"--rate: {frames} has a column time; leave one of them out")
             when = frame.number / (rate or RATE) if frame.time is None else frame.time
             weights = None if frame.sigma is None else noises.of(frame.sigma)
-            prior = io.prior_of_frame(priors, frame.number, when)
+            prior = io.prior_of_frame(priors, frame.number, when, frame.known)
             found = tracker.update(frame.points, time=when, noise=weights, prior=prior)
             rows = [[*row, when] for row in pose_rows(frame.number, found)]
             if as_json:

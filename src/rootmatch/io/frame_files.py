@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
 from rootmatch.io.csv_tables import check_header, number, positive
+from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 STANDARD_INPUT = Path("-")
 MOST_DETECTIONS = 100_000
@@ -39,6 +41,8 @@ class Frame:
         Seconds, where the file has a column ``time``.
     sigma : (m,) array, optional
         σ of each detection, where the file has a column ``sigma``.
+    known : PosePrior, optional
+        What is known of the pose, where the file has such columns (`rootmatch.io.known_files`).
     """
 
     number: int
@@ -46,6 +50,7 @@ class Frame:
     rows: NDArray[np.int64]
     time: float | None = None
     sigma: NDArray[np.float64] | None = None
+    known: PosePrior | None = None
 
 
 def has_frames(path: Path) -> bool:
@@ -71,7 +76,8 @@ def read_frames(path: Path, dimension: int = 2, *, of_rig: bool = False) -> Iter
     path : path
         The file, ``-`` for standard input. Rows of one frame follow one another, and numbers, or times, ascend.
         ``frame`` counts, ``time`` is in seconds, in any steps; frames that have a time alone are numbered from 0. A
-        column ``sigma`` is the σ of each detection.
+        column ``sigma`` is the σ of each detection; columns of `rootmatch.io.known_files.COLUMNS` say what is known of
+        the pose of a frame, in one of its rows or in all.
     dimension : int
         2 for pixels, 3 for unit rays ``x,y,z``.
     of_rig : bool
@@ -98,6 +104,7 @@ class _Frames:
         self._points: list[list[float]] = []
         self._sigma: list[float] = []
         self._rows: list[int] = []
+        self._known = KnownInImage(path) if check_groups(path, header) else None
 
     def take(self, row: int, cells: dict[str, str]) -> Iterator[Frame]:
         """Add a row; yield the frame that ends before it."""
@@ -115,6 +122,8 @@ class _Frames:
             raise InputError(
                 f"{where}: {self._name(*key)} continues after an empty line, which ends a frame; remove it"
             )
+        if self._known is not None:
+            self._known.take(row, cells)
         given = [cells[axis] for axis in self.axes]
         if not any(given):
             return
@@ -133,7 +142,7 @@ class _Frames:
         points, rows = np.array(self._points).reshape(-1, len(self.axes)), np.array(self._rows, np.int64)
         sigma = np.array(self._sigma) if self.weighed else None
         self._points, self._sigma, self._rows = [], [], []
-        yield Frame(self.key[0], points, rows, self.key[1], sigma)
+        yield Frame(self.key[0], points, rows, self.key[1], sigma, None if self._known is None else self._known.end())
 
     def _check_order(self, where: str, frame: int, time: float | None) -> None:
         if self.key is None:
@@ -165,7 +174,7 @@ def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame
             elif frames is None:
                 header = [cell.lower() for cell in cells]
                 key = "time" if "time" in header and "frame" not in header else "frame"
-                check_header(path, row, header, (key, *axes), ("frame", "time", *axes, "sigma"))
+                check_header(path, row, header, (key, *axes), ("frame", "time", *axes, "sigma", *COLUMNS))
                 frames = _Frames(path, header, axes)
             elif len(cells) != len(header):
                 raise InputError(f"{path}, row {row}: {len(cells)} values given, {len(header)} expected")

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.csv_tables import number, positive, read_table, read_text, refuse_repeats, write_table
+from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
+from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
 MATCHES = ("source", "target", "weight", "motion", "residual", "confidence")
 """Columns of a file of matches."""
@@ -38,6 +40,8 @@ class PointSet:
     sigma : (m,) or (m, 3) array, optional
         Standard deviation of each point's coordinates, where the file has a column ``sigma``, or of each on each axis,
         where it has ``sx,sy,sz``.
+    known : PosePrior, optional
+        What is known of the pose of an image, where its file has such columns (`rootmatch.io.known_files`).
     """
 
     points: NDArray[np.float64]
@@ -45,6 +49,7 @@ class PointSet:
     normals: NDArray[np.float64] | None = None
     bodies: tuple[str, ...] | None = None
     sigma: NDArray[np.float64] | None = None
+    known: PosePrior | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,7 +69,9 @@ def point_dimension(path: Path) -> int:
     return 3 if "z" in {cell.strip().strip('"').lower() for cell in header.split(",")} else 2
 
 
-def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = False) -> PointSet:
+def read_points(
+    path: Path, dimension: int, least: int = 1, *, of_rig: bool = False, of_image: bool = False
+) -> PointSet:
     """Read points of a CSV file with columns ``x,y[,z]``, optional ``id,sigma`` and, in space, also others.
 
     Those are ``nx,ny,nz``, ``body``, and ``sx,sy,sz`` in the place of ``sigma``.
@@ -79,6 +86,8 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
         Least number of points.
     of_rig : bool
         Whether they are detections of several cameras: ``x,y,camera``, with the camera's index from 0.
+    of_image : bool
+        Whether they are detections: columns of `rootmatch.io.known_files.COLUMNS` then say what is known of the pose.
 
     Raises
     ------
@@ -87,7 +96,11 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
     """
     needed = (*COORDINATES[:2], "camera") if of_rig else COORDINATES[:dimension]
     known = ("id", *needed, "sigma", *((*NORMALS, "body", *DEVIATIONS) if dimension == 3 and not of_rig else ()))
-    rows = read_table(path, needed, known)
+    rows = read_table(path, needed, (*known, *(COLUMNS if of_image else ())))
+    told = KnownInImage(path)
+    if of_image and check_groups(path, rows[0][1]):
+        for row, cells in rows:
+            told.take(row, cells)
     with_normals, with_deviations = (_whole(path, rows[0][1], names) for names in (NORMALS, DEVIATIONS))
     points = np.array([[number(path, row, name, cells[name]) for name in needed] for row, cells in rows])
     bodies = None
@@ -117,7 +130,7 @@ def read_points(path: Path, dimension: int, least: int = 1, *, of_rig: bool = Fa
         sigma = np.array([[positive(path, row, name, cells[name]) for name in DEVIATIONS] for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
-    return PointSet(points, ids, normals, bodies, sigma)
+    return PointSet(points, ids, normals, bodies, sigma, told.end())
 
 
 def _whole(path: Path, cells: dict[str, str], names: tuple[str, ...]) -> bool:
