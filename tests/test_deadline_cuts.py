@@ -32,6 +32,9 @@ from rootmatch.problems.p3p.problem import P3P
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.similarity.problem import Rigid
 from rootmatch.problems.up2pf.problem import UP2PF
+from rootmatch.samplers.guided import visible_search
+from rootmatch.samplers.guided.sampler import Guided
+from rootmatch.samplers.guided.visible_search import search_of
 from rootmatch.samplers.point_sets import search
 from rootmatch.samplers.point_sets.options import PointSetOptions
 from rootmatch.samplers.point_sets.search import MotionSearch
@@ -337,6 +340,29 @@ def test_what_a_prediction_proposes_by_the_deadline_is_handed_on(body: Body, mon
         assert found is not None
         assert {row.tobytes() for row in found.assignments} <= kept
     assert counts == [2, 3, total]
+
+
+def test_no_visible_set_is_begun_that_would_end_late(body: Body, monkeypatch: pytest.MonkeyPatch) -> None:
+    facing = -(body.R.T @ body.position) / np.linalg.norm(body.position)
+    task = MatchingTask.of(
+        P3P(CAMERA), body.points, body.target, noise=0.4, normals=np.tile(facing, (8, 1)), options=MatchOptions()
+    )
+    begun, before = [0], visible_search.run_visible_tests
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        begun[0] += 1
+        return before(*arguments, **options)
+
+    monkeypatch.setattr(visible_search, "run_visible_tests", counted)
+    one_set = visible_search.SECONDS_PER_TRIPLE * 20 * 19 * 18
+    for seconds, some in ((0.9 * one_set, False), (1.1 * one_set, True)):
+        deadline = Deadline(seconds, clock=Clock())
+        search = search_of(task.sampling_task, Guided(), deadline)
+        with deadline.within():
+            search.run()
+        assert (begun[0] > 0) == some
+        assert bool(search.hypotheses) == some
+        assert deadline.stopped_early != some
 
 
 def test_poses_with_a_known_rotation_are_scored_until_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import Deadline, Pace
+from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import LocalSearch
@@ -22,9 +22,10 @@ from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_t
 MOST_DETECTIONS = 128
 """Detections beyond which the cells of their triples take too much memory: 4 MB."""
 
-
 SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
+SECONDS_PER_TRIPLE = 5e-8
+"""Most sets, each tried whole, take at least so long for each triple of images (benchmarks/deadlines.py, task 970)."""
 
 
 def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
@@ -111,8 +112,16 @@ class VisibleSearch(Search):
     def _try_visible(
         self, sets: VisibleSets, first: int, last: int, images: NDArray[np.int64], allowed: NDArray[np.bool_]
     ) -> None:
-        """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio."""
-        tasks = (last - first) * math.perm(len(images), self.minimal)
+        """Test the sets ``first … last − 1``, and verify the survivors of the highest ratio.
+
+        Raises
+        ------
+        OutOfTime
+            If the deadline in force passes before a set can end.
+        """
+        triples = math.perm(len(images), self.minimal)
+        checkpoint(SECONDS_PER_TRIPLE * triples)
+        tasks = (last - first) * triples
         options = self.options.batches
         most = max(options.least_verified, tasks // options.sets_per_verified_with_normals)
         keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
