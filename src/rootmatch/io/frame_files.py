@@ -142,7 +142,8 @@ class _Frames:
         points, rows = np.array(self._points).reshape(-1, len(self.axes)), np.array(self._rows, np.int64)
         sigma = np.array(self._sigma) if self.weighed else None
         self._points, self._sigma, self._rows = [], [], []
-        yield Frame(self.key[0], points, rows, self.key[1], sigma, None if self._known is None else self._known.end())
+        known = None if self._known is None else self._known.end()
+        yield Frame(self.key[0], points, rows, self.key[1], sigma=sigma, known=known)
 
     def _check_order(self, where: str, frame: int, time: float | None) -> None:
         if self.key is None:

@@ -130,7 +130,7 @@ def read_points(
         sigma = np.array([[positive(path, row, name, cells[name]) for name in DEVIATIONS] for row, cells in rows])
     if len(points) < least:
         raise InputError(f"{path}: too few points, {len(points)} given and at least {least} needed; add points")
-    return PointSet(points, ids, normals, bodies, sigma, told.end())
+    return PointSet(points, ids, normals, bodies, sigma=sigma, known=told.end())
 
 
 def _whole(path: Path, cells: dict[str, str], names: tuple[str, ...]) -> bool:
