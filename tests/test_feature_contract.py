@@ -261,6 +261,9 @@ TRIPLES = [
     ("bodies", "Tracker", "normals"),
     ("bodies", "Tracker", "max_seconds"),
     ("source_noise", "rig", "Tracker"),
+    ("UP2P", "rig", "Tracker"),
+    ("UP2P", "rig", "bodies"),
+    ("UP2P", "rig", "prior"),
     ("PosePrior", "rig", "bodies"),
     ("PosePrior", "bodies", "Tracker"),
     ("source_noise", "rig", "bodies"),
@@ -269,7 +272,6 @@ TRIPLES = [
 """Where two features meet in a third one."""
 
 REFUSED: dict[tuple[str, ...], str] = {
-    ("UP2P", "rig"): "camera: a Rig given, which P3P alone takes",
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
     ("Rigid", "resolution"): "resolution: rigid has no camera",

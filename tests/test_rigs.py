@@ -38,6 +38,28 @@ def test_twenty_points_of_which_each_camera_sees_five(seed: int) -> None:
     np.testing.assert_array_equal(again.sightings.assignment, truth)
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.6])
+def test_the_vertical_of_a_rig_is_that_of_each_of_its_cameras(tilt: float) -> None:
+    """It is part of the pose; one that is 34 degrees off is not believed."""
+    points, rows, rig, truth, ((R, t),) = four_about(seed=1)
+    down = np.array([0.3, -0.8, 0.5])
+    measured = R @ down
+    cosine, sine = np.cos(tilt), np.sin(tilt)
+    measured = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ measured
+    found = rm.match(points, rows, rm.UP2P(rig, tuple(measured), tuple(down), 1e-4), noise=0.5)
+    if tilt:
+        assert found.status is not rm.Status.MATCHED
+        return
+    assert found.status is rm.Status.MATCHED
+    np.testing.assert_array_equal(found.sightings.assignment, truth)
+    error = np.concatenate([_rotation_vector(R @ found.pose.R.T), t - found.pose.t])
+    assert error @ np.linalg.solve(found.pose.covariance, error) < 30.0
+    alone = rm.match(points, rows, rm.P3P(rig), noise=0.5).pose
+    assert np.trace(found.pose.covariance[:3, :3]) < 0.8 * np.trace(alone.covariance[:3, :3])
+    up = found.pose.R @ down / np.linalg.norm(down)
+    assert np.arccos(min(float(up @ measured) / np.linalg.norm(measured), 1.0)) < 5e-4
+
+
 def _rotation_vector(R: NDArray) -> NDArray:
     return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
 
@@ -146,8 +168,10 @@ def test_what_a_rig_does_not_take() -> None:
         rm.match(points, (rows[:, :2], np.full(len(rows), 7)), problem)
     with pytest.raises(InputError, match=r"give \(n', 2\)"):
         rm.match(points, (rows[:, :2], rows[:3, 2]), problem)
-    with pytest.raises(InputError, match="one camera"):
-        rm.residuals(points, rows, problem, [[0, 1, 2, 3]], [[0, 1, 2, 3]])
-    for other in (rm.UP2P, rm.ThreePlusOne, rm.PlanarMotion):
-        with pytest.raises(InputError, match="P3P alone"):
+    for one in (problem, rm.UP2P(rig, (0, 1, 0), (0, 1, 0))):
+        index = [list(range(one.order))]
+        with pytest.raises(InputError, match="one camera"):
+            rm.residuals(points, rows, one, index, index)
+    for other in (rm.ThreePlusOne, rm.PlanarMotion):
+        with pytest.raises(InputError, match="P3P and UP2P alone"):
             other(rig)

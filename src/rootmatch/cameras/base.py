@@ -127,6 +127,6 @@ def check_camera(camera: object, name: str = "camera", rigs: bool = False) -> No
             f"{name}: {type(camera).__name__} given; give a Camera, Camera(fx, fy, cx, cy) or Camera.from_matrix(K)"
         )
     if not rigs and hasattr(camera, "views"):
-        raise InputError(f"{name}: a Rig given, which P3P alone takes; give one camera")
+        raise InputError(f"{name}: a Rig given, which P3P and UP2P alone take; give one camera")
     if getattr(camera, "camera", None) is not None:
         raise InputError(f"{name}: Bearings(camera) given, a measurement; give the camera itself, or Bearings()")

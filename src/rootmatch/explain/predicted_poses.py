@@ -26,6 +26,8 @@ Integers = NDArray[np.int64]
 
 def vertical_of(problem: Problem) -> PosePrior | None:
     """The vertical that a problem has by itself."""
+    if isinstance(problem, RigCopies):
+        problem = problem.task.problem
     if not isinstance(problem, UP2P):
         return None
     return PosePrior(vertical=(problem.vertical_world, problem.vertical_camera, float(problem.vertical_noise)))
@@ -63,6 +65,8 @@ def polished_pose(found: Finding) -> Pose | None:
         prior = Known(known, points.source.mean(axis=0)).about(pose)
     elif prior_holds:
         prior = _with_tails(task, predictions_of(task)[0][0], pose)
+    elif isinstance(problem, RigCopies) and (upright := vertical_of(problem)) is not None:
+        prior = Known(upright, points.source.mean(axis=0)).about(pose)
     if isinstance(problem, RigCopies):
         return rig_pose(problem.copies, points, assignment, prior, start=pose)
     if isinstance(problem, UP2P) and prior is None:

@@ -196,8 +196,6 @@ def twin_of(first: MatchingTask, second: MatchingTask, tolerance: float) -> Inte
 def _check(task: MatchingTask) -> None:
     """Refuse options that rigs do not support."""
     options = task.options
-    if task.problem.name != "p3p":
-        raise InputError(f"rig: {task.problem.name} takes one camera; use P3P(rig)")
     searches = options.sampler in (None, "auto", "guided") or isinstance(options.sampler, Guided)
     given = {
         "motions": options.motions != 1,

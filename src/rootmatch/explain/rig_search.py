@@ -100,9 +100,10 @@ def _searched(
         if len(own) < LEAST or searching.passed():
             continue
         part = points.subset(np.arange(n), own)
-        alone: Any = replace(points.problem, camera=camera)  # type: ignore[type-var]
+        turn = copies.rig.rotations[k]
+        alone: Any = points.problem.of_view(camera, turn)  # type: ignore[attr-defined]
         if points.known is not None:
-            alone = upright_problem(alone, points.known, copies.rig.rotations[k])
+            alone = upright_problem(alone, points.known, turn)
         part = replace(
             part,
             problem=alone,

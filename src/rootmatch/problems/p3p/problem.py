@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -92,6 +92,10 @@ class P3P(Problem):
             variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
             normals=known_normals(points),
         )
+
+    def of_view(self, camera: CameraModel, turn: NDArray[np.float64]) -> P3P:
+        """The problem of one camera of a rig; ``turn``: its rotation in it, which is not known to this problem."""
+        return replace(self, camera=camera)
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""

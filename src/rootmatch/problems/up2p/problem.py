@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
+from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.vertical import Vector, measured_vertical, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
@@ -18,6 +19,7 @@ from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
 from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:
     from rootmatch.problems.up2p.tables import UP2PTables
@@ -38,6 +40,7 @@ class UP2P(Problem):
     Parameters
     ----------
     camera : Camera
+        Or a `Rig`, whose frame then takes the place of the camera's.
     vertical_camera, vertical_world : three floats
         The same direction (for example down) in the camera frame and in the frame of the points, measured by an
         inertial sensor or known by construction. Any length but 0; there is no default.
@@ -81,7 +84,7 @@ class UP2P(Problem):
     least_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
-        check_camera(self.camera)
+        check_camera(self.camera, rigs=True)
         self._take_dimensions(self.camera)
         self.__dict__.update(
             vertical_camera=measured_vertical(self.vertical_camera, "vertical_camera", self.name),
@@ -117,6 +120,11 @@ class UP2P(Problem):
             tilt_variance=np.array([float(self.vertical_noise) ** 2]),
             normals=known_normals(points, world),
         )
+
+    def of_view(self, camera: CameraModel, turn: NDArray[np.float64]) -> UP2P:
+        """The problem of one camera of a rig, which has the rotation ``turn`` (3, 3) in it."""
+        vertical = turn @ np.array(self.vertical_camera)
+        return replace(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
 
     def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
         """Assignments fitted by a pose each; see `Problem.fitted`."""
@@ -168,7 +176,10 @@ class UP2P(Problem):
         """Camera poses; see `Problem.poses`.
 
         Their 6 × 6 covariances have rank 4 where the vertical is exact: no rotation but that about it is uncertain.
+        That of a rig is fitted without the vertical.
         """
+        if isinstance(self.camera, Rig):
+            return rig_poses(points, self.camera, assignments)
         return camera_poses(points, self.camera, assignments, Upright(*self.rotations(), float(self.vertical_noise)))
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
