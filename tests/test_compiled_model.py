@@ -252,7 +252,7 @@ def test_steps() -> None:
     model, R, position = scene(PINHOLE)
     found, at = about(model, assignments_of(model, len(R), 1007), R, position)
     step = np.random.default_rng(1008).normal(size=(len(R), 6)) * np.geomspace(1e-9, 1.0, len(R))[:, None]
-    rotation, moved = stepped(replace(found, step=step), at)
+    rotation, moved = stepped(found._replace(step=step), at)
     shortened = 0
     for k in range(len(R)):
         length = max(np.linalg.norm(step[k, :3]), np.linalg.norm(step[k, 3:]) / np.linalg.norm(position[k]))

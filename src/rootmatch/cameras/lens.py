@@ -99,8 +99,10 @@ def increasing_root(
             low, upper = np.where(value <= wanted, x, low), np.where(value > wanted, x, upper)
             step = x - (value - wanted) / slope
             outside = ~((step >= low) & (step <= upper))
-            middle = np.where(np.isfinite(upper), 0.5 * (low + upper), 2.0 * low + 1.0)
-            new = np.where(outside, middle, step)
+            new = step
+            if outside.any():
+                middle = np.where(np.isfinite(upper), 0.5 * (low + upper), 2.0 * low + 1.0)
+                new = np.where(outside, middle, step)
             done = np.abs(new - x) <= 4e-16 * np.abs(x)
             x = new
             if done.all():

@@ -78,21 +78,18 @@ def told_by(
     count = len(told.probabilities)
     used = [one[one >= 0] for one in modes.assignments]
     free = [k for k in range(count) if taken is None or not taken[used[k]].any()]
-    facts = Facts(
-        present=float(told.probabilities.sum()),
-        contested=True,
-        min_probability=base.task.options.least_probability(MIN_PROBABILITY),
-    )
-    base = replace(base, posterior=told, model=body.model)
+    present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
     every = told.ranked(1 + TRUST.alternatives) if count else []
     if not free:
         nothing = np.full(n, -1, np.int64)
         base = replace(
             base,
+            posterior=told,
+            model=body.model,
             assignment=nothing,
             others=[one for one, _ in every],
             other_probabilities=[chance for _, chance in every],
-            facts=replace(facts, probability=0.0, lead=0.0),
+            facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
             confidence=told.confidence_in(nothing) if count else np.full(n, told.clutter),
             log_odds=0.0,
             prior_holds=None,
@@ -109,17 +106,19 @@ def told_by(
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[[k]], modes.position[[k]])[0])
     holds, matched = prediction >= 0, len(used[k])
-    sure = told.believed(facts.min_probability, lit) if k == 0 and missed <= TRUST.missed else None
+    sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    if sure is not None and kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched):
-        facts = replace(facts, contested=False, sure_of_the_rest=True)
-    facts = replace(
-        facts,
+    of_the_rest = kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched)
+    facts = Facts(
+        present=present,
+        contested=not of_the_rest,
+        sure_of_the_rest=of_the_rest,
+        min_probability=least,
         confirmed=matched >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
         probability=probability,
     )
-    found = replace(base, facts=facts)
+    found = replace(base, posterior=told, model=body.model, facts=facts)
     if found.status is Status.MATCHED and sure is not None and kept < matched:
         pose, each = float(told.probabilities[0]), confidence[sure >= 0]
         probability = min(pose * float(np.prod(each / each.max())), float(each.min()))

@@ -56,7 +56,8 @@ class Candidate:
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers]) -> Candidate:
         """The candidate by the assignments that were found."""
-        return cls(task, model_of(task), no_modes(task.shape[0])).proposed(assignments)
+        nothing = cls(task, model_of(task), no_modes(task.shape[0]))
+        return nothing.proposed(assignments) if assignments else nothing
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments and by what a prediction proposes."""

@@ -8,7 +8,6 @@ that another explains as well, and a body is not taken to be absent merely becau
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,8 +103,7 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
     given = (assignments < 0) & (part_of.assignments >= 0)  # to another body
-    lost = replace(
-        part_of,
+    lost = part_of._replace(
         assignments=assignments,
         covariance=found.covariance,
         log_odds=found.log_odds,

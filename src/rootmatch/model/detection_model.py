@@ -12,7 +12,7 @@ its own camera (`rootmatch.problems.pose_fit.rig_fit.Copies`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -25,7 +25,7 @@ from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
 from rootmatch.model.linearised import Linearised, linearised
 from rootmatch.model.pose_prior import Broad, PoseDensity
-from rootmatch.model.views import rays_of
+from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
 from rootmatch.options import Options, option
 
@@ -194,11 +194,16 @@ class DetectionModel:
 
     def linearised(self, rotation: Floats, position: Floats) -> Linearised:
         """Images of the points in poses (K, 3, 3) with the body's centre at (K, 3), to first order."""
-        at = linearised(self._about_centre, self.camera, rotation, position)
+        at = linearised(self._about_centre, self.camera, self._views, rotation, position)
         if self.size is not None:
             edge = within(at.pixels, self.size, float(np.median(self.sigma)))
-            at = replace(at, expected=at.expected * edge)
+            at = at._replace(expected=at.expected * edge)
         return at if self.resolution == 0.0 else self._in_blobs(at)
+
+    @cached_property
+    def _views(self) -> Views | None:
+        """The camera as the compiled projection takes it."""
+        return views_of(self.camera)
 
     @cached_property
     def _about_centre(self) -> tuple[Floats, Floats]:
@@ -214,7 +219,7 @@ class DetectionModel:
         lit = self.lit(shown)
         pixels, jacobian = mean_of_each(blob, at.pixels, lit), mean_of_each(blob, at.jacobian, lit)
         spread = spread_of_each(blob, at.pixels, lit)
-        return replace(at, pixels=pixels, jacobian=jacobian, blob=blob, blob_variance=spread)
+        return at._replace(pixels=pixels, jacobian=jacobian, blob=blob, blob_variance=spread)
 
     def lit(self, visible: Floats) -> Floats:
         """Chance (K, n) that a point of a visibility is part of its blob."""

@@ -13,7 +13,7 @@ integrated out. Poses need not be fitted: the minimum of Q is found to first ord
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,7 @@ NO_CHANGE = 1e-2
 the step itself is taken in the end. A round value."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(NamedTuple):
     """Evidence of K hypotheses.
 
     Attributes
@@ -69,10 +68,7 @@ class Evidence:
 
     def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
         """Select some of the hypotheses."""
-        return Evidence(*(getattr(self, name)[which] for name in FIELDS))
-
-
-FIELDS = tuple(field.name for field in fields(Evidence))
+        return Evidence._make(one[which] for one in self)
 
 
 def evidence(
@@ -107,7 +103,7 @@ def evidence(
         model.image_for_kernels,
         (clutter.log_density, clutter.about, clutter.centres, clutter.uniform, clutter.alone),
         (*model.rates, model.options.noise_freedom),
-        tuple(getattr(found, name) for name in FIELDS),
+        tuple(found),
     )
     return found
 

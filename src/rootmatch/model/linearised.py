@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross
 from rootmatch.cameras.base import CameraModel
 from rootmatch.model.compiled.projection import linearise
-from rootmatch.model.views import views_of
+from rootmatch.model.views import Views
 from rootmatch.model.visibility import facing
 
 Floats = NDArray[np.float64]
@@ -21,8 +20,7 @@ NO_ROWS, NO_LABELS = np.empty((0, 0)), np.empty((0, 0), np.int64)
 """What a kernel gets in the place of None."""
 
 
-@dataclass(frozen=True, eq=False)
-class Linearised:
+class Linearised(NamedTuple):
     """Images of a body's points in K poses, to first order.
 
     Attributes
@@ -60,9 +58,7 @@ class Linearised:
 
     def take(self, which: Integers) -> Linearised:
         """Select some of the poses."""
-        every: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
-        some: dict[str, Any] = {name: None if one is None else one[which] for name, one in every.items()}
-        return Linearised(**some)
+        return Linearised._make(None if one is None else one[which] for one in self)
 
     @property
     def for_kernels(self) -> tuple[Floats, Integers, Floats]:
@@ -74,16 +70,14 @@ class Linearised:
         )
 
 
-FIELDS = tuple(field.name for field in fields(Linearised))
-
-
-def linearised(body: tuple[Floats, Floats], camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:
+def linearised(
+    body: tuple[Floats, Floats], camera: CameraModel, views: Views | None, rotation: Floats, position: Floats
+) -> Linearised:
     """Images of a body in poses (K, 3, 3) with its centre at (K, 3).
 
-    ``body``: points (n, 3) about the centre, and normals (n, 3) or (0, 3).
+    ``body``: points (n, 3) about the centre, and normals (n, 3) or (0, 3); ``views``: `views_of` the camera.
     """
     points, normals = body
-    views = views_of(camera)
     if views is None:
         return _by_numpy(points, normals, camera, rotation, position)
     shape = len(rotation), len(points)

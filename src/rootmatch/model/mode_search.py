@@ -146,7 +146,7 @@ class _Mode:
     @classmethod
     def every(cls, modes: Modes) -> list[_Mode]:
         """The modes that arrays hold."""
-        return [cls(*row) for row in zip(*(getattr(modes, one.name) for one in fields(modes)), strict=True)]
+        return [cls(*row) for row in zip(*modes, strict=True)]
 
     @cached_property
     def changes(self) -> dict[bytes, float]:
@@ -269,5 +269,5 @@ def _as_arrays(kept: list[_Mode], n: int) -> Modes:
     if not kept:
         return no_modes(n)
     *arrays, near = ([getattr(one, field.name) for one in kept] for field in fields(_Mode))
-    columns = dict(zip([field.name for field in fields(Modes)], map(np.array, arrays), strict=False))
+    columns = dict(zip(Modes._fields, map(np.array, arrays), strict=False))
     return Modes(**columns, near=as_objects(near))

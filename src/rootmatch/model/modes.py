@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(NamedTuple):
     """M poses of one body, each with its assignment, the most probable first.
 
     Attributes
@@ -52,11 +50,11 @@ class Modes:
 
     def take(self, which: Integers) -> Modes:
         """A subset of the modes."""
-        return Modes(*(getattr(self, field.name)[which] for field in fields(self)))
+        return Modes._make(one[which] for one in self)
 
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
-        return Modes(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+        return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
 
 
 def no_modes(n: int) -> Modes:
