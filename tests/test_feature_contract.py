@@ -340,8 +340,7 @@ CONTEXTS: dict[str, tuple[str, ...]] = {
     "Tracker": ("Tracker",),
 }
 NOISE_IGNORED: dict[str, str] = {}
-RATE_IGNORED: dict[str, str] = {"Rigid": "two point sets take it, and it changes nothing"}
-RATE_REFUSED = ("Rigid",)
+RATE_IGNORED: dict[str, str] = {}
 """Where an argument is taken and changes nothing, and why."""
 
 
@@ -370,12 +369,8 @@ def test_the_noise_of_each_detection_counts(context: str) -> None:
 
 
 @pytest.mark.parametrize("context", [known(name, RATE_IGNORED) for name in CONTEXTS])
-def test_the_detection_rate_counts_or_is_refused(context: str) -> None:
+def test_the_detection_rate_counts(context: str) -> None:
     world = World(frozenset(CONTEXTS[context]))
-    if context in RATE_REFUSED:
-        with pytest.raises(rm.InputError, match=r"^detection_rate: "):
-            world.answer(detection_rate=0.95)
-        return
     high, low = (world.answer(detection_rate=rate) for rate in (0.95, 0.6))
     assert told(high) != told(low)
 

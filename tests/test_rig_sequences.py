@@ -395,8 +395,8 @@ def test_a_flight_of_bodies_on_the_command_line(tmp_path: Path) -> None:
     assert record["evaluated"] == 0
 
     measured = ",".join(f"{part:.9f}" for part in (scene.poses[0][0] @ [0.0, 1.0, 0.0]).tolist())
-    upright = ["--problem", "up2p", "--vertical-world", "0,1,0", "--vertical-camera", measured, "--vertical-noise", ".1"]
-    result = CliRunner().invoke(app, [*image, *upright])  # the last --problem counts
+    vertical = ["--vertical-world", "0,1,0", "--vertical-camera", measured, "--vertical-noise", ".1"]
+    result = CliRunner().invoke(app, [*image, "--problem", "up2p", *vertical])  # the last --problem counts
     assert result.exit_code == 0, result.stderr
     assert json.loads(result.stdout)["sightings"] == scene.truth.tolist()
 

@@ -154,7 +154,12 @@ def lead_over_others(task: MatchingTask, assignment: Integers, others: list[Matc
         named = named[2 * (named >= 0).sum(axis=1) >= len(used)]
         if len(named):
             best = max(best, float(rival.log_odds(rival.fit(np.where(named >= 0, used[named], -1))).max()))
-    return float(model.log_odds(model.fit(assignment[None]))[0]) - best
+    return log_odds_of(model, assignment) - best
+
+
+def log_odds_of(model: PointSetModel, assignment: Integers) -> float:
+    """Log-odds of a labelling (n,) against clutter alone."""
+    return float(model.log_odds(model.fit(assignment[None]))[0])
 
 
 def assessed(
@@ -179,6 +184,7 @@ def assessed(
             soft=np.zeros(task.shape),
             evaluated=sampled.evaluated,
             confidence=np.full(n, 1.0),
+            log_odds=0.0,
         )
     assignment, probability = found.assignments[0], float(found.probabilities[0])
     confidence, unmatched = found.confidence()
@@ -205,6 +211,7 @@ def assessed(
         soft=soft,
         evaluated=sampled.evaluated,
         confidence=confidence,
+        log_odds=log_odds_of(model, assignment),
         noise_factor=found.noise_factor,
         prior_holds=prior_holds,
         pose=pose,
