@@ -139,6 +139,10 @@ def test_all_methods_answer_in_a_tiny_run_that_resumes(tmp_path: Path, monkeypat
     assert (tmp_path / "out" / "rows.jsonl").read_text() == rows
     with (tmp_path / "out" / "blind.csv").open(encoding="utf-8") as file:
         assert [tuple(line) for line in csv.reader(file)] == first
+    one = run_blind(tmp_path / "one", tiny=True, first_seed=1, seconds=60.0, only_methods=["rootmatch"])
+    assert [line[1] for line in one[1:]] == ["rootmatch"]
+    with pytest.raises(InputError, match=r"^method: brute force given; give one of rootmatch, "):
+        run_blind(tmp_path / "one", tiny=True, only_methods=["brute force"])
 
 
 def test_real_scenes_have_the_pose_of_their_true_pairs(tmp_path: Path) -> None:

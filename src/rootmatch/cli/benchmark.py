@@ -47,7 +47,7 @@ def benchmark(
         list[str] | None,
         typer.Option(
             help="real: rootmatch, rootmatch-paper, or the command of a program that reads a line of JSON and answers "
-            "with one; may be repeated. Default: the first two."
+            "with one; by default the first two. blind: a method of the table, by default all. May be repeated."
         ),
     ] = None,
     protocol: Annotated[list[str] | None, typer.Option(help="real, blind: only these scenes; may be repeated.")] = None,
@@ -82,6 +82,7 @@ def benchmark(
                 data=data,
                 peer=peer,
                 only=protocol,
+                only_methods=method,
                 tiny=tiny,
                 progress=show,
             )

@@ -1,8 +1,8 @@
 """`explain`: what a task's detections are, from the caller's points to a finding.
 
 The route depends on what is known: a rig's cameras are searched one by one and verified together, several bodies are
-explained in turn, and a predicted pose narrows the candidates. Otherwise hyper-edges are sampled into a tensor, the
-tensor is solved and the solution assessed.
+explained in turn, a predicted pose narrows the candidates, and densities are aligned where detections are too dense for
+minimal sets. Otherwise hyper-edges are sampled into a tensor, the tensor is solved and the solution assessed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.errors import InputError
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
+from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
@@ -80,6 +81,8 @@ def _found(task: MatchingTask) -> Finding:
         return match_copies(task)
     if (decided := decided_by_model(task)) is not None:
         return decided
+    if (dense := match_dense(task)) is not None:
+        return dense
     return _several_motions(task) if task.options.packs_motions else _one_motion(task)
 
 

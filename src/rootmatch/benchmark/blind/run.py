@@ -45,6 +45,7 @@ def run_blind(
     data: Path | None = None,
     peer: Path | None = None,
     only: list[str] | None = None,
+    only_methods: list[str] | None = None,
     tiny: bool = False,
     progress: Progress | None = None,
 ) -> list[tuple[str, ...]]:
@@ -64,6 +65,8 @@ def run_blind(
         A Python file with a further method (`rootmatch.benchmark.blind.methods.by_peer`).
     only : list of str, optional
         Of ``"outliers"``, ``"surface"``, ``"real"``.
+    only_methods : list of str, optional
+        Names of methods, as in the table; by default all that can be run here.
     tiny : bool
         One easy scene of the first row: checks that everything runs.
     progress : callable, optional
@@ -80,9 +83,12 @@ def run_blind(
         If something of this cannot be used.
     """
     chosen = tuple(only or [name for name in PROTOCOLS if name != "real" or data is not None])
-    unknown = [name for name in chosen if name not in PROTOCOLS]
-    if unknown:
-        raise InputError(f"protocol: {', '.join(unknown)} given; give one of {', '.join(PROTOCOLS)}")
+    every = methods(peer)
+    compared = {name: every[name] for name in only_methods or every if name in every}
+    for what, known, given in (("protocol", PROTOCOLS, chosen), ("method", every, only_methods or ())):
+        unknown = [name for name in given if name not in known]
+        if unknown:
+            raise InputError(f"{what}: {', '.join(unknown)} given; give one of {', '.join(known)}")
     if "real" in chosen and data is None:
         raise InputError("protocol: real needs --data, the folder of the measured targets")
     if scenes < 1 or first_seed < 0 or not 0.0 < seconds <= MOST_SECONDS:
@@ -90,7 +96,6 @@ def run_blind(
             f"{scenes} scenes from seed {first_seed} with {seconds:g} s each: give at least one scene, a seed of at "
             "least 0 and a number of seconds above 0"
         )
-    compared = methods(peer)
     seeds = range(first_seed, first_seed + scenes)
     to_run = list(simulated(seeds, chosen))
     if "real" in chosen and data is not None:
@@ -104,8 +109,7 @@ def run_blind(
     path = output / "rows.jsonl"
     there = {(row["scene"], row["method"]) for row in read_rows(path, FIELDS)}
     _measure(to_run, compared, path, there=there, seconds=seconds, progress=progress)
-    rows = [row for row in read_rows(path, FIELDS) if row["method"] in compared]
-    table = [COLUMNS, *_summary(rows)]
+    table = [COLUMNS, *_summary(read_rows(path, FIELDS))]
     with written_whole(output / "blind.csv") as temporary:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(table)
