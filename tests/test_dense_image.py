@@ -17,6 +17,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.explain import dense_image
 from rootmatch.samplers.densities.alignment import Blob, aligned, histogram, rotation_grid
 from rootmatch.samplers.densities.descent_kernels import ascend
+from rootmatch.samplers.guided.crowding import VAGUE, crowding
 
 Floats = NDArray[np.float64]
 
@@ -172,6 +173,20 @@ def test_detections_of_one_place_or_line(detections: Floats) -> None:
     assert np.isfinite(poses.position).all()
 
 
+@pytest.mark.parametrize("clutter", [0, 20])
+def test_crowding_counts_what_a_vague_prediction_cannot_tell_apart(clutter: int) -> None:
+    rng = np.random.default_rng(3)
+    body, far = rng.uniform(-0.05, 0.05, (20, 2)), rng.uniform(0.3, 0.9, (clutter, 2))
+    rays = np.append(np.concatenate([body, far]), np.ones((20 + clutter, 1)), axis=1)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    sigma = np.full(len(rays), 0.004)
+    near = np.linalg.norm(rays[:, None] - rays, axis=2) <= VAGUE * 0.004
+    half = sorted((near.sum(axis=1) - 1).tolist())[len(rays) // 2 :]
+    assert crowding(rays, sigma) == pytest.approx(sum(half) / len(half))
+    assert crowding(rays, 0.01 * sigma) < 0.1
+    assert crowding(rays[:1], sigma[:1]) == 0.0
+
+
 def surface(count: int, clutter: float, seed: int) -> tuple[object, rm.P3P]:
     """A scene of the protocol with its problem."""
     made = surface_scene(count, clutter, seed)
@@ -186,6 +201,7 @@ def test_a_surface_that_is_dense_for_its_noise(count: int, clutter: float) -> No
     off = found.poses[0].R @ made.R.T
     assert math.acos(min(0.5 * (np.trace(off) - 1.0), 1.0)) < ROTATION
     assert found.evaluated > 0
+    assert "the pose is certain, but for" in found.advice
 
 
 def test_unit_rays_and_a_fisheye_are_dense_alike() -> None:

@@ -51,11 +51,21 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
             f"no trustworthy match: by its residuals the noise is {factor:.1f} times as large as given; "
             f'give {told}, or noise="auto", and check {problem.to_check}'
         )
-    if finding.status is Status.MATCHED and confidence is not None:
-        unsure = int((confidence < MIN_PROBABILITY).sum())
-        if unsure:
-            text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
+    unsure = 0 if confidence is None else int((confidence < MIN_PROBABILITY).sum())
+    if finding.status is Status.AMBIGUOUS and unsure and _is_pose_certain(finding):
+        text = (
+            f"ambiguous: the pose is certain, but for {unsure} of the points it is not which image they have, if any; "
+            f"see `confidence`, or {problem.to_tell}"
+        )
+    if finding.status is Status.MATCHED and unsure:
+        text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:
         known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
         text += f"; {known} was wrong, this one was found without it"
     return f"{text}; max_seconds ended it before it was finished" if stopped_early else text
+
+
+def _is_pose_certain(finding: Finding) -> bool:
+    """Whether one pose is as probable as a match has to be, whatever its matches."""
+    told = finding.posterior
+    return told is not None and bool((told.probabilities[:1] >= finding.facts.min_probability).any())

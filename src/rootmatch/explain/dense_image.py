@@ -6,7 +6,6 @@ their inliers, and the search by them comes to nothing. The alignment needs no p
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -22,15 +21,15 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import rays_of
 from rootmatch.problems.p3p import P3P
-from rootmatch.samplers.densities.alignment import ROTATIONS, Aligned, Blob, aligned
+from rootmatch.samplers.densities.alignment import ROTATIONS, Aligned, aligned
+from rootmatch.samplers.guided.crowding import crowding
 
 Floats = NDArray[np.float64]
 
-VAGUE = 3.0
-"""Standard deviations of the noise by which the pose of a minimal set typically misses another point's image. A round
-value; benchmarks/results/blind.csv has both sides of the rule."""
-GATE = 2.5
-"""Of those, within which detections of a point are looked for."""
+CROWDED, LARGE = 1.0, 100
+"""`crowding` of the detections and number of points from which densities are aligned. With fewer points the search by
+wide triples is as quick: .4 s with 70, .9 with 100, 3.4 with 150, where the alignment takes one (`rootmatch benchmark
+blind`, surfaces from seed 1040)."""
 PAIRED = 3.0
 """Standard deviations of the noise within which a point and a detection, each other's nearest, are paired."""
 SHARE = 0.5
@@ -42,7 +41,7 @@ FIRST = 8
 def match_dense(task: MatchingTask) -> Finding | None:
     """The finding by alignment of densities; None if the image is not dense, or nothing is found."""
     plane = _in_plane(task)
-    if plane is None or not is_dense(*plane, task.shape[0]):
+    if plane is None:
         return None
     detections, sigma = plane
     points = task.points.source
@@ -59,17 +58,11 @@ def match_dense(task: MatchingTask) -> Finding | None:
     return None if found.status is Status.UNTRUSTED else replace(found, reason=None, evaluated=ROTATIONS)
 
 
-def is_dense(detections: Floats, sigma: float, points: int) -> bool:
-    """Whether more than one detection is expected near the prediction of a minimal set, where the body is."""
-    blob = Blob.of(detections, sigma, points)
-    near = math.pi * (GATE * VAGUE * sigma) ** 2
-    return min(points, len(detections)) * near > blob.extent > 0.0
-
-
 def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
-    """Detections (n', 2) in units of the focal length and their σ there; None where the alignment does not apply.
+    """Detections (n', 2) in units of the focal length and their σ there; None where densities are not aligned.
 
-    It takes every point to be visible from everywhere, and knows one camera, one body and no prior.
+    Where they are not crowded, minimal sets tell more. The alignment takes every point to be visible from everywhere,
+    and knows one camera, one body and no prior.
     """
     options, points = task.options, task.points
     default = options.chosen_sampler == "auto" and options.solver is None and options.scheduler is None
@@ -77,10 +70,14 @@ def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
     known = points.normals is None and points.source_covariance is None
     if not (isinstance(task.problem, P3P) and is_modelled(task) and default and free and known):
         return None
+    if task.shape[0] < LARGE or task.shape[1] <= task.problem.order:
+        return None
     camera, target, sigma = task.problem.camera.chart(points.target, points.detection_noise)
     rays = rays_of(camera, target)
     aside = rays_of(camera, target + np.array([float(np.median(sigma)), 0.0]))
-    if task.shape[1] <= task.problem.order or not (np.minimum(rays[:, 2], aside[:, 2]) > 0.0).all():
+    if not (np.minimum(rays[:, 2], aside[:, 2]) > 0.0).all():
+        return None
+    if crowding(rays, np.linalg.norm(aside - rays, axis=1)) < CROWDED:
         return None
     flat, moved = rays[:, :2] / rays[:, 2:], aside[:, :2] / aside[:, 2:]
     return flat, float(np.median(np.linalg.norm(moved - flat, axis=1)))

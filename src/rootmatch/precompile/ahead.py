@@ -28,10 +28,13 @@ Floats = NDArray[np.float64]
 Step = Callable[[], object]
 SIGMA, SIGMA_RADIANS = 0.5, 5e-4
 """Noise of the simulated detections, in pixels and in radians."""
+VAGUE = 20.0
+"""Factor of that noise with which an image is dense."""
 DISTANCE = 5.0
 """Distance of the simulated body from the camera, over its radius."""
-SMALL, LARGE = 12, 60
-"""Points up to which few detections make a quick sweep; of a body whose neighbours are matched first."""
+SMALL, LARGE, DENSE = 12, 60, 120
+"""Points up to which few detections make a quick sweep; of a body whose neighbours are matched first; of a body whose
+image is dense."""
 BUDGET = 100_000
 """Evaluations of a search: all its kernels are met long before."""
 
@@ -127,6 +130,7 @@ def _of_one_camera(problem: Problem, source: ArrayLike | None, options: dict[str
     for body in bodies:
         yield partial(_flown, problem, body)
         yield partial(_searched, problem, body)
+    yield partial(_vague, problem, Body(rng.normal(size=(DENSE, 3)), others))
 
 
 def _searched(problem: Problem, body: Body) -> None:
@@ -138,6 +142,12 @@ def _searched(problem: Problem, body: Body) -> None:
         matcher = Matcher(body.points, problem, noise=view.sigma, **options)
         found = matcher.match(view.frame(0, shown, clutter))
         _ = found.score, found.confidence, found.pose
+
+
+def _vague(problem: Problem, body: Body) -> None:
+    """A match of an image that is dense for its noise."""
+    view = _View(problem, body.points)
+    Matcher(body.points, problem, noise=VAGUE * view.sigma, **body.options).match(view.frame(0, len(body.points), 2))
 
 
 def _flown(problem: Problem, body: Body) -> None:

@@ -108,6 +108,7 @@ def prebuilt_steps() -> dict[str, Step]:
         steps[f"frames {name}"] = partial(in_turn, sample(name))
         steps[f"tracked {name}"] = partial(tracked, simulated(name, 12, 3))
     everything = np.ones((8, 10), dtype=bool)
+    steps["p3p of a dense image"] = partial(matched, simulated("p3p", 120, 5), noise=10.0)
     steps["noise of p3p"] = partial(matched, sample("p3p"), noise="auto")
     steps["candidates of p3p"] = partial(matched, sample("p3p"), candidates=everything)
     steps["motions of up2p counted"] = partial(matched, simulated("up2p", 10, 2, motions=2), motions="auto")

@@ -82,11 +82,6 @@ class Blob:
             covariance = (away.T * own) @ away / own.sum() + noise
         return cls(mean, covariance, area)
 
-    @property
-    def extent(self) -> float:
-        """Area of the ellipse that has this covariance if its density is uniform."""
-        return 4.0 * math.pi * math.sqrt(max(float(np.linalg.det(self.covariance)), 0.0))
-
 
 class Aligned(NamedTuple):
     """K poses, the most likely first."""

@@ -14,6 +14,10 @@ class LocalOptions(Options):
     least: int = option(50, least=4)
     """Source points from which it is used. The recorded headset without its normals, 32 points of which 7 to 12 are
     seen, takes twice as long by local triples (`rootmatch benchmark real`, eight scenes: 1.3 against 0.65 s)."""
+    crowded: float = option(1.0, above=0.0)
+    """`crowding` of the detections from which it is not used: its triples are the vaguest. With 60 points of a surface
+    and σ = 2 px, local triples take 9 s and wide ones .2 to .4; with σ = 1 px and a crowding of .6 both take .2 s
+    (`rootmatch benchmark blind`, surfaces from seed 1050)."""
     points: tuple[float, ...] = option((4, 6, 8, 12), least=2)
     """Neighbours of a point that triples are taken from, level after level; about as much work goes to each."""
     images: tuple[float, ...] = option((4, 8, 16, 32), least=2)

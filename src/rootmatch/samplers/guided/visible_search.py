@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
@@ -34,7 +35,9 @@ def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) ->
     if task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS:
         return VisibleSearch(task, options, deadline)
     if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= options.local.least:
-        return LocalSearch(task, options, deadline)
+        rays, sigma = np.ascontiguousarray(task.tables.rays.T), np.sqrt(task.tables.variance)
+        if crowding(rays, sigma) < options.local.crowded:
+            return LocalSearch(task, options, deadline)
     return Search(task, options, deadline)
 
 

@@ -1,0 +1,29 @@
+"""How crowded the detections of an image are for their noise: what small and vague predictions cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+VAGUE = 7.5
+"""Standard deviations of the noise by which the prediction of a small minimal set may miss. A round value."""
+
+
+def crowding(rays: NDArray[np.float64], sigma: NDArray[np.float64]) -> float:
+    """Number of other detections within reach of a vague prediction of one.
+
+    The mean over the more crowded half of them, since clutter is mostly elsewhere.
+
+    Parameters
+    ----------
+    rays : (n', 3) array
+        Unit rays of the detections.
+    sigma : (n',) array
+        Their standard deviations in radians.
+    """
+    if len(rays) < 2:
+        return 0.0
+    reach = VAGUE * float(np.median(sigma))
+    others = cKDTree(rays).query_ball_point(rays, reach, return_length=True) - 1
+    return float(np.sort(others)[len(others) // 2 :].mean())
