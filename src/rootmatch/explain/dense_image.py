@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import Status
@@ -85,6 +84,8 @@ def _in_plane(task: MatchingTask) -> tuple[Floats, float] | None:
 
 def _paired(task: MatchingTask, detections: Floats, sigma: float, poses: Aligned) -> Proposals:
     """The aligned poses with the pairs that are each other's nearest there."""
+    from scipy.spatial import cKDTree  # slow to import, and few images are dense
+
     points, rows, tree = task.points.source - task.points.source.mean(axis=0), [], cKDTree(detections)
     for R, t in zip(poses.rotation[:FIRST], poses.position[:FIRST], strict=True):
         seen = points @ R.T + t

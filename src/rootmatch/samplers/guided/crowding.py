@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 VAGUE = 7.5
 """Standard deviations of the noise by which the prediction of a small minimal set may miss. A round value."""
@@ -24,6 +23,8 @@ def crowding(rays: NDArray[np.float64], sigma: NDArray[np.float64]) -> float:
     """
     if len(rays) < 2:
         return 0.0
+    from scipy.spatial import cKDTree  # slow to import, and only large objects need it
+
     reach = VAGUE * float(np.median(sigma))
     others = cKDTree(rays).query_ball_point(rays, reach, return_length=True) - 1
     return float(np.sort(others)[len(others) // 2 :].mean())
