@@ -257,6 +257,36 @@ def test_a_callers_prediction_counts_instead() -> None:
     assert tracker.update(scene.rows).prior_holds
 
 
+def test_one_led_in_three_cameras_is_one_match() -> None:
+    """Three sightings of it fix no rotation, however well their rays meet."""
+    scene = frame(0, 0, RIG, clutter=0)
+    counts = (scene.truth >= 0).sum(axis=0)
+    led = int(np.argmax(counts))
+    assert counts[led] >= 3
+    scene = kept(scene, [(k, led) for k in np.flatnonzero(scene.truth[:, led] >= 0)])
+    found = rm.match(POINTS[:LEDS], scene.rows, rm.P3P(RIG), prior=predicted(scene, 4, SPREAD / 3.0), **KNOWN)
+    assert found.status is not rm.Status.MATCHED
+    assert (found.sightings.assignment >= 0).sum() <= 3
+
+
+def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two bodies one is followed; the other is not there."""
+    scene = frame(2, 0, RIG, hands=1)
+    tracker = rm.Tracker(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
+    searched = []
+    explained = type(tracker.matcher).explained
+
+    def counted(self: rm.Matcher, *given: Any, searching: bool = True, **named: Any) -> Any:
+        if searching:
+            searched.append(tracker._frame)
+        return explained(self, *given, searching=searching, **named)
+
+    monkeypatch.setattr(type(tracker.matcher), "explained", counted)
+    for _ in range(40):
+        tracker.update(scene.rows)
+    assert searched == [1, 2, 4, 8, 16, 26, 36]
+
+
 def test_two_bodies_share_no_detection() -> None:
     scene = frame(2, 0, RIG, hands=2)
     known = KNOWN | {"normals": NORMALS}

@@ -108,13 +108,15 @@ def told_by(
     holds, matched = prediction >= 0, len(used[k])
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    of_the_rest = kept >= max(LEAST if holds else base.task.problem.minimal + 1, KEPT * matched)
+    # a search looks at one image at a time: no other pose with as few matches in each would have been met
+    met = sure is not None and body.model.most_in_an_image(sure) > base.task.problem.minimal
+    of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(
         present=present,
         contested=not of_the_rest,
         sure_of_the_rest=of_the_rest,
         min_probability=least,
-        confirmed=matched >= LEAST,
+        confirmed=len(np.unique(body.model.points[first >= 0], axis=0)) >= LEAST,  # a rig sees one point several times
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
         probability=probability,
     )

@@ -148,6 +148,11 @@ class DetectionModel:
             out[own] = k
         return out
 
+    def most_in_an_image(self, assignment: Integers) -> int:
+        """Number of matches of an assignment (n,) in the image that has most of them."""
+        used = assignment[assignment >= 0]
+        return int(np.bincount(self.image_of[used]).max()) if len(used) else 0
+
     @cached_property
     def rays(self) -> Floats:
         """Unit rays (n', 3) of the detections in the frames of their cameras."""

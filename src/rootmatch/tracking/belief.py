@@ -180,8 +180,9 @@ class Belief:
         go_on = []
         for k, of in enumerate(origin.tolist()):
             if of < 0:
-                many = np.count_nonzero(modes.assignments[k] >= 0) > found.task.problem.minimal
-                chance = float(many and found.status is not Status.UNTRUSTED)
+                many = model.most_in_an_image(modes.assignments[k]) > found.task.problem.minimal
+                told_of = k == 0 and bool(found.prior_holds)  # by the caller
+                chance = float((many or told_of) and found.status is not Status.UNTRUSTED)
             else:
                 chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
             if chance >= LIKELY:

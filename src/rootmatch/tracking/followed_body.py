@@ -72,7 +72,7 @@ class FollowedBody:
     ) -> None:
         self.options, self.symmetries = options, symmetries
         self.belief = Belief(source, options.motion)
-        self.detections = self.searched = self.confirmed = 0
+        self.detections = self.searched = self.confirmed = self.failures = 0
         self.forget()
 
     def forget(self) -> None:
@@ -88,6 +88,14 @@ class FollowedBody:
             return TrackingState.LOST
         return TrackingState.TRACKING if self.missed == 0 else TrackingState.COASTING
 
+    def is_due(self, frame: int) -> bool:
+        """Whether to search again for a body that is not followed: soon at first, since each frame shows other points.
+
+        The interval doubles with every search that fails, up to `TrackingOptions.search_every`.
+        """
+        wait = min(1 << min(self.failures - 1, 30), self.options.search_every) if self.failures else 0
+        return frame - self.searched >= wait
+
     def wants_search(self, found: Finding, frame: int) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses."""
         if found.status is Status.UNTRUSTED:
@@ -102,11 +110,14 @@ class FollowedBody:
         """
         if searched:
             self.searched = frame
+            self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found):
             self.confirmed = frame
-        if frame - self.confirmed > self.options.search_every:
+        # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
+        unsure = bool(self.belief) and not self.settled and not _is_met(found)
+        if unsure or frame - self.confirmed > self.options.search_every:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
 
@@ -128,6 +139,15 @@ class FollowedBody:
         if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
+
+
+def _is_met(found: Finding) -> bool:
+    """Whether a search would have met other poses of as many matches: it needs more than a minimal set in one image.
+
+    Two point sets need no search.
+    """
+    many = found.model is None or found.model.most_in_an_image(found.assignment) > found.task.problem.minimal
+    return found.task.problem.takes_motion_prior or many
 
 
 def _is_enough(found: Finding) -> bool:

@@ -286,15 +286,16 @@ max_evaluations
     def _searches(self, found: Finding) -> bool:
         """Whether to search a frame, judged by the finding about predicted poses.
 
-        Several bodies are searched for together, those that are lost in one of some frames.
+        Several bodies are searched for together, and while they are lost not in every frame.
         """
         several = self.labels is not None
         due = not several or (self._frame - 1) % self.tracking.search_every == 0
 
         def wanted(part: Finding, body: FollowedBody) -> bool:
             if not body.belief:
-                return due and part.status is not Status.MATCHED  # partial knowledge may have found it
-            return (due or not several) and body.wants_search(part, self._frame)
+                due_again = not several or body.is_due(self._frame)
+                return due_again and part.status is not Status.MATCHED  # partial knowledge may have found it
+            return due and body.wants_search(part, self._frame)
 
         parts = self._parts(found).values()
         return any(wanted(part, body) for part, body in zip(parts, self._bodies.values(), strict=True))
