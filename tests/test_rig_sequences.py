@@ -269,6 +269,22 @@ def test_one_led_in_three_cameras_is_one_match() -> None:
     assert (found.sightings.assignment >= 0).sum() <= 3
 
 
+def test_a_body_that_no_frame_is_sure_of_for_half_a_second_counts_as_lost() -> None:
+    """One LED keeps its prediction alive, but the prediction is no longer worth the trust of a match."""
+    tracker = rm.Tracker(POINTS[:LEDS], rm.P3P(RIG), **KNOWN)
+    states = []
+    for k in range(46):
+        scene = frame(0, k, RIG, clutter=0)
+        if k >= 5:
+            led = int(np.argmax((scene.truth >= 0).sum(axis=0)))
+            scene = kept(scene, [(c, led) for c in np.flatnonzero(scene.truth[:, led] >= 0)])
+        assert (tracker.update(scene.rows, time=k / 60.0).status is rm.Status.MATCHED) == (k < 5)
+        states.append(tracker.state)
+    assert states[4] is rm.TrackingState.TRACKING
+    assert states[20] is not rm.TrackingState.LOST
+    assert states[40] is rm.TrackingState.LOST
+
+
 def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two bodies one is followed; the other is not there."""
     scene = frame(2, 0, RIG, hands=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -78,7 +79,7 @@ class FollowedBody:
     def forget(self) -> None:
         """Declare the body lost."""
         self.belief.poses = []
-        self.settled = False
+        self.settled, self.matched = False, -math.inf
         self.missed = 0
 
     @property
@@ -127,6 +128,10 @@ class FollowedBody:
         From time to time, poses that look the same are followed beside the best one.
         """
         self.belief.take(found, time)
+        if found.status is Status.MATCHED:
+            self.settled, self.matched = True, time
+        elif time - self.matched > self.options.coasting:
+            self.settled = False
         in_space = found.task.problem.takes_motion_prior  # only a match that is trusted tells a pose
         if found.status is Status.UNTRUSTED or (in_space and not found.status):
             self.missed += 1
@@ -135,7 +140,6 @@ class FollowedBody:
                 self.forget()
             return
         self.missed, self.detections = 0, found.task.shape[1]
-        self.settled |= found.status is Status.MATCHED
         if frame % self.options.search_every == 0 and self.belief and not in_space:
             self.belief.add_flipped(found, time)
             self.belief.add_turned(self.symmetries)
