@@ -322,8 +322,10 @@ def signals(number: int, longest: float = 20.0) -> tuple[float, str]:
     A timer interrupts each hundredth of a second, and ends the match after ``longest``. What Numba compiles or loads
     meanwhile does not count. Threads would hide it, so there is one.
     """
+    import numba
     from numba.core.dispatcher import Dispatcher
 
+    numba.set_num_threads(1)
     what, shape, _, arguments = task(number)
     ends = float("inf")
     seen, worst, compiled, before = [0.0], [(0.0, "")], [False], Dispatcher.add_overload

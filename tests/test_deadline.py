@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import chunk_bounds, in_chunks, in_threads
 from rootmatch.problems.similarity.problem import distances
 from rootmatch.result import report
 from rootmatch.samplers.base import SamplingTask
@@ -113,6 +114,43 @@ def test_work_inside_a_deadline_ends_when_it_passes() -> None:
     late = deadline.with_grace()
     assert 0.0 < late.ends - deadline.ends < 0.1
     assert NEVER.with_grace() is NEVER
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_tasks_of_a_chunk_are_done_in_order_by_one_thread(threads: int) -> None:
+    bounds, seen, by = chunk_bounds(7, 1007, 6), [], {}
+    assert (bounds[0], bounds[-1], len(bounds)) == (7, 1007, 7)
+    assert max(np.diff(bounds)) - min(np.diff(bounds)) <= 1
+
+    def work(first: int, last: int) -> None:
+        for task in range(first, last):
+            chunk = int(np.searchsorted(bounds, task, side="right")) - 1
+            seen.append((chunk, task))
+            by.setdefault(chunk, set()).add(threading.get_ident())
+
+    in_chunks(work, bounds, threads, begin=5)
+    assert sorted(seen) == [(int(np.searchsorted(bounds, k, side="right")) - 1, k) for k in range(7, 1007)]
+    for chunk in range(6):
+        own = [task for one, task in seen if one == chunk]
+        assert own == sorted(own)
+        assert len(by[chunk]) == 1
+    in_chunks(work, [0] * 7, threads, begin=5)  # nothing to do
+    clock, begun = Clock(), []
+
+    def slow(first: int, last: int) -> None:
+        begun.append(last - first)
+        clock.now += 0.3
+
+    with Deadline(1.0, clock=clock).enforced(), pytest.raises(OutOfTime):
+        in_chunks(slow, bounds, threads, begin=2)
+    assert begun[0] == 2
+    assert 3 <= len(begun) <= 4 + threads
+
+    def wrong(first: int, last: int) -> None:
+        raise ValueError(f"{first}")
+
+    with pytest.raises(ValueError, match="7"):
+        in_chunks(wrong, bounds, threads, begin=5)
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -6,14 +6,14 @@ threads here is a range of tasks, and each thread calls the same plain kernel wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Event, Lock
 from types import CodeType, FunctionType
 
 import numba
 
-from rootmatch.deadline import OutOfTime, in_force
+from rootmatch.deadline import Deadline, OutOfTime, in_force
 
 LONGEST = 0.05
 """Seconds of compiled code between two looks for signals, a tenth of what one may wait for. A round value."""
@@ -56,16 +56,33 @@ class Ranges:
     Parameters
     ----------
     work : callable
-    count : int
-        Tasks 0 … count − 1.
+    first, last : int
+        Tasks first … last − 1.
     largest : int
         Most tasks of a piece.
+    begin : int
+        Tasks of the first piece.
+    deadline : Deadline, optional
+        In the place of the one in force.
+    stopped : Event, optional
+        No piece begins once it is set.
     """
 
-    def __init__(self, work: Callable[[int, int], None], count: int, largest: int) -> None:
-        self.work, self.count, self.largest = work, count, largest
-        self.deadline = in_force()
-        self.next, self.size, self.lock = 0, 1, Lock()
+    def __init__(
+        self,
+        work: Callable[[int, int], None],
+        first: int,
+        last: int,
+        *,
+        largest: int,
+        begin: int = 1,
+        deadline: Deadline | None = None,
+        stopped: Event | None = None,
+    ) -> None:
+        self.work, self.last, self.largest = work, last, largest
+        self.deadline = in_force() if deadline is None else deadline
+        self.stopped = Event() if stopped is None else stopped
+        self.next, self.size, self.lock = first, min(begin, largest), Lock()
         self.slowest = _SLOWEST.get(work.__code__, 0.0) if isinstance(work, FunctionType) else 0.0
 
     def run(self) -> None:
@@ -82,16 +99,16 @@ class Ranges:
     def stop(self) -> None:
         """Skip the pieces that have not begun."""
         with self.lock:
-            self.next = self.count
+            self.next = self.last
 
     def _taken(self) -> tuple[int, int] | None:
         with self.lock:
             first = self.next
-            if first >= self.count:
+            if first >= self.last or self.stopped.is_set():
                 return None
             if self.deadline.passed():
                 raise OutOfTime
-            self.next = min(first + self.size, self.count)
+            self.next = min(first + self.size, self.last)
             return first, self.next
 
     def _grow(self, tasks: int, seconds: float) -> None:
@@ -111,7 +128,7 @@ def in_pieces(work: Callable[[int, int], None], count: int) -> None:
     OutOfTime
         If the deadline in force passes before all tasks are begun.
     """
-    Ranges(work, count, count).run()
+    Ranges(work, 0, count, largest=count).run()
 
 
 def in_threads(
@@ -134,7 +151,7 @@ def in_threads(
         return
     from concurrent.futures import ThreadPoolExecutor  # a tenth of what `import rootmatch` takes
 
-    ranges = Ranges(work, count, -(-count // (threads * parts)))
+    ranges = Ranges(work, 0, count, largest=-(-count // (threads * parts)))
     with ThreadPoolExecutor(threads) as pool:
         try:
             for running in [pool.submit(ranges.run) for _ in range(threads)]:
@@ -145,3 +162,33 @@ def in_threads(
             raise
         finally:
             ranges.stop()
+
+
+def in_chunks(work: Callable[[int, int], None], bounds: Sequence[int], threads: int, begin: int) -> None:
+    """Call ``work(first, last)`` for ranges that make up ``bounds[0]`` … ``bounds[-1]``, each of about `LONGEST`.
+
+    Tasks of one chunk, ``bounds[k]`` … ``bounds[k + 1]``, are done one after another, by one thread, so that they may
+    write into what is the chunk's own. A range may be of several chunks. ``begin``: tasks of the first range, which are
+    to take a few milliseconds at most.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all tasks are begun.
+    """
+    chunks = len(bounds) - 1
+    if min(threads, chunks) < 2:
+        Ranges(work, bounds[0], bounds[-1], largest=bounds[-1] - bounds[0], begin=begin).run()
+        return
+    deadline, stopped = in_force(), Event()
+
+    def some(first: int, last: int) -> None:
+        start, end = bounds[first], bounds[last]
+        Ranges(work, start, end, largest=end - start, begin=begin, deadline=deadline, stopped=stopped).run()
+
+    in_threads(some, chunks, threads, stopped=stopped)
+
+
+def chunk_bounds(first: int, last: int, chunks: int) -> list[int]:
+    """Bounds of chunks of equal size of the tasks first … last − 1."""
+    return [first + (last - first) * chunk // chunks for chunk in range(chunks + 1)]

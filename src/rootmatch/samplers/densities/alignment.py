@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import checkpoint
+from rootmatch.jit.threads import in_pieces
 from rootmatch.samplers.densities.descent_kernels import ascend
 
 Floats = NDArray[np.float64]
@@ -49,8 +49,6 @@ CELLS = 1.2
 """Cells of the image for one standard deviation of the blur."""
 SPREAD = 3.0
 """Standard deviations of the body's detections that the image extends to."""
-BLOCK = 100
-"""Poses between two looks at the time: some milliseconds."""
 ROUNDS = 40
 """Of expectation maximisation, for the body's place in the image."""
 
@@ -168,13 +166,15 @@ def _climbed(
     taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
     rotation, position = starts.rotation.copy(), starts.position.copy()
     likelihood = np.empty(len(rotation))
-    for first in range(0, len(rotation), BLOCK):
-        checkpoint()
-        own = slice(first, first + BLOCK)
+
+    def climb(first: int, last: int) -> None:
+        own = slice(first, last)
         ascend(
             some, rotation[own], position[own], image, origin, cell, taps / taps.sum(), deviation**2,
             false * cell**2 * len(some) / len(points), level.steps, likelihood[own],
         )  # fmt: skip
+
+    in_pieces(climb, len(rotation))
     order = np.argsort(-likelihood, kind="stable")
     order = order[np.isfinite(likelihood[order]) & (position[order, 2] > 0.0)]
     return Aligned(rotation[order], position[order], likelihood[order])

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import chunk_bounds, in_chunks
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
 from rootmatch.samplers.guided.likelihood_ratio import weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, cell_of
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest, lookups_before_dropped
+from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest, lookups_before_dropped
 from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS, keep_survivor
 
 FRAME = 12
@@ -49,41 +49,46 @@ def run_local_tests(
     flat_cells = grid.cells.reshape(-1)
     lookups = lookups_before_dropped(test, sets.others.shape[1], sets.points.shape[1])
 
-    def test_chunks(first_chunk: int, last_chunk: int) -> None:
+    # a task is a set with one image of its first point
+    bounds = [len(near) * bound for bound in chunk_bounds(0, len(sets.points), chunks)]
+
+    def test_some(first: int, last: int) -> None:
         scratch, block = np.zeros((2 * ROOTS, BLOCK)), np.zeros((BLOCK_ROWS, BLOCK))
         frames, hit, picked = np.zeros((FRAME, BLOCK)), np.zeros((2, BLOCK), np.int64), np.zeros((3, BLOCK), np.int64)
         stamp = np.zeros(grid.positions.shape[1], np.int64)
-        _test_chunks(
-            tables, grid, flat_cells, test, sets, near, allowed, lookups, first_chunk, last_chunk, chunks,
-            scratch, block, frames, hit, picked, stamp, survivors, ratios, counts,
+        _test_some(
+            tables, grid, flat_cells, test, sets, near, allowed, lookups, first, last, np.array(bounds), scratch, block,
+            frames, hit, picked, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_threads(test_chunks, chunks, threads)
+    in_chunks(test_some, bounds, threads, max(1, QUICK // near.shape[1] ** 2))
     return survivors, ratios, counts
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _test_chunks(  # type: ignore[no-untyped-def]
-    tables, grid, flat_cells, test, sets, near, allowed, lookups, first_chunk, last_chunk, chunks,
+def _test_some(  # type: ignore[no-untyped-def]
+    tables, grid, flat_cells, test, sets, near, allowed, lookups, first, last, bounds,
     scratch, block, frames, hit, picked, stamp, survivors, ratios, counts,
 ):  # fmt: skip
-    """Chunks ``first_chunk … last_chunk − 1`` of the sets; the arrays from ``scratch`` to ``stamp`` are scratch."""
+    """Tasks ``first … last − 1`` of chunks between ``bounds``; the arrays from ``scratch`` to ``stamp`` are scratch."""
     tables, grid, flat_cells, sets, near = borrowed((tables, grid, flat_cells, sets, near))
     allowed, scratch, block, frames, hit = borrowed((allowed, scratch, block, frames, hit))
     picked, stamp, survivors, ratios, counts = borrowed((picked, stamp, survivors, ratios, counts))
     points_of, others_of, coordinates_of, _, _ = sets
     masked = allowed.shape[0] > 0
     n_target, several = near.shape
-    last = n_target * several * several - 1
+    pairs = several * several
     tick = 0
-    for chunk in range(first_chunk, last_chunk):
-        start, end = points_of.shape[0] * chunk // chunks, points_of.shape[0] * (chunk + 1) // chunks
-        solved, tested = 0, 0
-        for s in range(start, end):
+    for chunk in range(bounds.size - 1):
+        start, end = max(bounds[chunk], first), min(bounds[chunk + 1], last)
+        if start >= end:
+            continue
+        solved, tested, filled = 0, 0, 0
+        for task in range(start, end):
+            s, a = task // n_target, task % n_target
             i = points_of[s]
-            filled = 0
-            for place in range(last + 1):
-                a, pair = place // (several * several), place % (several * several)
+            whole = a == n_target - 1 or task == end - 1  # a block is of one set
+            for pair in range(pairs):
                 b, c = near[a, pair // several], near[a, pair % several]
                 free = b != c
                 if masked:
@@ -92,7 +97,7 @@ def _test_chunks(  # type: ignore[no-untyped-def]
                     picked[0, filled], picked[1, filled], picked[2, filled] = a, b, c
                     gather_listed(tables, grid, a, b, c, block, filled)
                     filled += 1
-                if filled == BLOCK or (place == last and filled > 0):
+                if filled == BLOCK or (whole and pair == pairs - 1 and filled > 0):
                     solve_listed(tables, i, block, filled, scratch)
                     for root in range(ROOTS):
                         tested += _screen(
@@ -105,7 +110,9 @@ def _test_chunks(  # type: ignore[no-untyped-def]
                         )  # fmt: skip
                     solved += filled
                     filled = 0
-        counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, tested * lookups
+        counts[chunk, 0] += solved
+        counts[chunk, 1] += tested
+        counts[chunk, 2] += tested * lookups
 
 
 @part

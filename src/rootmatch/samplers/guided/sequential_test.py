@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rootmatch.errors import InputError
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import chunk_bounds, in_chunks
 from rootmatch.options import Options, option
 from rootmatch.problems.padding import padded_rows, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
@@ -139,6 +139,8 @@ def prepare_sets(
     return PreparedSets(points, others, coordinates, own, offset)
 
 
+QUICK = 5_000
+"""Minimal sets that are solved before signals are looked for: a few milliseconds at the most. Changes no result."""
 TESTED = 64
 """Hypotheses that are tested together, which costs one call. Changes no result."""
 
@@ -193,7 +195,9 @@ def run_sequential_tests(
     # where normals tell, few solutions of a set show their own three points; those are tested one by one
     lookups = 0 if test.normals else lookups_before_dropped(test, sets.others.shape[1], m)
 
-    def test_chunks(first_chunk: int, last_chunk: int) -> None:
+    bounds = chunk_bounds(first, last, chunks)
+
+    def test_some(first_task: int, last_task: int) -> None:
         scratch = np.empty((2 * solutions, columns))
         cells = np.empty((2, columns), np.int32)
         work = Work(cells, cells.view(np.uint32), np.empty(columns, np.bool_), np.empty(columns + 1, np.int64))
@@ -201,12 +205,12 @@ def run_sequential_tests(
         hypotheses = Screened(np.empty((room, 12)), np.empty((room, 2 + m), np.int64))
         stamp = np.zeros(n_target, np.int64)
         image = np.zeros(m, np.int64)
-        _test_chunks(
-            tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last,
-            first_chunk, last_chunk, chunks, scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
+        _test_some(
+            tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first_task, last_task,
+            np.array(bounds), scratch, work, hypotheses, stamp, image, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_threads(test_chunks, chunks, threads)
+    in_chunks(test_some, bounds, threads, max(1, QUICK // max(n_target, 1)))
     return survivors, ratios, counts
 
 
@@ -218,11 +222,11 @@ def lookups_before_dropped(test: SequentialTest, others: int, minimal: int) -> i
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _test_chunks(  # type: ignore[no-untyped-def]
-    tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, first_chunk, last_chunk, chunks,
+def _test_some(  # type: ignore[no-untyped-def]
+    tables, grid, flat_cells, test, sets, arrangements, allowed, lookups, first, last, bounds,
     scratch, work, hypotheses, stamp, j, survivors, ratios, counts,
 ):  # fmt: skip
-    """Chunks ``first_chunk … last_chunk − 1`` of the tasks.
+    """Tasks ``first … last − 1`` of chunks between ``bounds``.
 
     ``scratch`` (2 s, columns) with s solutions of a set, ``work``, ``hypotheses``, ``stamp`` (n',) and j (m,) are
     scratch, made outside, as each array made in jitted code costs compile time.
@@ -236,8 +240,10 @@ def _test_chunks(  # type: ignore[no-untyped-def]
     n_target = grid.positions.shape[1]
     masked = allowed.shape[0] > 0
     tick = 0
-    for chunk in range(first_chunk, last_chunk):
-        start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
+    for chunk in range(bounds.size - 1):
+        start, end = max(bounds[chunk], first), min(bounds[chunk + 1], last)
+        if start >= end:
+            continue
         solved, tested, looked, filled = 0, 0, 0, 0
         for task in range(start, end):
             s = task % count
@@ -278,4 +284,6 @@ def _test_chunks(  # type: ignore[no-untyped-def]
             survivors[chunk], ratios[chunk],
         )  # fmt: skip
         looked += own - filled * lookups
-        counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked
+        counts[chunk, 0] += solved
+        counts[chunk, 1] += tested
+        counts[chunk, 2] += looked

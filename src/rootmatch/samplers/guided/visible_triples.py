@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.jit.threads import in_threads
+from rootmatch.jit.threads import chunk_bounds, in_chunks
 from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
 from rootmatch.samplers.guided.likelihood_ratio import weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, away
-from rootmatch.samplers.guided.sequential_test import PreparedSets, SequentialTest
+from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest
 
 BLOCK = 64
 """Image triples that are solved together."""
@@ -64,25 +64,31 @@ def run_visible_tests(
     counts = np.zeros((chunks, 3), np.int64)
     n_target = grid.positions.shape[1]
 
-    def test_chunks(first_chunk: int, last_chunk: int) -> None:
+    # a task is a set with one image of its first point
+    bounds = [len(images) * bound for bound in chunk_bounds(first, last, chunks)]
+
+    def test_some(first_task: int, last_task: int) -> None:
         scratch, block = np.zeros((2 * ROOTS, BLOCK)), np.zeros((BLOCK_ROWS, BLOCK))
         passed, picked = np.zeros((ROOTS, BLOCK), np.bool_), np.zeros((3, BLOCK), np.int64)
         row, stamp = np.zeros(len(images) + 1, np.int64), np.zeros(n_target, np.int64)
-        _test_chunks(
-            tables, grid, test, prepared, sets.shapes, cells, images, facing, allowed, first, last,
-            first_chunk, last_chunk, chunks, scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
+        _test_some(
+            tables, grid, test, prepared, sets.shapes, cells, images, facing, allowed, first_task, last_task,
+            np.array(bounds), scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
-    in_threads(test_chunks, chunks, threads)
+    in_chunks(test_some, bounds, threads, max(1, QUICK // max(len(images), 1) ** 2))
     return survivors, ratios, counts
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def _test_chunks(  # type: ignore[no-untyped-def]
-    tables, grid, test, sets, shapes, cells, images, facing, allowed, first, last, first_chunk, last_chunk, chunks,
-    scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
+def _test_some(  # type: ignore[no-untyped-def]
+    tables, grid, test, sets, shapes, cells, images, facing, allowed, first, last, bounds, scratch, block, passed,
+    picked, row, stamp, survivors, ratios, counts,
 ):  # fmt: skip
-    """Chunks ``first_chunk … last_chunk − 1`` of the sets; the arrays from ``scratch`` to ``stamp`` are scratch."""
+    """Tasks ``first … last − 1`` of chunks between ``bounds``: a set with one image of its first point.
+
+    The arrays from ``scratch`` to ``stamp`` are scratch.
+    """
     tables, grid, sets, shapes, cells = borrowed((tables, grid, sets, shapes, cells))
     images, allowed, scratch, block, passed = borrowed((images, allowed, scratch, block, passed))
     picked, row, stamp, survivors, ratios, counts = borrowed((picked, row, stamp, survivors, ratios, counts))
@@ -90,48 +96,45 @@ def _test_chunks(  # type: ignore[no-untyped-def]
     masked = allowed.shape[0] > 0
     several = images.size
     tick = 0
-    for chunk in range(first_chunk, last_chunk):
-        start, end = first + (last - first) * chunk // chunks, first + (last - first) * (chunk + 1) // chunks
-        solved, tested, looked = 0, 0, 0
-        for s in range(start, end):
-            i = points_of[s]
-            shape = shapes[s]
-            filled = 0
-            for one in range(several):
-                a = images[one]
-                if masked and not allowed[i[0], a]:
+    for chunk in range(bounds.size - 1):
+        start, end = max(bounds[chunk], first), min(bounds[chunk + 1], last)
+        solved, tested, looked, filled = 0, 0, 0, 0
+        for task in range(start, end):
+            s, one = task // several, task % several
+            i, shape, a = points_of[s], shapes[s], images[one]
+            for two in range(several):
+                b = images[two]
+                if a == b or (masked and not (allowed[i[0], a] and allowed[i[1], b])):
                     continue
-                for two in range(several):
-                    b = images[two]
-                    if a == b or (masked and not allowed[i[1], b]):
+                possible = 0
+                for three in range(several):
+                    row[possible] = images[three]
+                    possible += shape[cells[a, b, images[three]]]
+                for place in range(possible):
+                    c = row[place]
+                    if c in (a, b) or (masked and not allowed[i[2], c]):
                         continue
-                    possible = 0
-                    for three in range(several):
-                        row[possible] = images[three]
-                        possible += shape[cells[a, b, images[three]]]
-                    for place in range(possible):
-                        c = row[place]
-                        if c in (a, b) or (masked and not allowed[i[2], c]):
-                            continue
-                        picked[0, filled], picked[1, filled], picked[2, filled] = a, b, c
-                        gather_listed(tables, grid, a, b, c, block, filled)
-                        filled += 1
-                        if filled == BLOCK:
-                            some_tested, some_looked = _test_block(
-                                tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
-                                masked, allowed, scratch, block, passed, picked, stamp, tick,
-                                survivors[chunk], ratios[chunk],
-                            )  # fmt: skip
-                            solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
-                            tick, filled = tick + some_tested, 0
-            if filled > 0:
+                    picked[0, filled], picked[1, filled], picked[2, filled] = a, b, c
+                    gather_listed(tables, grid, a, b, c, block, filled)
+                    filled += 1
+                    if filled == BLOCK:
+                        some_tested, some_looked = _test_block(
+                            tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
+                            masked, allowed, scratch, block, passed, picked, stamp, tick,
+                            survivors[chunk], ratios[chunk],
+                        )  # fmt: skip
+                        solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
+                        tick, filled = tick + some_tested, 0
+            if filled > 0 and (one == several - 1 or task == end - 1):  # a block is of one set
                 some_tested, some_looked = _test_block(
                     tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
                     masked, allowed, scratch, block, passed, picked, stamp, tick, survivors[chunk], ratios[chunk],
                 )  # fmt: skip
                 solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
-                tick += some_tested
-        counts[chunk, 0], counts[chunk, 1], counts[chunk, 2] = solved, tested, looked
+                tick, filled = tick + some_tested, 0
+        counts[chunk, 0] += solved
+        counts[chunk, 1] += tested
+        counts[chunk, 2] += looked
 
 
 @part
