@@ -35,6 +35,7 @@ from rootmatch.samplers.point_sets import congruent
 from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
 from rootmatch.solvers.ascent.assignment_state import empty_state
+from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
 from rootmatch.solvers.ascent.local_search import climb_from
 from rootmatch.solvers.ascent.multi_start import MultiStart
 from rootmatch.solvers.ascent.subset_index import build_index
@@ -335,22 +336,23 @@ def test_an_ascent_in_steps_is_the_whole_one_and_ends_between_two(exchanges: boo
     edges = (tuples[0] * 14 + tuples[1]).astype(np.int32)
     index = build_index(AffinityTensor.unchecked(edges, rng.random(4000), (12, 14), unary).merged())
     nothing = np.full(12, -1)
-    (whole,), (value,), (moves,) = climb_from(
-        index, empty_state(index), nothing[None], penalty=0.0, limit=10_000, exchanges=exchanges
-    )
-    search = MultiStart(MultiStartAscent(), index, Deadline(1e6, clock=Clock(1e-3)))
-    (image,), (same,), (made,) = search.ascent_in_steps(nothing, 0.0, exchanges=exchanges)
+    ascended = climb_from(index, empty_state(index), nothing[None], penalty=0.0, limit=10_000, exchanges=exchanges)
+    (whole,), (value,), (moves,), (reads,) = ascended
+    empty = empty_state(index)
+    search = BoundedAscents(MultiStartAscent(), index, Deadline(1e6, clock=Clock(1e-3)))
+    (image,), (same,), (made,), (read,) = search.in_steps(empty, nothing, 0.0, exchanges=exchanges)
     np.testing.assert_array_equal(image, whole)
-    assert (same, made) == (value, moves)
-    images, values, made = search.ascents_in_steps(np.array([nothing, whole]), 0.0, exchanges, threads=2)
+    assert (same, made, read) == (value, moves, reads)
+    bases = np.array([nothing, whole])
+    images, values, made, read = search.several_in_steps(empty, bases, 0.0, exchanges=exchanges, threads=2)
     np.testing.assert_array_equal(images[0], whole)
-    assert (values[0], made[0]) == (value, moves)
-    search = MultiStart(MultiStartAscent(), index, Deadline(1e-9, clock=Clock(1.0)))
-    search.polish()  # of nothing, as no ascent was made
-    assert search.solution().assignment.tolist() == nothing.tolist()
-    short = MultiStart(MultiStartAscent(), index, Deadline(6.0, clock=Clock(1.0)))
-    assert short.shortest_ascent < 0.25  # this one would be made whole
-    (image,), (less,), (made,) = short.ascent_in_steps(nothing, 0.0, exchanges=False)
+    assert (values[0], made[0], read[0]) == (value, moves, reads)
+    none = MultiStart(MultiStartAscent(), index, Deadline(1e-9, clock=Clock(1.0)))
+    none.polish()  # of nothing, as no ascent was made
+    assert none.solution().assignment.tolist() == nothing.tolist()
+    short = BoundedAscents(MultiStartAscent(), index, Deadline(6.0, clock=Clock(1.0)))
+    assert short.whole_ascent < 0.25  # this one would be made whole
+    (image,), (less,), (made,), _ = short.in_steps(empty, nothing, 0.0, exchanges=False)
     assert 0 < made < moves
     assert 0.0 < less < value
     assert np.unique(image[image >= 0]).size == (image >= 0).sum() == made

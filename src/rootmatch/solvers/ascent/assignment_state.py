@@ -32,6 +32,7 @@ class State(NamedTuple):
     gains: NDArray[np.float64]  # (n n',)
     pairs: NDArray[np.float64]  # (n, n) by source point
     total: NDArray[np.float64]  # (1,) hyper-edge and unary weights inside
+    reads: NDArray[np.int64]  # (1,) subsets looked up and entries of the index read by all changes so far
     pick: NDArray[np.int64]  # (d,) scratch
     subset: NDArray[np.int64]  # (d,) scratch
 
@@ -48,6 +49,7 @@ def empty_state(index: SubsetIndex) -> State:
         gains=np.zeros(index.n * index.n_target),
         pairs=np.zeros((index.n, index.n)),
         total=np.zeros(1),
+        reads=np.zeros(1, np.int64),
         pick=np.empty(order, np.int64),
         subset=np.empty(order, np.int64),
     )
@@ -97,7 +99,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
     order, source, start = index.indices.shape[1], index.source, index.start
     row = source[a]
     k = a - row * index.n_target
-    sign = 1.0 if entering else -1.0
+    sign, read = 1.0 if entering else -1.0, np.int64(0)
     if entering:
         total[0] += gains[a] + index.unary[a]
     else:
@@ -115,6 +117,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
             b = members[q]
             place = place_of_pair(np.uint32(a), np.uint32(b))
             t, last = start[place], start[place + one]
+            read += 1 + np.int64(last - t)
             while t < last:
                 c, h = others[t], sign * held[t]
                 t += one
@@ -142,6 +145,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
                 key += keys[subset[q]]
             bucket = np.int64(key >> down)
             tag = np.uint32((key >> tag_down) & tag_mask)
+            read += 1 + np.int64(start[bucket + 1] - start[bucket])
             for t in range(np.int64(start[bucket]), np.int64(start[bucket + 1])):
                 if entries[t] >> edge_bits != tag:
                     continue
@@ -158,6 +162,7 @@ def change(index: SubsetIndex, state: State, a: int, entering: bool) -> None:
                     for q in range(order - 1):
                         pairs[i, source[subset[q]]] += h
             more = next_pick(pick, free, count)
+    state.reads[0] += read
 
     if entering:
         image[row], owner[k], inside[a] = k, row, True

@@ -17,6 +17,7 @@ Every step of an ascent, from reaching its base to leaving out idle points, goes
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,15 @@ REMOVING, ADDING, CLIMBING, TIDYING = 0, 1, 2, 3
 
 PARTS = 4
 """Ranges of ascents for each thread: some ascents are longer than others."""
+
+
+class Ascended(NamedTuple):
+    """What some ascents came to, row by row."""
+
+    images: NDArray[np.int64]  # (B, n) assignments
+    values: NDArray[np.float64]  # (B,) their objectives
+    moves: NDArray[np.int64]  # (B,) as many as the limit where an ascent was cut short
+    reads: NDArray[np.int64]  # (B,) subsets looked up and entries of the index read, to reach the base too
 
 
 @internal()
@@ -113,7 +123,7 @@ def _find_exchange(index, state, least, begin):  # type: ignore[no-untyped-def]
 
 @driver(nogil=True)
 def _ascend(  # type: ignore[no-untyped-def]
-    index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves, begins
+    index, root, state, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves, reads, begins
 ):
     """Ascents from the bases first … last − 1, one after the other in `state`, each reached from the state `root`.
 
@@ -122,7 +132,7 @@ def _ascend(  # type: ignore[no-untyped-def]
     """
     index, root, state = borrowed((index, root, state))
     bases, dues, images, totals, sizes, moves = borrowed((bases, dues, images, totals, sizes, moves))
-    begins = borrowed(begins)
+    reads, begins = borrowed((reads, begins))
     n, n_target, unary = index.n, index.n_target, index.unary
     image, owner, gains, total, size = state.image, state.owner, state.gains, state.total, state.size
     for s in range(first, last):
@@ -134,7 +144,7 @@ def _ascend(  # type: ignore[no-untyped-def]
             owner[k] = root.owner[k]
         for a in range(gains.size):
             gains[a], state.inside[a] = root.gains[a], root.inside[a]
-        size[0], total[0] = root.size[0], root.total[0]
+        size[0], total[0], before = root.size[0], root.total[0], state.reads[0]
 
         stage, i, made = REMOVING, 0, 0
         begin = begins[s]
@@ -192,6 +202,7 @@ def _ascend(  # type: ignore[no-untyped-def]
         for i in range(n):
             images[s, i] = image[i]
         totals[s], sizes[s], moves[s], begins[s] = total[0], size[0], made, begin
+        reads[s] = state.reads[0] - before
 
 
 def climb_from(
@@ -203,12 +214,11 @@ def climb_from(
     limit: int,
     exchanges: bool = False,
     threads: int = 1,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+) -> Ascended:
     """Ascents from assignments, the rows of `bases` (B, n), without the points that gain nothing.
 
     Every base is reached from the state `root`, so it should be near. Exchanges, which cost the most to judge, are
-    tried only when wanted, and where no other move is left. Returns the assignments (B, n), their objectives (B,) and
-    numbers of moves (B,), `limit` where an ascent was cut short.
+    tried only when wanted, and where no other move is left.
     """
     begins = np.ones(len(bases), np.int64)
     return _climb(
@@ -225,21 +235,28 @@ def climb(
     ``begins`` (1,), of ones at first, says where the next call goes on: pieces of an ascent make up the whole one.
     """
     base = state.image[None].copy()
-    _, _, moves = _climb(index, state, state, base, begins, penalty=penalty, limit=limit, exchanges=exchanges)
-    return int(moves[0])
+    found = _climb(index, state, state, base, begins, penalty=penalty, limit=limit, exchanges=exchanges)
+    return int(found.moves[0])
 
 
-def state_of(index: SubsetIndex, image: NDArray[np.int64]) -> State:
-    """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them."""
-    state, base, begins = empty_state(index), np.full((1, index.n), -1), np.ones(1, np.int64)
-    matched = np.flatnonzero(image >= 0)
+def state_of(index: SubsetIndex, image: NDArray[np.int64], root: State | None = None) -> State:
+    """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them.
+
+    It is reached from the empty one, or from the state ``root``, which stays as it is.
+    """
+    state, begins = empty_state(index), np.ones(1, np.int64)
+    base = (state if root is None else root).image[None].copy()
+    changed = np.flatnonzero(image != base[0])
+    base[0, changed] = -1
+    entering = changed[image[changed] >= 0]
 
     def enter(first: int, last: int) -> None:
-        base[0, matched[first:last]] = image[matched[first:last]]
+        base[0, entering[first:last]] = image[entering[first:last]]
         _climb(index, state, state, base, begins, penalty=0.0, limit=0)
 
     with NEVER.enforced():  # what it is asked for is to be handed on, deadline or not
-        in_pieces(enter, len(matched))
+        _climb(index, state if root is None else root, state, base, begins, penalty=0.0, limit=0)
+        in_pieces(enter, len(entering))
     return state
 
 
@@ -255,22 +272,23 @@ def _climb(
     exchanges: bool = False,
     tidy: bool = False,
     threads: int = 1,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+) -> Ascended:
     """Ascents on some threads, in the given state or in new ones."""
     count, n, order = len(bases), index.n, index.indices.shape[1]
     images, totals = np.empty((count, n), np.int64), np.empty(count)
-    sizes, moves = np.empty(count, np.int64), np.empty(count, np.int64)
+    sizes, moves, reads = np.empty((3, count), np.int64)
     dues = np.array([penalty * math.comb(size, order - 1) for size in range(n + 1)])
 
     def ascend(first: int, last: int) -> None:
         own = empty_state(index) if state is None else state
         _ascend(
-            index, root, own, bases, first, last, dues, limit, exchanges, tidy, images, totals, sizes, moves, begins
-        )
+            index, root, own, bases, first, last, dues, limit, exchanges, tidy,
+            images, totals, sizes, moves, reads, begins,
+        )  # fmt: skip
 
     in_threads(ascend, count, threads, PARTS)
     penalties = np.array([penalty * math.comb(size, order) for size in range(n + 1)])
-    return images, totals - penalties[sizes], moves
+    return Ascended(images, totals - penalties[sizes], moves, reads)
 
 
 def _change_of_score(

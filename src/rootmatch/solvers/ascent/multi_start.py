@@ -4,40 +4,31 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline, Pace, checkpoint
-from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
-from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
-from rootmatch.solvers.ascent.local_search import climb, climb_from, scored_neighbours, state_of
+from rootmatch.deadline import NEVER, Deadline, checkpoint
+from rootmatch.solvers.ascent.assignment_state import State, empty_state
+from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
+from rootmatch.solvers.ascent.local_search import scored_neighbours
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import random_walk_start
+from rootmatch.solvers.ascent.start_ranking import candidates
 from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
 from rootmatch.solvers.ascent.stopping import patience, stands_out
-from rootmatch.solvers.ascent.subset_index import SubsetIndex, ranked_hyperedges
+from rootmatch.solvers.ascent.subset_index import SubsetIndex
 from rootmatch.solvers.base import Alternatives, Solution
 from rootmatch.solvers.rrwhm import ReweightedWalk
-
-LOOKUPS_PER_SUBSET = 4.0
-"""An ascent takes about so many look-ups for each C(n, d−1): a measured mean, for estimates of its cost."""
-SECONDS_PER_GAIN = 1e-9
-"""That a move takes for each of the n n' gains, at least; an ascent makes two moves for each match, at most, mostly."""
-SECONDS_PER_LOOKUP = 1e-8
-"""That an ascent to a whole assignment takes for each subset of d − 1 of it, at least."""
-SHORT = 0.25
-"""Part of the time left that an ascent may take, by that estimate, to be made in one piece."""
 
 
 class MultiStart:
     """One run of `MultiStartAscent` and what it has found so far; its steps are numbered as there."""
 
     def __init__(self, options: AscentOptions, index: SubsetIndex, deadline: Deadline = NEVER) -> None:
-        self.options, self.index = options, index
-        self.deadline, self.pace = deadline, Pace(deadline)
-        n, n_target, order = index.n, index.n_target, index.indices.shape[1]
+        self.options, self.index, self.deadline = options, index, deadline
+        self.ascents = BoundedAscents(options, index, deadline)
+        n, n_target = index.n, index.n_target
         self.starts = min(options.starts, options.starts_per_correspondence * n * n_target)
         self.heaviest = index.weights.max(initial=0.0) or 1.0
         self.density = max(options.core_density * self.heaviest, options.penalty)
@@ -45,90 +36,17 @@ class MultiStart:
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
-        self.state = self.empty = empty_state(index)
+        self.empty = empty_state(index)
         self.best, self.value = self.empty.image, 0.0
-        lookups = LOOKUPS_PER_SUBSET * math.comb(min(n, n_target), order - 1)
-        self.effort = lookups / options.lookups_per_thread
-        read = lookups * (1.0 + index.indices.size / math.comb(n * n_target, order - 1))
-        self.patience = patience(options.stopping, n * n_target, read)
-        self.made, self.moves, self.cut = 0, 0, 0
+        self.patience = patience(options.stopping, n * n_target, self.ascents.usual_reads)
 
-    def ascents(
-        self, root: State, bases: NDArray[np.int64], penalty: float, exchanges: bool = False
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Ascents from assignments near a state: the optima (B, n) and their objectives (B,); fewer at a deadline."""
-        images, values = np.empty((0, self.index.n), np.int64), np.empty(0)
-        while len(images) < len(bases):
-            # one ascent at least is made whatever the time
-            size = self.pace.block(len(bases) - len(images)) or int(self.made == 0)
-            if size == 0:
-                break
-            some = bases[len(images) : len(images) + size]
-            threads = threads_worth(int(size * self.effort))
-            if self.shortest_ascent > SHORT * self.deadline.left():
-                size = 1
-                optima, objectives, moves = self.ascent_in_steps(some[0], penalty, exchanges)
-            elif self.shortest_ascent > LONGEST:
-                optima, objectives, moves = self.ascents_in_steps(some, penalty, exchanges, threads)
-            else:
-                optima, objectives, moves = climb_from(
-                    self.index, root, some, penalty=penalty, limit=self.options.limit, exchanges=exchanges,
-                    threads=threads,
-                )  # fmt: skip
-            self.made += size
-            self.moves += int(moves.sum())
-            self.cut += int(np.sum(moves >= self.options.limit))
-            images, values = (optima, objectives) if size == len(bases) else (
-                np.concatenate([images, optima]), np.concatenate([values, objectives])
-            )  # fmt: skip
-        return images, values
-
-    @property
-    def shortest_ascent(self) -> float:
-        """Seconds that an ascent to a whole assignment takes, at least."""
-        n, n_target = self.index.n, self.index.n_target
-        subsets = math.comb(min(n, n_target), self.index.indices.shape[1] - 1)
-        return max(2.0 * min(n, n_target) * n * n_target * SECONDS_PER_GAIN, subsets * SECONDS_PER_LOOKUP)
-
-    def ascents_in_steps(
-        self, bases: NDArray[np.int64], penalty: float, exchanges: bool, threads: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """Ascents as of `climb_from`, between whose steps an interrupt is seen."""
-        images, values, moves = np.empty_like(bases), np.empty(len(bases)), np.empty(len(bases), np.int64)
-        stopped = Event()
-
-        def ascend(first: int, last: int) -> None:
-            for k in range(first, last):
-                found = self.ascent_in_steps(bases[k], penalty, exchanges, stopped)
-                (images[k],), (values[k],), (moves[k],) = found
-
-        in_threads(ascend, len(bases), threads, stopped=stopped)
-        return images, values, moves
-
-    def ascent_in_steps(
-        self, base: NDArray[np.int64], penalty: float, exchanges: bool, stopped: Event | None = None
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """One ascent as of `climb_from`, a few moves at a time: it ends where it is at the deadline, or if stopped."""
-        state, moves, size, begins = state_of(self.index, base), 0, 1, np.ones(1, np.int64)
-        while True:
-            began = self.deadline.clock()
-            made = climb(self.index, state, begins, penalty=penalty, limit=size, exchanges=exchanges)
-            moves += made
-            if made < size or moves >= self.options.limit:
-                optima, objectives, _ = climb_from(self.index, state, state.image[None], penalty=penalty, limit=0)
-                return optima, objectives, np.array([moves])
-            if self.deadline.passed() or (stopped and stopped.is_set()):
-                break
-            each = max((self.deadline.clock() - began) / made, 1e-9)
-            longest = min(LONGEST, 0.5 * self.deadline.left())
-            size = max(1, min(int(longest / each), GROWTH * size, self.options.limit - moves))
-        if stopped is None:
-            self.state = state  # which is needed again if it is the best
-        return state.image[None].copy(), np.array([objective(self.index, state, penalty)]), np.array([moves])
-
-    def climb(self, root: State, bases: NDArray[np.int64], exchanges: bool = False) -> None:
-        """Ascents of the objective itself; the optima are kept."""
-        images, values = self.ascents(root, bases, self.options.penalty, exchanges)
+    def climb(
+        self, root: State, bases: NDArray[np.int64], stage: str, *, exchanges: bool = False, due: int = 0
+    ) -> None:
+        """Ascents of the objective itself, see `BoundedAscents.ascend`; the optima are kept."""
+        images, values = self.ascents.ascend(
+            root, bases, self.options.penalty, stage=stage, exchanges=exchanges, due=due
+        )
         for image, value in zip(images, values.tolist(), strict=True):
             key = image.tobytes()
             self.found[key] = (image, value)
@@ -141,7 +59,7 @@ class MultiStart:
     @cached_property
     def ranked(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Candidates, (P, d), and their ranks."""
-        return _candidates(self.index, self.options.pool * self.starts)
+        return candidates(self.index, self.options.pool * self.starts, self.options.ranking_reads)
 
     @property
     def candidates(self) -> NDArray[np.int32]:
@@ -176,7 +94,7 @@ class MultiStart:
         balancing = ReweightedWalk().balancing * SECONDS_PER_GAIN
         checkpoint(2.0 * steps * balancing * self.index.n * self.index.n_target)
         start = random_walk_start(self.index, steps, self.options.walk_start) if steps else self.empty.image
-        self.climb(self.empty, start[None])
+        self.climb(self.empty, start[None], "walk")
 
     def from_cores(self) -> None:
         """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
@@ -187,14 +105,14 @@ class MultiStart:
         shared = max(2, self.candidates.shape[1] - 1)
         tried, size, idle, walked = 0, options.first_round, 0, self.value
         images = np.empty((0, self.index.n), np.int64)
-        while tried < self.starts and not self.settled():
+        while tried < self.starts and not self.settled() and not self.ascents.left_out:
             if idle >= (self.patience if self.value > walked else after_walk):
                 break
             most = min(size, self.starts - tried)
             chosen = next_starts(self.candidates, open_, images, self.index.n_target, least=shared, count=most)
             if chosen.size == 0:
                 break
-            images, values = self.ascents(self.empty, self.alone(chosen), self.density)
+            images, values = self.ascents.ascend(self.empty, self.alone(chosen), self.density, stage="growth")
             # The empty one is no core: its candidate was too light for its own penalty.
             new = {image.tobytes(): (image, v) for image, v in zip(images, values.tolist(), strict=True) if v > 0}
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
@@ -202,7 +120,7 @@ class MultiStart:
             before = self.value
             useful = (core_values > options.hopeless * before) & ~covered(cores, self.known())
             if useful.any():
-                self.climb(self.empty, cores[useful])
+                self.climb(self.empty, cores[useful], "cores")
             idle = 0 if self.value > before else idle + len(chosen)
             tried += len(chosen)
             size = min(2 * size, options.largest_round)
@@ -228,26 +146,29 @@ class MultiStart:
         open_ = self.promise >= self.options.hopeless * self.value
         # Fewer, down to a quarter, where an ascent is expensive.
         most = self.options.rivals
-        count = int(min(most, max(most / 4, most / 2 / self.effort)))
+        count = int(min(most, max(most / 4, most / 2 / self.ascents.effort)))
         rivals = next_starts(self.candidates, open_, self.known(), self.index.n_target, least=order, count=count)
         if rivals.size:
-            self.climb(self.empty, self.alone(rivals))
+            self.climb(self.empty, self.alone(rivals), "rivals")
 
     def from_packed_cores(self) -> None:
         """The first half of step 4: the cores that contradict none that scores better."""
-        self.climb(self.empty, packed(self.cores, self.index.n, self.index.n_target)[None])
+        start = packed(self.cores, self.index.n, self.index.n_target)
+        # No move leads on from an optimum.
+        if start.tobytes() not in self.found:
+            self.climb(self.empty, start[None], "packed cores")
 
     def from_best(self) -> None:
         """The second half of step 4."""
         first = 0
-        while first < len(self.cores):
+        while first < len(self.cores) and not self.ascents.left_out:
             root = self.state_of_best()
             bases, first = forced(
                 root, self.cores, self.core_values, first,
                 forced_gain=self.options.forced_gain, count=self.options.largest_round,
             )  # fmt: skip
             if len(bases):
-                self.climb(root, bases)
+                self.climb(root, bases, "forced")
 
     def polish(self) -> None:
         """Step 5, until the best assignment itself has been through it."""
@@ -258,17 +179,16 @@ class MultiStart:
             if not waiting:  # a deadline came before any ascent
                 return
             self.polished.update(image.tobytes() for image in waiting)
-            self.climb(self.state_of_best(), np.array(waiting), exchanges=True)
+            # That of the best one, which stands first, is not left out: one of exchanges is all that may lead on.
+            self.climb(self.state_of_best(), np.array(waiting), "polish", exchanges=True, due=1)
 
     def state_of_best(self) -> State:
         """The state of the best assignment, kept while it is the best."""
-        if not np.array_equal(self.state.image, self.best):
-            self.state = state_of(self.index, self.best)
-        return self.state
+        return self.ascents.state_at(self.best)
 
     def solution(self) -> Solution:
         """The best assignment found, its alternatives and statistics."""
-        index, best = self.index, self.best
+        index, best, ascents = self.index, self.best, self.ascents
         gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
         total = gains.sum(axis=1, keepdims=True)
         soft = gains / np.where(total > 0, total, 1.0)
@@ -276,9 +196,10 @@ class MultiStart:
         own = np.zeros(index.n)
         own[matched] = gains[matched, best[matched]]
         statistics = {
-            "starts": float(self.made),
+            "starts": float(ascents.made),
             "optima": float(len(self.found)),
-            "moves": float(self.moves),
+            "moves": float(ascents.moves),
+            "reads": float(ascents.reads),
             "matched": float(matched.size),
         }
         wanted = matched.size > 0 and self.options.keep > 0
@@ -288,8 +209,8 @@ class MultiStart:
             best,
             self.value,
             alternatives,
-            converged=self.cut == 0 and not self.deadline.stopped_early,
-            iterations=self.moves,
+            converged=ascents.cut == 0 and not ascents.left_out and not self.deadline.stopped_early,
+            iterations=ascents.moves,
             statistics=statistics,
         )
 
@@ -317,17 +238,6 @@ class MultiStart:
 def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
     """Assignments and values, best first; equal ones in an order of their own."""
     return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
-
-
-def _candidates(index: SubsetIndex, count: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Hyper-edges to start from, (P, d), and their rank (support and own weight), best first."""
-    rank, each = ranked_hyperedges(index)
-    count = min(count, rank.size)
-    best = np.argpartition(rank, rank.size - count)[rank.size - count :] if count else np.empty(0, np.int64)
-    chosen = np.union1d(best, each[each >= 0])
-    chosen = chosen[index.weights[chosen] > 0]
-    chosen = chosen[np.argsort(-rank[chosen], kind="stable")]
-    return index.indices[chosen], rank[chosen]
 
 
 def _choose(m: NDArray[np.float64], r: int) -> NDArray[np.float64]:

@@ -33,6 +33,13 @@ class AscentOptions(Options):
         Alternatives to report: other optima and single changes of the best assignment.
     limit : int
         Moves of one ascent. A bound that is never met, not tuned.
+    most_reads : int
+        Entries of the index that ascents may read. No other begins that would go beyond, by those made so far; but the
+        first one, and that with exchanges from the best assignment. The bound of what a tensor of 10⁸ hyper-edges takes
+        (benchmarks/solvers.py); it is not met by smaller ones, and unlike a time it is the same on every machine.
+    ranking_reads : int
+        Entries of the index that are read to rank hyper-edges by their support. Of a tensor with more subsets the
+        heaviest hyper-edges are ranked alone, as many as that allows.
     pool : int
         Best supported hyper-edges that are candidates, for each start. A round value, not tuned.
     starts_per_correspondence : int
@@ -79,6 +86,8 @@ class AscentOptions(Options):
     penalty: float = option(0.0, least=0.0)
     keep: int = option(16, least=0)
     limit: int = option(10_000, least=1)
+    most_reads: int = option(30_000_000, least=0)
+    ranking_reads: int = option(1 << 23, least=1)
     pool: int = option(4, least=1)
     starts_per_correspondence: int = option(2, least=1)
     first_round: int = option(2, least=1)

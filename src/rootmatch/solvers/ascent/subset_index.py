@@ -117,7 +117,7 @@ def _random_keys(count: int) -> NDArray[np.uint64]:
 
 
 @internal()
-def _total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
+def total_hash(indices, keys, e):  # type: ignore[no-untyped-def]
     """Sum of the keys of a hyper-edge; less one of them it is the hash of a subset."""
     total = np.uint64(0)
     for p in range(indices.shape[1]):
@@ -137,7 +137,7 @@ def _index_at_once(  # type: ignore[no-untyped-def]
     # Counted two ahead, so that filling moves each to where the next bucket starts.
     start = np.zeros((1 << bits) + 2, np.uint32)
     for e in range(edges):
-        total = _total_hash(indices, keys, e)
+        total = total_hash(indices, keys, e)
         for p in range(order):
             start[np.int64((total - keys[indices[e, p]]) >> down) + 2] += np.uint32(1)
             marginals[indices[e, p]] += weights[e]
@@ -145,7 +145,7 @@ def _index_at_once(  # type: ignore[no-untyped-def]
         start[bucket] += start[bucket - 1]
     entries = np.empty(edges * order, np.uint32)
     for e in range(edges):
-        total = _total_hash(indices, keys, e)
+        total = total_hash(indices, keys, e)
         for p in range(order):
             subset = total - keys[indices[e, p]]
             own = np.int64(subset >> down) + 1
@@ -203,7 +203,7 @@ def _count_parts(indices, keys, bucket_shift, first, last, place):  # type: igno
     """Subsets of hyper-edges first…last−1 in each part."""
     down = np.uint64(bucket_shift + PART_BITS)
     for e in range(first, last):
-        total = _total_hash(indices, keys, e)
+        total = total_hash(indices, keys, e)
         for p in range(indices.shape[1]):
             place[np.int64((total - keys[indices[e, p]]) >> down)] += 1
 
@@ -217,7 +217,7 @@ def _move_to_parts(  # type: ignore[no-untyped-def]
     tag_mask = np.uint64((1 << (bucket_shift - tag_shift)) - 1)
     part_down, half = np.uint64(PART_BITS), np.uint64(32)
     for e in range(first, last):
-        total = _total_hash(indices, keys, e)
+        total = total_hash(indices, keys, e)
         for p in range(indices.shape[1]):
             subset = total - keys[indices[e, p]]
             bucket = subset >> down

@@ -68,9 +68,9 @@ class HyperedgeGroups:
             bases[np.arange(len(now))[:, None], source] = target
             # squared residuals that pass by chance are uniform below the squared gate
             by_chance = 0.5 * self.gate2
-            images, _, _ = climb_from(index, empty, bases, penalty=by_chance, limit=self.options.limit, threads=threads)
+            ends = climb_from(index, empty, bases, penalty=by_chance, limit=self.options.limit, threads=threads)
             self.made += len(now)
-            fresh = {image.tobytes(): image for image in images if (image >= 0).sum() > self.order}
+            fresh = {image.tobytes(): image for image in ends.images if (image >= 0).sum() > self.order}
             fresh = {key: image for key, image in fresh.items() if key not in found}
             found.update(fresh)
             if fresh:
