@@ -36,7 +36,7 @@ class AscentOptions(Options):
     most_reads : int
         Entries of the index that ascents may read. No other begins that would go beyond, by those made so far; but the
         first one, and that with exchanges from the best assignment. The bound of what a tensor of 10⁸ hyper-edges takes
-        (benchmarks/solvers.py); it is not met by smaller ones, and unlike a time it is the same on every machine.
+        (benchmarks/large_tensors.py); it is not met by smaller ones, and unlike a time it is the same on every machine.
     ranking_reads : int
         Entries of the index that are read to rank hyper-edges by their support. Of a tensor with more subsets the
         heaviest hyper-edges are ranked alone, as many as that allows.

@@ -106,7 +106,7 @@ def _rank_by_look_up(index, numbers, first, last, rank, read):  # type: ignore[n
 
 @driver(nogil=True)
 def _best_of_each(indices, numbers, rank, best):  # type: ignore[no-untyped-def]
-    """Places, among some hyper-edges, of the highest ranked one of each correspondence; all of ``best`` is −1 before."""
+    """Places, among some hyper-edges, of the best of each correspondence; all of ``best`` is −1 before."""
     for r in range(numbers.size):
         for p in range(indices.shape[1]):
             a = indices[numbers[r], p]
