@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import pickle
 from pathlib import Path
@@ -19,6 +20,7 @@ import rootmatch as rm
 from rig_scenes import LABELS, NOISE, VIEW, RigScene, controllers, four_about, frame, headset
 from rootmatch.cli import app
 from rootmatch.errors import InputError
+from rootmatch.explain import image_bodies
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
@@ -285,22 +287,34 @@ def test_a_body_that_no_frame_is_sure_of_for_half_a_second_counts_as_lost() -> N
     assert states[40] is rm.TrackingState.LOST
 
 
-def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of two bodies one is followed; the other is not there."""
     scene = frame(2, 0, RIG, hands=1)
     tracker = rm.Tracker(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
-    searched = []
-    explained = type(tracker.matcher).explained
+    parts = []
+    search_part = image_bodies._search_part
 
-    def counted(self: rm.Matcher, *given: Any, searching: bool = True, **named: Any) -> Any:
-        if searching:
-            searched.append(tracker._frame)
-        return explained(self, *given, searching=searching, **named)
+    def counted(task: MatchingTask, bodies: Any, part: image_bodies.SearchPart, *given: Any) -> None:
+        parts.append((tracker._frame, *part))
+        assert task.search_camera == part.camera
+        search_part(task, bodies, part, *given)
 
-    monkeypatch.setattr(type(tracker.matcher), "explained", counted)
-    for _ in range(40):
-        tracker.update(scene.rows)
-    assert searched == [1, 2, 4, 8, 16, 26, 36]
+    monkeypatch.setattr(image_bodies, "_search_part", counted)
+    for k in range(60):
+        found = tracker.update(scene.rows)
+        assert found.bodies["left"].status is rm.Status.MATCHED
+        assert found.bodies["right"].status is not rm.Status.MATCHED, k
+    frames = [number for number, body, _ in parts if body == 1]
+    rounds = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    cameras = [camera for number, body, camera in parts if body == 1 and number in rounds[-1]]
+    assert frames[0] == 2
+    assert len(set(frames)) == len(frames)
+    assert len(set(cameras)) == len(cameras) == len(rounds[-1])
+    pauses = [int(after[0] - before[-1]) for before, after in itertools.pairwise(rounds)]
+    assert pauses == sorted(pauses)
+    assert pauses[-1] == 10
 
 
 def test_two_bodies_share_no_detection() -> None:

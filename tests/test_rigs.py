@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import instances
@@ -16,8 +18,11 @@ import rootmatch as rm
 from rig_scenes import LENS, four_about
 from rootmatch.cli import app
 from rootmatch.errors import InputError
+from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.rig_copies import copies_task
+from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
-from rootmatch.problems.pose_fit.rig_fit import Copies, rig_fit
+from rootmatch.model.proposals import fitted
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -64,28 +69,36 @@ def _rotation_vector(R: NDArray) -> NDArray:
     return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
 
 
-def test_the_fit_is_that_of_differences() -> None:
-    points, rows, rig, truth, _ = four_about()
-    plane = rig.chart(rows, np.full(len(rows), 0.5))[1]
-    copies = Copies(rig, points, rig.offsets(rows), rows[:, 2].astype(int))
-    fit = rig_fit(copies, plane, np.full(len(rows), 0.5), truth.reshape(1, -1))
-    assert fit.chi2[0] < 70.0
+def test_the_fit_of_sightings_is_the_least_of_their_squared_deviations() -> None:
+    """Of all cameras, from a minimal set of one: against SciPy, from the truth."""
+    points, rows, rig, truth, ((R, t),) = four_about()
+    model = model_of(copies_task(MatchingTask.of(rm.P3P(rig), points, rows, noise=0.5)))
+    none = np.full_like(truth, -1)
+    none[0, :2], none[1, 2:4] = 0, 1  # two in each of two cameras
+    both = np.array([none.ravel(), truth.ravel()])
+    proposals, found, at = fitted(model, both)
+    np.testing.assert_array_equal(proposals.assignments, both[1:])
+    k, i = np.nonzero(truth >= 0)
 
-    def projected(rotation: NDArray, translation: NDArray) -> NDArray:
-        return copies.project(copies.places @ rotation.T + translation)
+    def deviations(change: NDArray) -> NDArray:
+        X = points[i] @ (Rotation.from_rotvec(change[:3]).as_matrix() @ R).T + t + change[3:]
+        in_camera = [rig.rotations[c] @ x + rig.translations[c] for c, x in zip(k, X, strict=True)]
+        return (LENS.project(np.array(in_camera)) - rows[truth[k, i], :2]).ravel() / 0.5
 
+    least = least_squares(deviations, np.zeros(6))
+    error = np.concatenate([
+        Rotation.from_matrix(Rotation.from_rotvec(least.x[:3]).as_matrix() @ R @ proposals.rotation[0].T).as_rotvec(),
+        t + least.x[3:] - (proposals.position[0] - proposals.rotation[0] @ model.centre),
+    ])  # fmt: skip
+    covariance = np.linalg.inv(least.jac.T @ least.jac)
+    assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.05
+    assert found.squared[0] == pytest.approx(2.0 * least.cost, rel=1e-3)
     step = 1e-6
     for parameter in range(6):
         change = step * np.eye(6)[parameter]
-        turned = np.eye(3) + np.cross(change[:3], np.eye(3)).T
-        moved = projected(turned @ fit.rotation[0], fit.translation[0] + change[3:])
-        still = projected(fit.rotation[0], fit.translation[0])
-        np.testing.assert_allclose((moved - still) / step, fit.jacobian[0][..., parameter], rtol=1e-3, atol=0.1)
-    images = [copies.of_camera(copies.places @ fit.rotation[0].T + fit.translation[0], k) for k in range(4)]
-    for k, places in enumerate(images):
-        own = truth[k] >= 0
-        pixels = LENS.project(places[own])
-        assert np.abs(pixels - rows[truth[k, own], :2]).max() < 4.0
+        turned = Rotation.from_rotvec(change[:3]).as_matrix() @ at.rotation
+        moved = model.linearised(turned, at.position + change[3:]).pixels
+        np.testing.assert_allclose((moved - at.pixels) / step, at.jacobian[..., parameter], rtol=1e-3, atol=0.1)
 
 
 def test_unrelated_points_are_not_trusted() -> None:

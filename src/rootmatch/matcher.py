@@ -19,6 +19,7 @@ from rootmatch.errors import UnseenPixelError
 from rootmatch.explain.body_labels import Label, check_bodies
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.rig_copies import copies_task, is_rig
@@ -188,7 +189,7 @@ max_hyperedges, max_evaluations
         deadline: Deadline = NEVER,
         budget: int | None = None,
         rivals: Mapping[Label | None, Rivals] | None = None,
-        searching: bool = True,
+        searching: bool | Choice = True,
     ) -> Finding:
         """The finding of a frame; for a rig, that of the copies of its points.
 
@@ -203,12 +204,13 @@ max_hyperedges, max_evaluations
             Evaluations of a guided search.
         rivals : dict, optional
             By the label of a body, None for a single one: predicted poses beside that of ``prior``.
-        searching : bool
-            False: nothing is looked for elsewhere than about the predicted poses.
+        searching : bool or callable
+            False: nothing is looked for elsewhere than about the predicted poses. Of several bodies in images, a
+            function of the finding about those that says what to look for.
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        alone = not searching or (prior is not None and self.bodies is None and self.problem.takes_prior)
+        alone = searching is not True or (prior is not None and self.bodies is None and self.problem.takes_prior)
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)

@@ -15,7 +15,7 @@ from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.dense_image import match_dense
 from rootmatch.explain.finding import Finding, nothing_found
-from rootmatch.explain.image_bodies import match_bodies_in_image
+from rootmatch.explain.image_bodies import Choice, match_bodies_in_image
 from rootmatch.explain.image_decision import assessed as judged_by_image
 from rootmatch.explain.image_decision import is_modelled
 from rootmatch.explain.known_pose import match_known
@@ -36,14 +36,21 @@ SOLVED = 0.6
 """Share of the time left at a deadline, after sampling, that the solver may take; the rest is for the assessment."""
 
 
-def explain(task: MatchingTask, searching: bool = True) -> Finding:
+def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     """The finding of a task; its noise is estimated first if requested.
 
     The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`. Unless ``searching``,
-    nothing is looked for elsewhere than about predicted poses.
+    nothing is looked for elsewhere than about predicted poses; of several bodies in images, it may choose what.
     """
     if not searching:
         return _predicted(copies_task(task) if is_rig(task) else task)
+    if callable(searching):
+        with task.deadline.with_grace().enforced():
+            every = copies_task(task) if is_rig(task) else task
+            if is_modelled(every.body(0)):
+                return match_bodies_in_image(every, _explained, choice=searching)
+            found = _predicted(every)
+            return found if searching(found) is None else _explained(task)
     if task.estimates_noise and is_rig(task):
         raise InputError("noise: it is not estimated for a rig; give a number of pixels")
     with task.deadline.with_grace().enforced():

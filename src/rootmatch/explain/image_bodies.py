@@ -7,9 +7,11 @@ of the searches proposed, including look-alikes of other bodies.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,18 @@ Integers = NDArray[np.int64]
 IN_VIEW, DOUBTED = 0.95, 0.9
 """Probabilities that a body is in view, and of its pose: if the first is higher and the second lower, a longer search
 would add nothing, because several poses explain as much. Round values."""
+
+
+class SearchPart(NamedTuple):
+    """What one frame of a tracker searches, whose searches go on over frames."""
+
+    body: int
+    camera: int | None = None
+    """Of a rig; None for one image."""
+
+
+Choice = Callable[[Finding], SearchPart | None]
+"""Says what to search, None for nothing, given the finding about predicted poses."""
 
 
 @dataclass(eq=False)
@@ -106,7 +120,9 @@ class _Body:
             self.candidate = self.candidate.proposed(list(self.proposed.values()), self.predicted)
 
 
-def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS) -> Finding:
+def match_bodies_in_image(
+    task: MatchingTask, solve: Solve, options: BodyOptions = OPTIONS, choice: Choice | None = None
+) -> Finding:
     """The match of a task of one image whose source points are of several bodies.
 
     Parameters
@@ -116,6 +132,8 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
     solve : callable
         From the task of one body to its match.
     options : BodyOptions
+    choice : callable, optional
+        What to search; everything if not given.
     """
     assert task.bodies is not None
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
@@ -123,7 +141,17 @@ def match_bodies_in_image(task: MatchingTask, solve: Solve, options: BodyOptions
         others = (other for other in bodies if other is not body)
         body.alike = [other.number for other in others if twin_of(body.task, other.task, options.alike) is not None]
     with suppress(OutOfTime):
-        _match_each(task, bodies, solve, options)
+        free = _predict(task, bodies, options)
+        if choice is None:
+            _search(task, bodies, free, solve, options)
+        elif (part := choice(_finding(task, bodies))) is not None:
+            _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve, options)
+    return _finding(task, bodies)
+
+
+def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
+    """The finding of all bodies by what is proposed so far, each without the detections of those more certain."""
+    assert task.bodies is not None
     taken = np.zeros(task.shape[1], np.bool_)
     found: dict[int, Finding] = {}
     for body in sorted(bodies, key=lambda one: -one.pose):
@@ -143,13 +171,37 @@ def _body(task: MatchingTask, number: int) -> _Body:
     return _Body(number, own, task.bodies.points_of(number), nothing, Candidate.of(own, []), told=unknown(own.shape[0]))
 
 
-def _match_each(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
-    """Search for each body until nothing more can be expected."""
+def _predict(task: MatchingTask, bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
+    """Look about the predicted poses; the detections that no settled body takes."""
     free = np.ones(task.shape[1], np.bool_)
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         for body in bodies:
             body.predict()
         free = _weigh(bodies, options)
+    return free
+
+
+def _search_part(
+    task: MatchingTask,
+    bodies: list[_Body],
+    part: SearchPart,
+    free: NDArray[np.bool_],
+    solve: Solve,
+    options: BodyOptions,
+) -> None:
+    """Search once for one body."""
+    body, budget = bodies[part.body], budgets_of(task, options)[0]
+    if not body.settled:
+        found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+        body.budget, body.among, body.evaluated = budget, int(free.sum()), found.evaluated
+        body.propose(found)
+        _weigh(bodies, options)
+
+
+def _search(
+    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, options: BodyOptions
+) -> None:
+    """Search for each body until nothing more can be expected."""
     budgets = budgets_of(task, options)
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]

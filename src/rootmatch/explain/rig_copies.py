@@ -21,9 +21,8 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies, CopiesAsGiven, rig_fit, rig_pose
+from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies, CopiesAsGiven, rig_pose
 from rootmatch.samplers.guided.sampler import Guided
 
 Integers = NDArray[np.int64]
@@ -65,10 +64,6 @@ class RigCopies(Problem):
     def in_image(self, points: PointSets) -> PointSets:
         """As they are: each camera's own task has what its image shows; see `Problem.in_image`."""
         return points
-
-    def fitted(self, points: PointSets, assignments: Integers) -> Fit:
-        """Assignments of copies fitted by a pose of the rig each; see `Problem.fitted`."""
-        return rig_fit(self.copies, points.target, points.target_noise, assignments)
 
     def poses(self, points: PointSets, assignments: Integers) -> list[Pose | None]:
         """Poses of the rig; see `Problem.poses`."""

@@ -18,16 +18,18 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
+from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.known_pose import upright_problem
 from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.proposals import fitted, refitted
 from rootmatch.options import Options, option
 from rootmatch.problems.gate import GATE
-from rootmatch.problems.pose_fit.absolute import AbsoluteFit
-from rootmatch.problems.pose_fit.rig_fit import LEAST, STEPS, Copies, rig_fit
+from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.guided.sampler import Guided
@@ -97,7 +99,7 @@ def _searched(
     searching = task.deadline.part(SEARCHED)
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
-        if len(own) < LEAST or searching.passed():
+        if len(own) < LEAST or searching.passed() or task.search_camera not in (None, k):
             continue
         part = points.subset(np.arange(n), own)
         turn = copies.rig.rotations[k]
@@ -133,58 +135,66 @@ def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], o
     """Assignments that hypotheses gather in all cameras, the best first; near a deadline, of the first hypotheses."""
     if not hypotheses:
         return []
-    target, sigma = whole.points.target, whole.points.target_noise
     assert whole.allowed is not None
-    low, high = target.min(axis=0), target.max(axis=0)
-    density = CROWDING * len(target) / max(float(np.prod(high - low)), 1e-300)
-    current, start = np.array(hypotheses), None
+    model = model_of(whole)
+    low, high = model.target.min(axis=0), model.target.max(axis=0)
+    density = CROWDING * len(model.target) / max(float(np.prod(high - low)), 1e-300)
+    proposals, found, at = fitted(model, np.array(hypotheses))
+    current = proposals.assignments
     for turn in range(options.rounds):
-        if turn > 0 and whole.deadline.passed():
-            break
-        # at first all matches are of one camera, whose own fit is the best one
-        fit = rig_fit(copies, target, sigma, current, steps=0 if turn == 0 else STEPS, start=start)
-        possible = np.flatnonzero(np.isfinite(fit.chi2))
+        if turn > 0:
+            if whole.deadline.passed():
+                break
+            proposals, found, at = refitted(model, proposals._replace(assignments=current))
         gathered: list[tuple[Integers, float]] = []
-        for k in possible.tolist():
+        for k in range(len(current)):
             if gathered and whole.deadline.passed():
                 break
-            gathered.append(_gathered(fit, k, copies, whole.allowed, density=density, options=options))
+            each = found.covariance[k], at.pixels[k], at.jacobian[k], at.seen[k]
+            gathered.append(_gathered(model, copies, whole.allowed, *each, density=density, options=options))
         order = np.argsort([-gain for _, gain in gathered], kind="stable")
         if not len(order):
             break
         current = np.array([gathered[k][0] for k in order])
         _, first = np.unique(current, axis=0, return_index=True)
         first = np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]
-        rows = possible[order[first]]
-        current, start = current[first], (fit.rotation[rows], fit.translation[rows])
+        proposals, current = proposals.take(order[first]), current[first]
     return list(current[: TRUST.alternatives] if whole.deadline.is_set else current)
 
 
 def _gathered(
-    fit: AbsoluteFit, k: int, copies: Copies, allowed: NDArray[np.bool_], *, density: float, options: RigOptions
+    model: DetectionModel,
+    copies: Copies,
+    allowed: NDArray[np.bool_],
+    covariance: Floats,
+    predicted: Floats,
+    jacobian: Floats,
+    seen: NDArray[np.bool_],
+    *,
+    density: float,
+    options: RigOptions,
 ) -> tuple[Integers, float]:
-    """Detections that the pose of assignment k predicts, and their log-odds against clutter of some density.
+    """Detections that a pose predicts, and their log-odds against clutter of some density.
 
     Within each camera the one-to-one assignment of least χ².
     """
     from scipy.optimize import linear_sum_assignment  # slow to import, and few have a rig
 
     out, gain = np.full(len(allowed), -1, np.int64), 0.0
-    jacobian = fit.jacobian[k]
     with np.errstate(all="ignore"):  # of a point in the plane of a camera's centre
-        spread = jacobian @ fit.covariance[k] @ jacobian.transpose(0, 2, 1)
+        spread = jacobian @ covariance @ jacobian.transpose(0, 2, 1)
     for camera in range(len(copies.offsets)):
         rows, own = slice(camera * copies.count, (camera + 1) * copies.count), np.flatnonzero(copies.owner == camera)
         if not len(own):
             continue
-        total = spread[rows, None] + fit.variance[own][:, None, None] * np.eye(2)
-        difference = fit.target[own] - fit.predicted[k][rows, None]
+        total = spread[rows, None] + (model.sigma[own] ** 2)[:, None, None] * np.eye(2)
+        difference = model.target[own] - predicted[rows, None]
         a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
         x, y = difference[..., 0], difference[..., 1]
         with np.errstate(all="ignore"):
             determinant = a * c - b * b
             chi2 = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
-        near = (chi2 <= options.gate**2) & allowed[rows][:, own] & fit.seen[k][rows, None] & (determinant > 0.0)
+        near = (chi2 <= options.gate**2) & allowed[rows][:, own] & seen[rows, None] & (determinant > 0.0)
         i, j = linear_sum_assignment(np.where(near, chi2 - options.gate**2, UNREACHABLE))
         kept = near[i, j]
         out[camera * copies.count + i[kept]] = own[j[kept]]

@@ -74,6 +74,8 @@ class MatchingTask:
         Partial knowledge of the poses of several bodies, by label.
     budget : int, optional
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
+    search_camera : int, optional
+        The only camera of a rig in which minimal sets are searched.
     deadline : Deadline
         When every stage hands on what it has found.
     """
@@ -95,6 +97,7 @@ class MatchingTask:
     known: PosePrior | None = None
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
+    search_camera: int | None = None
     deadline: Deadline = NEVER
 
     @classmethod

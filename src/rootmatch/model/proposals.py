@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import Evidence, about, settled
+from rootmatch.model.linearised import Linearised
 from rootmatch.model.views import frames_of
 
 Floats = NDArray[np.float64]
@@ -48,19 +50,50 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
+    return poses_of_sets(model, assignments, FEW)[1]
+
+
+def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> tuple[Integers, Proposals]:
+    """As `poses_of_few`, of up to so many matches in a camera; also the number of the assignment of each pose."""
     assignments = np.array(assignments, np.int64)
     rotations, translations = frames_of(model.camera)
-    most = 8 * len(assignments) * len(rotations)
-    of, rotation, position = np.empty(most, np.int64), np.empty((most, 3, 3)), np.empty((most, 3))
+    room = 8 * len(assignments) * len(rotations)
+    of, rotation, position = np.empty(room, np.int64), np.empty((room, 3, 3)), np.empty((room, 3))
     count = poses_of_minimal_sets(
         model.points - model.centre,
         (model.image_for_kernels[0], model.rays),
         assignments,
         (rotations, translations),
-        FEW,
+        most,
         (of, rotation, position),
     )
-    return Proposals(assignments[of[:count]], rotation[:count].copy(), position[:count].copy())
+    of = of[:count].copy()
+    return of, Proposals(assignments[of], rotation[:count].copy(), position[:count].copy())
+
+
+def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
+    """Assignments (K, n) at the best poses that lead on from their minimal sets; those without one in a camera are not.
+
+    Returns
+    -------
+    Proposals
+        With fitted poses.
+    Evidence, Linearised
+        Of those assignments about these poses.
+    """
+    of, sets = poses_of_sets(model, assignments, assignments.shape[1])
+    found, _ = about(model, *sets)
+    order = np.lexsort((-found.log_odds, of))
+    _, first = np.unique(of[order], return_index=True)
+    rows = order[first]
+    return refitted(model, sets.take(rows))
+
+
+def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
+    """Assignments at the best poses near their own; see `fitted`."""
+    found, at = about(model, *proposals)
+    found, at = settled(model, proposals.assignments, found, at)
+    return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Integers) -> Proposals:

@@ -50,8 +50,8 @@ class TrackingOptions(Options):
     with 10,000 two of 120 flights followed a wrong pose where 30,000 found the right one (benchmarks/tracking.py, seeds
     from 1100 and 2100)."""
     search_every: int = option(10, least=1)
-    """Interval in frames between searches for missing bodies (with several bodies), for a followed body if another pose
-    may explain more, and between doubts about its poses. A round value."""
+    """Frames between searches for a followed body if another pose may explain more, between doubts about its poses, and
+    at most between searches for one of several bodies that is missing. A round value."""
     motion: MotionOptions = option(DEFAULT_MOTION)
     """How fast a body may move."""
 
@@ -73,7 +73,9 @@ class FollowedBody:
     ) -> None:
         self.options, self.symmetries = options, symmetries
         self.belief = Belief(source, options.motion)
-        self.detections = self.searched = self.confirmed = self.failures = 0
+        self.waiting: list[int | None] = []
+        """Images that a search under way has not come to: cameras of a rig, None for a single one."""
+        self.detections = self.searched = self.served = self.confirmed = self.failures = 0
         self.forget()
 
     def forget(self) -> None:
@@ -99,10 +101,21 @@ class FollowedBody:
 
     def wants_search(self, found: Finding, frame: int) -> bool:
         """Whether to search for the body in a frame, judged by the finding about its predicted poses."""
+        if not self.belief:
+            return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
         return not _is_enough(found) and frame - self.searched >= self.options.search_every
+
+    def wants_search_of_several(self, found: Finding, frame: int) -> bool:
+        """Whether a search for the body is due among those for several bodies."""
+        due = found.status is not Status.UNTRUSTED or self.is_due(frame)
+        return due and self.wants_search(found, frame)
+
+    def ends_search(self, frame: int) -> bool:
+        """Whether a search for the body came to its last image in this frame."""
+        return self.served == frame and not self.waiting
 
     def checked(self, found: Finding, frame: int, searched: bool) -> Finding:
         """What was found in a frame: ambiguous if a pose elsewhere could explain more, and no late search excluded it.

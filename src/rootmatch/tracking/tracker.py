@@ -15,8 +15,8 @@ from rootmatch.backends.strongest import Progress
 from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
@@ -31,6 +31,7 @@ from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
+from rootmatch.tracking.search_turns import next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 
@@ -44,8 +45,9 @@ class Tracker:
 
     The first frame is matched as by `rootmatch.Matcher`. From then on, a Kalman filter of its motion predicts a
     pose with its covariance, which is the prior of the next match: a frame takes a few milliseconds. A body that is
-    not found is still predicted for a while; then it counts as lost and is searched for. Kernels are compiled when a
-    frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
+    not found is still predicted for a while; then it counts as lost and is searched for. The search for one of several
+    bodies goes on over frames: each looks for one body, in one camera of a rig. Kernels are compiled when a frame first
+    needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
 
     Parameters
     ----------
@@ -261,20 +263,28 @@ max_evaluations
             elif told is not None:
                 poses[label] = told
 
-        def explained(searching: bool) -> Finding:
+        def explained(searching: bool | Choice) -> Finding:
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
                 rivals=rivals, searching=searching,
             )  # fmt: skip
 
-        # between two point sets one posterior weighs the prediction and everything else
-        found = explained(False) if poses and self.matcher.problem.takes_prior else None
-        searched = found is None or self._searches(found)
-        if found is None or searched:
+        searched = set(self._bodies)
+        of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
+        if not of_images or (not poses and self.time is None):
             found = explained(True)
+        elif self.labels is not None:
+            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
+            searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
+        else:
+            near = explained(False) if poses else None
+            if near is None or self._bodies[None].wants_search(near, self._frame):
+                found = explained(True)
+            else:
+                found, searched = near, set()
         parts = {
-            label: self._bodies[label].checked(part, self._frame, searched)
+            label: self._bodies[label].checked(part, self._frame, label in searched)
             for label, part in self._parts(found).items()
         }
         for label, part in parts.items():
@@ -282,23 +292,6 @@ max_evaluations
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})
-
-    def _searches(self, found: Finding) -> bool:
-        """Whether to search a frame, judged by the finding about predicted poses.
-
-        Several bodies are searched for together, and while they are lost not in every frame.
-        """
-        several = self.labels is not None
-        due = not several or (self._frame - 1) % self.tracking.search_every == 0
-
-        def wanted(part: Finding, body: FollowedBody) -> bool:
-            if not body.belief:
-                due_again = not several or body.is_due(self._frame)
-                return due_again and part.status is not Status.MATCHED  # partial knowledge may have found it
-            return due and body.wants_search(part, self._frame)
-
-        parts = self._parts(found).values()
-        return any(wanted(part, body) for part, body in zip(parts, self._bodies.values(), strict=True))
 
     def _parts(self, found: Finding) -> dict[Label | None, Finding]:
         """The finding of each body by its label (None for a single body)."""

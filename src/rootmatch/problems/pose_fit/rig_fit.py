@@ -17,8 +17,8 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.absolute import AbsoluteFit, absolute_fit
-from rootmatch.problems.pose_fit.base import Floats, invertible
+from rootmatch.problems.pose_fit.absolute import absolute_fit
+from rootmatch.problems.pose_fit.base import Floats
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
@@ -160,57 +160,6 @@ class CopiesAsGiven(Copies):
     def unit(self) -> float:
         """The unit of the caller."""
         return 1.0
-
-
-def rig_fit(
-    copies: Copies, target: Floats, sigma: Floats, assignments: Integers, steps: int = STEPS, start: State | None = None
-) -> AbsoluteFit:
-    """Fit of each assignment of copies, as `absolute_fit` of one camera.
-
-    Parameters
-    ----------
-    copies : Copies
-    target, sigma : (n', 2) and (n',) arrays
-        Pixels in the common plane, and their σ.
-    assignments : (K, C n) int64 array
-        −1 where unmatched. One with fewer than four matches in every camera has no fit, an infinite χ².
-    steps : int
-        Most steps from the fit of the camera with most matches; 0 where the others have none.
-    start : (K, 3, 3) and (K, 3) arrays, optional
-        Rotations and translations, in the unit of the fits, from which to start instead.
-    """
-    used = assignments >= 0
-    image, weight = target[np.maximum(assignments, 0)], np.where(used, 1.0 / sigma[np.maximum(assignments, 0)], 0.0)
-    count = len(assignments)
-    model = ProjectionModel(
-        np.broadcast_to(copies.places, (count, *copies.places.shape)), image, weight, copies, np.eye(3)
-    )
-    (rotation, translation), chi2 = descended(model, start or _starts(copies, target, sigma, assignments), steps)
-    with np.errstate(all="ignore"):
-        positions = copies.places @ rotation.swapaxes(-1, -2) + translation[:, None]
-        jacobian = model.jacobian((rotation, translation)).reshape(*assignments.shape, 2, 6)
-        by_position = copies.jacobian(positions)
-        rotated = positions - translation[:, None]
-        every = np.concatenate([-by_position @ cross_matrix(rotated), by_position], axis=-1)
-        every = np.where(np.isfinite(every), every, 0.0)
-        rows = jacobian.reshape(count, -1, 6)
-        normal = invertible(rows.swapaxes(-1, -2) @ rows)
-    variance = sigma**2
-    logarithms = np.where(used, np.log(2.0 * np.pi * variance[np.maximum(assignments, 0)]), 0.0).sum(axis=1)
-    return AbsoluteFit(
-        chi2=chi2,
-        dof=np.asarray(2 * used.sum(axis=1) - 6),
-        evidence=np.asarray(-0.5 * (chi2 + np.linalg.slogdet(normal)[1]) - logarithms),
-        target=target,
-        variance=variance,
-        predicted=copies.project(positions),
-        jacobian=every,
-        covariance=np.asarray(np.linalg.inv(normal)),
-        positions=copies.from_centre(positions),
-        rotation=rotation,
-        translation=translation,
-        seen=copies.sees(positions),
-    )
 
 
 def rig_pose(

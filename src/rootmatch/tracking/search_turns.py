@@ -1,0 +1,42 @@
+"""Searches for several bodies that go on over frames, so that no frame takes much longer than the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rootmatch.explain.body_labels import Label
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_bodies import SearchPart
+from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.tracking.followed_body import FollowedBody
+
+
+def next_part(
+    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
+) -> SearchPart | None:
+    """What a frame searches, judged by the findings about predicted poses; None for nothing.
+
+    A frame searches one image for one body. The search for a body goes on in the next frames until it has come to all
+    images; bodies take turns.
+    """
+    each = list(bodies.values())
+    for body, part in zip(each, parts.values(), strict=True):
+        if not body.waiting and body.wants_search_of_several(part, frame):
+            body.waiting = images_of(part)
+    waiting = [number for number, body in enumerate(each) if body.waiting]
+    if not waiting:
+        return None
+    number = min(waiting, key=lambda k: each[k].served)
+    each[number].served = frame
+    return SearchPart(number, each[number].waiting.pop(0))
+
+
+def images_of(found: Finding) -> list[int | None]:
+    """The images in which a body can be searched for: cameras of a rig that show enough, those that show most first."""
+    problem = found.task.problem
+    if not isinstance(problem, RigCopies):
+        return [None]
+    shown = np.bincount(problem.copies.owner)
+    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= problem.order]
