@@ -296,10 +296,10 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     parts = []
     search_part = image_bodies._search_part
 
-    def counted(task: MatchingTask, bodies: Any, part: image_bodies.SearchPart, *given: Any) -> None:
+    def counted(task: MatchingTask, bodies: Any, part: image_bodies.SearchPart, free: Any, **named: Any) -> None:
         parts.append((tracker._frame, *part))
         assert task.search_camera == part.camera
-        search_part(task, bodies, part, *given)
+        search_part(task, bodies, part, free, **named)
 
     monkeypatch.setattr(image_bodies, "_search_part", counted)
     for k in range(60):

@@ -145,7 +145,7 @@ def match_bodies_in_image(
         if choice is None:
             _search(task, bodies, free, solve, options)
         elif (part := choice(_finding(task, bodies))) is not None:
-            _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve, options)
+            _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve=solve, options=options)
     return _finding(task, bodies)
 
 
@@ -186,6 +186,7 @@ def _search_part(
     bodies: list[_Body],
     part: SearchPart,
     free: NDArray[np.bool_],
+    *,
     solve: Solve,
     options: BodyOptions,
 ) -> None:
