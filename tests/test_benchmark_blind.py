@@ -83,6 +83,15 @@ def test_the_judge_knows_the_truth_and_what_is_far_from_it() -> None:
     assert not judged(scene, Answer((scene.R, np.full(3, np.nan)), True), 1.0)["right"]
 
 
+def test_softposit_ends_where_detections_lead_to_no_pose() -> None:
+    """All at the principal point: the scale of every pose that they lead to is zero."""
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (9, 3))
+    start = np.eye(3), np.array([0.0, 0.0, 5.0])
+    R, t = softposit(points, np.zeros((6, 2)), 500.0, 2.0, start=start)
+    np.testing.assert_array_equal(R, start[0])
+    np.testing.assert_array_equal(t, start[1])
+
+
 def test_softposit_finds_the_pose_from_a_near_start() -> None:
     from scipy.spatial.transform import Rotation
 

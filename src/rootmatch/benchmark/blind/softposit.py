@@ -51,6 +51,8 @@ def softposit(
             break
         first = np.linalg.solve(moments, homogeneous.T @ (w * (x[:, 0] @ pairs)))
         second = np.linalg.solve(moments, homogeneous.T @ (w * (x[:, 1] @ pairs)))
+        if not min(np.linalg.norm(first[:3]), np.linalg.norm(second[:3])) > 0.0:
+            break  # the detections that are left are all at the principal point: the body is infinitely far
         R, t = _unscaled(first, second)
         first, second, w = _scaled(R, t, points)
         beta *= GROWTH
