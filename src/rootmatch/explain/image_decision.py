@@ -108,8 +108,8 @@ def told_by(
     holds, matched = prediction >= 0, len(used[k])
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
-    # a search looks at one image at a time: no other pose with as few matches in each would have been met
-    met = sure is not None and body.model.most_in_an_image(sure) > base.task.problem.minimal
+    # otherwise no other pose with as few matches in each image would have been met
+    met = sure is not None and body.model.is_met(sure, minimal := base.task.problem.minimal, minimal + 1)
     of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(
         present=present,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
+from rootmatch.explain.few_point_twins import twins_of_few
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
 from rootmatch.explain.rig_copies import RigCopies, twin_of
@@ -27,7 +28,7 @@ from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
-from rootmatch.model.proposals import Proposals, fitted, joined, look_alikes, poses_of_few
+from rootmatch.model.proposals import FEW, Proposals, fitted, joined, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.reference_point import about_point
 
@@ -152,7 +153,22 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image))
-    return joined(parts)
+    return joined([*parts, *_twins_of_few(task, model, first)])
+
+
+def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
+    """Poses in which a few other points of the body lie where the few that are matched do."""
+    images = max(len(model.images), 1)
+    n, parts = model.shape[0] // images, []
+    blocks = n * np.arange(images)[:, None]
+    for k, assignment in enumerate(found.assignments):
+        few = np.flatnonzero((assignment.reshape(images, n) >= 0).any(axis=0))
+        if not task.problem.minimal <= len(few) <= FEW:
+            continue
+        for twin in twins_of_few(model.points[:n], few):
+            image = np.where(twin >= 0, blocks + twin, -1).ravel()
+            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, image))
+    return parts
 
 
 def _fitted(task: MatchingTask, model: DetectionModel, rows: Integers) -> Proposals:

@@ -21,6 +21,7 @@ from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.known_pose import upright_problem
 from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.rig_triples import assignments_of_triples
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import one_hot
@@ -75,15 +76,16 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
     if task.budget is not None:
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
-    sampled, hypotheses, whole = _searched(task, problem, options)
-    proposals = _verified(task, problem.copies, hypotheses, options)
+    model = model_of(task)
+    sampled, hypotheses, whole = _searched(task, problem, model, options)
+    proposals = _verified(task, problem.copies, model, hypotheses, options)
     named = np.array(proposals).reshape(len(proposals), task.shape[0])
     found = assessed(task, sampled._replace(assignments=named))
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
 def _searched(
-    task: MatchingTask, problem: RigCopies, options: RigOptions
+    task: MatchingTask, problem: RigCopies, model: DetectionModel, options: RigOptions
 ) -> tuple[SampledTensor, list[Integers], bool]:
     """Hyper-edges within the cameras, and assignments of copies that hypotheses of single cameras name.
 
@@ -99,7 +101,7 @@ def _searched(
     searching = task.deadline.part(SEARCHED)
     for k, camera in enumerate(copies.rig.cameras):
         own = np.flatnonzero(copies.owner == k)
-        if len(own) < LEAST or searching.passed() or task.search_camera not in (None, k):
+        if len(own) < problem.order - 1 or searching.passed() or task.search_camera not in (None, k):
             continue
         part = points.subset(np.arange(n), own)
         turn = copies.rig.rotations[k]
@@ -114,6 +116,9 @@ def _searched(
             options=replace(part.options, sampler=guided),
             deadline=searching.part(1.0 / (len(copies.rig.cameras) - k)),
         )
+        hypotheses += assignments_of_triples(part, model, k, own, guided)
+        if len(own) < LEAST:
+            continue
         sampled = sample(part)
         evaluated += sampled.evaluated
         whole, missed = whole and sampled.evaluated < guided.budget, min(missed, sampled.missed)
@@ -131,12 +136,13 @@ def _searched(
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 
-def _verified(whole: MatchingTask, copies: Copies, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
+def _verified(
+    whole: MatchingTask, copies: Copies, model: DetectionModel, hypotheses: list[Integers], options: RigOptions
+) -> list[Integers]:
     """Assignments that hypotheses gather in all cameras, the best first; near a deadline, of the first hypotheses."""
     if not hypotheses:
         return []
     assert whole.allowed is not None
-    model = model_of(whole)
     low, high = model.target.min(axis=0), model.target.max(axis=0)
     density = CROWDING * len(model.target) / max(float(np.prod(high - low)), 1e-300)
     proposals, found, at = fitted(model, np.array(hypotheses))

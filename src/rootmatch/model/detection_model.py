@@ -62,6 +62,10 @@ class ModelOptions(Options):
 DEFAULT_MODEL = ModelOptions()
 
 
+MORE_SIGHTINGS = 2
+"""Sightings by other cameras beside a minimal set in one, at least: with one, hundreds of false sets have as many."""
+
+
 @dataclass(frozen=True, eq=False)
 class DetectionModel:
     """A body and its image.
@@ -148,10 +152,20 @@ class DetectionModel:
             out[own] = k
         return out
 
-    def most_in_an_image(self, assignment: Integers) -> int:
-        """Number of matches of an assignment (n,) in the image that has most of them."""
-        used = assignment[assignment >= 0]
-        return int(np.bincount(self.image_of[used]).max()) if len(used) else 0
+    def is_met(self, assignment: Integers, minimal: int, points: int = 0) -> bool:
+        """Whether a search meets poses with as many matches as an assignment (n,) has in each image.
+
+        It needs more than a minimal set in one image; where normals tell what several cameras see, a minimal set in one
+        and more in others, in all of so many ``points`` at least.
+        """
+        used = assignment >= 0
+        if not used.any():
+            return False
+        most = int(np.bincount(self.image_of[assignment[used]]).max())
+        if most != minimal or len(self.images) < 2 or self.normals is None:
+            return most > minimal
+        enough = len(np.unique(self.points[used], axis=0)) >= points
+        return bool(enough and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
 
     @cached_property
     def rays(self) -> Floats:

@@ -180,7 +180,7 @@ class Belief:
         go_on = []
         for k, of in enumerate(origin.tolist()):
             if of < 0:
-                many = model.most_in_an_image(modes.assignments[k]) > found.task.problem.minimal
+                many = model.is_met(modes.assignments[k], found.task.problem.minimal)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
                 chance = float((many or told_of) and found.status is not Status.UNTRUSTED)
             else:

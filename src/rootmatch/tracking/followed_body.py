@@ -159,11 +159,9 @@ class FollowedBody:
 
 
 def _is_met(found: Finding) -> bool:
-    """Whether a search would have met other poses of as many matches: it needs more than a minimal set in one image.
-
-    Two point sets need no search.
-    """
-    many = found.model is None or found.model.most_in_an_image(found.assignment) > found.task.problem.minimal
+    """Whether a search would have met other poses of as many matches; two point sets need none."""
+    minimal = found.task.problem.minimal
+    many = found.model is None or found.model.is_met(found.assignment, minimal, minimal + 1)
     return found.task.problem.takes_motion_prior or many
 
 

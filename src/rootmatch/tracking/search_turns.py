@@ -39,4 +39,4 @@ def images_of(found: Finding) -> list[int | None]:
     if not isinstance(problem, RigCopies):
         return [None]
     shown = np.bincount(problem.copies.owner)
-    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= problem.order]
+    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= problem.minimal]

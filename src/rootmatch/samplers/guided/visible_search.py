@@ -17,6 +17,7 @@ from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
+from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import image_cells
 from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
 
@@ -98,6 +99,30 @@ class VisibleSearch(Search):
             if self._none_missed_of(least, number + 1) or self._spent():
                 return
         self.missed = 0.0
+
+    def triples(self, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
+
+        Those first whose poses explain most of the other detections.
+        """
+        test = self._visible_test()._replace(floor=-math.inf, least=self.minimal)
+        found, images = [], np.arange(self.n_target)
+        for number in range(len(self.views.edges)):
+            sets = self.views.wave(number, self.tables)
+            survivors, ratios, counts = run_visible_tests(
+                self.tables, self.grid, test, sets, self.cells,
+                images=images, facing=self.least_cosine, first=0, last=len(sets.shapes), allowed=self.allowed,
+                keep=max(most // 4, 1), chunks=8,  # a chunk looks for its weakest at each one that it keeps
+            )  # fmt: skip
+            self.evaluated += int(counts[:, ::2].sum())
+            found.append(Survivors.of(sets.prepared.points, survivors, ratios, most))
+        order = np.argsort(-np.concatenate([some.ratios for some in found]), kind="stable")
+        rows = np.hstack(
+            [np.concatenate([some.points for some in found]), np.concatenate([some.images[:, 1:] for some in found])]
+        )
+        _, first = np.unique(rows[order], axis=0, return_index=True)
+        rows = rows[order][np.sort(first)[:most]]
+        return rows[:, :3], rows[:, 3:]
 
     def _none_missed_of(self, matched: int, waves: int) -> bool:
         """Whether the first waves would have met a pose that explains this many points."""
