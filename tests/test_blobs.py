@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.model.blob_labels import of_surest, surest_points
-from rootmatch.model.blobs import any_of_each, blobs, lit_chances, mean_of_each, of_blobs, spread_of_each
+from rootmatch.model.blobs import blobs, lit_chances, mean_of_each, of_blobs, spread_of_each
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about
 
@@ -83,7 +83,6 @@ def test_a_point_by_itself_stays_as_it_is() -> None:
     for alone in (0, 3):
         assert (mean[0, alone] == pixels[0, alone]).all()
         assert spread[0, alone] == 0.0
-    assert any_of_each(blob, lit)[0, 1] == pytest.approx(1.0 - (1.0 - lit[0, 1]) * (1.0 - lit[0, 2]))
 
 
 def test_the_first_point_has_the_detection_of_its_blob() -> None:

@@ -26,7 +26,7 @@ from rootmatch.model.evidence import about, evidence, log_detected, stepped
 from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
 from rootmatch.model.proposals import poses_of_few
 from rootmatch.model.views import frames_of, views_of
-from rootmatch.model.visibility import visible
+from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
 from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
@@ -110,6 +110,31 @@ def test_projection_and_its_derivatives(name: str) -> None:
         close = np.abs(at.jacobian[..., axis] - slope) <= 2e-6 * scale + 1e-9
         assert close[seen & (places[..., 2] > 0.1)].all()
     np.testing.assert_array_equal(at.by_position, at.jacobian[..., 3:])
+
+
+def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
+    """Visibility of points by their normals, at most 1; 1 if no normals are known.
+
+    Parameters
+    ----------
+    cosine : (…, n) array or None
+        Of `facing`.
+    view_cosine : (n,) array or None
+        Cosine of the view angle of each point.
+    tilt : (…) array
+        Standard deviation of the pose's direction, in radians: it blurs the edge.
+    """
+    if cosine is None:
+        return 1.0
+    limit = (0.0 if view_cosine is None else view_cosine) - SLACK
+    if view_cosine is None:
+        shown = np.clip(cosine / FULLY, 0.0, 1.0)
+    else:
+        blur = np.sqrt(EDGE**2 + (1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None] ** 2)
+        with np.errstate(over="ignore"):
+            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / blur))
+    shown = np.where(cosine < limit, UNSEEN, BARELY + (1.0 - BARELY) * shown)
+    return np.asarray(np.where(np.isnan(cosine), 1.0, shown))
 
 
 def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats, position: Floats, prior: PoseDensity):  # type: ignore[no-untyped-def]

@@ -119,6 +119,15 @@ def test_three_leds_in_each_of_several_cameras_are_found(seed: int) -> None:
     assert not ((found.sightings.assignment >= 0) & (found.sightings.assignment != scene.truth)).any()
 
 
+def test_a_vertical_goes_with_them() -> None:
+    scene = three_each(3)
+    down = np.array([0.0, 1.0, 0.0])
+    problem = rm.UP2P(RIG, tuple(scene.poses[0][0] @ down), tuple(down), 0.01)
+    found = rm.match(POINTS[:LEDS], scene.rows, problem, **KNOWN)
+    assert found.status is rm.Status.MATCHED
+    np.testing.assert_array_equal(found.sightings.assignment, scene.truth)
+
+
 def test_without_normals_three_are_not_searched_for() -> None:
     scene = three_each(0)
     found = rm.match(POINTS[:LEDS], scene.rows, rm.P3P(RIG), noise=NOISE)

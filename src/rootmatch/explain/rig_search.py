@@ -30,6 +30,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import fitted, refitted
 from rootmatch.options import Options, option
 from rootmatch.problems.gate import GATE
+from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.clutter import CROWDING
@@ -116,7 +117,8 @@ def _searched(
             options=replace(part.options, sampler=guided),
             deadline=searching.part(1.0 / (len(copies.rig.cameras) - k)),
         )
-        hypotheses += assignments_of_triples(part, model, k, own, guided)
+        of_triples = replace(part, problem=P3P(camera))  # a measured vertical has its say in the model
+        hypotheses += assignments_of_triples(of_triples, model, k, own, guided)
         if len(own) < LEAST:
             continue
         sampled = sample(part)

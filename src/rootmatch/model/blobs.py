@@ -79,13 +79,6 @@ def spread_of_each(blob: Integers, pixels: Floats, lit: Floats) -> Floats:
     return np.asarray(dark * _sum_of_each(blob, lit * off) / (others * total))
 
 
-def any_of_each(blob: Integers, visible: Floats) -> Floats:
-    """Chance (K, n) that a blob shows: that any of its points does, each by its visibility."""
-    with np.errstate(divide="ignore"):
-        hidden = np.log1p(-np.minimum(visible, 1.0 - 1e-15))
-    return np.asarray(-np.expm1(_sum_of_each(blob, hidden)))
-
-
 def of_blobs(assignments: Integers, blob: Integers) -> Integers:
     """Assignments (K, n) in which the first point of a blob (K, n) has the detection of any of its points.
 

@@ -36,31 +36,6 @@ def facing(normals: Floats | None, positions: Floats, rotation: Floats) -> Float
         return np.asarray(np.where(length > 0.0, along / length, np.nan))
 
 
-def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
-    """Visibility of points by their normals, at most 1; 1 if no normals are known.
-
-    Parameters
-    ----------
-    cosine : (…, n) array or None
-        Of `facing`.
-    view_cosine : (n,) array or None
-        Cosine of the view angle of each point.
-    tilt : (…) array
-        Standard deviation of the pose's direction, in radians: it blurs the edge.
-    """
-    if cosine is None:
-        return 1.0
-    limit = (0.0 if view_cosine is None else view_cosine) - SLACK
-    if view_cosine is None:
-        shown = np.clip(cosine / FULLY, 0.0, 1.0)
-    else:
-        blur = np.sqrt(EDGE**2 + (1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None] ** 2)
-        with np.errstate(over="ignore"):
-            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / blur))
-    shown = np.where(cosine < limit, UNSEEN, BARELY + (1.0 - BARELY) * shown)
-    return np.asarray(np.where(np.isnan(cosine), 1.0, shown))
-
-
 def within(pixels: Floats, size: tuple[float, float], sigma: float) -> Floats:
     """Degree, 0 to 1, to which pixels (…, 2) lie within an image of a size (width, height); the edge is soft."""
     inside = np.minimum(pixels, np.array(size) - pixels).min(axis=-1)
