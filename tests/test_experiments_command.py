@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
-from rootmatch.experiments import progress
+from rootmatch.experiments import progress, reproduce
 from rootmatch.experiments.progress import Console
 from rootmatch.experiments.reproduce import Reproduction
 from rootmatch.experiments.settings import Effort
@@ -96,3 +96,21 @@ def test_log_says_how_much_time_is_left(monkeypatch, capsys):
         "scenes: 80 of 100 rows, about 0:00:20 left",
         "scenes: done in 1:24:40",
     ]
+
+
+class ChosenError(Exception):
+    """Raised where ρ is chosen, in the place of everything that follows."""
+
+
+@pytest.mark.parametrize("problems", [("up2p",), ("p3p", "up2p")])
+def test_rho_is_scanned_for_the_problems_that_are_asked_for_alone(tmp_path, monkeypatch, problems):
+    scanned = []
+
+    def chosen(*given):
+        raise ChosenError
+
+    monkeypatch.setattr(reproduce, "run", lambda work, store, **options: scanned.extend(work))
+    monkeypatch.setattr(reproduce, "choose", chosen)
+    with pytest.raises(ChosenError):
+        reproduce.reproduce(problems, tmp_path, effort=Effort(instances=2))
+    assert {task.setting.problem for unit in scanned for task in unit.tasks} == set(problems)
