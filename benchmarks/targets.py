@@ -2,10 +2,13 @@
 
 157 retro-reflective targets against the 15 to 131 that a view shows, raw pixels of a lens with distortion, in random
 order and with clutter among them. ROOTMATCH_DATA names the folder of the data set. With ``--sizes`` instead simulated
-closed surfaces of 20 to 2,000 points, of which the camera sees the half that faces it: how the time grows.
+closed surfaces of 20 to 2,000 points, of which the camera sees the half that faces it: how the time grows. With
+``--seen`` they are points of a box, and only so many are detected.
 
     python benchmarks/targets.py --clutter 0 100
     python benchmarks/targets.py --sizes 20 50 100 200 500 1000 2000
+    python benchmarks/targets.py --sizes 60 --seen 10 --seeds 40
+    python benchmarks/targets.py --sizes 40 --seen 20 --seeds 10 --noise auto
 """
 
 from __future__ import annotations
@@ -91,12 +94,24 @@ def simulated(n: int, clutter: int, seed: int, sigma: float = 0.5) -> Scene:
     return Scene(source, target, truth, camera, sigma)
 
 
-def row(name: str, scene: Scene, seed: int, max_seconds: float | None) -> Row:
-    """Match a scene; processor seconds."""
-    started = time.process_time()
-    match = rm.match(
-        scene.source, scene.target, rm.P3P(scene.camera), noise=scene.sigma, seed=seed, max_seconds=max_seconds
-    )
+def boxed(n: int, seen: int, clutter: int, seed: int, sigma: float = 0.3) -> Scene:
+    """Points of a box, some of which are detected."""
+    rng = np.random.default_rng([seed, n, seen, clutter])
+    source = rng.uniform(-0.5, 0.5, (n, 3)) * [1.0, 1.0, 0.6]
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    camera = rm.Camera(1200.0, 1200.0, 640.0, 480.0)
+    pixels = camera.project(source @ rotation.T + [*rng.uniform(-0.2, 0.2, 2), 2.0])
+    pixels += rng.normal(scale=sigma, size=pixels.shape)
+    pixels[rng.permutation(n)[seen:]] = np.nan
+    target, truth = shuffled(source, pixels, rng.uniform(0.0, [1280.0, 960.0], (clutter, 2)), rng)
+    return Scene(source, target, truth, camera, sigma)
+
+
+def row(name: str, scene: Scene, seed: int, max_seconds: float | None, auto: bool = False) -> Row:
+    """Match a scene, its noise stated or estimated; processor seconds."""
+    started, noise = time.process_time(), "auto" if auto else scene.sigma
+    match = rm.match(scene.source, scene.target, rm.P3P(scene.camera), noise=noise, seed=seed, max_seconds=max_seconds)
     seconds = time.process_time() - started
     found = match.assignment >= 0
     right = int((found & (match.assignment == scene.truth)).sum())
@@ -135,21 +150,30 @@ def main() -> None:
     parser.add_argument("--views", type=int, nargs="+", help="default: every view with 15 points or more")
     parser.add_argument("--every", type=int, default=1, help="take each so many-th view")
     parser.add_argument("--sizes", type=int, nargs="+", help="simulated objects of so many points instead")
+    parser.add_argument("--seen", type=int, help="of points of a box instead, of which so many are detected")
+    parser.add_argument("--noise", choices=["stated", "auto"], default="stated", help="of simulated points")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first-seed", type=int, default=20_000)
     parser.add_argument("--max-seconds", type=float, help="most seconds a match may take")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    row("warm-up", simulated(60, 0, 0), 0, None)  # compiles
+    auto = options.noise == "auto"
+    row("warm-up", simulated(60, 0, 0), 0, None, auto)  # compiles
     if options.sizes:
         for clutter in options.clutter:
             print(f"\nsimulated, {clutter} clutter points\n{HEADER}")
             medians = []
             for n in options.sizes:
-                rows = [row(f"{n}", simulated(n, clutter, seed), seed, options.max_seconds) for seed in seeds]
+                rows = []
+                for seed in seeds:
+                    scene = simulated(n, clutter, seed)
+                    if options.seen:
+                        scene = boxed(n, options.seen, clutter, seed)
+                    rows.append(row(f"{n}", scene, seed, options.max_seconds, auto))
                 medians.append(float(np.median([r.seconds for r in rows])))
                 for one in rows:
                     print(printed(one), flush=True)
+                print(summary(rows))
             if len(medians) > 1:
                 slope = np.polyfit(np.log(options.sizes), np.log(medians), 1)[0]
                 print(f"exponent {slope:.2f}")
