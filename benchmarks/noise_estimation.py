@@ -53,10 +53,13 @@ def main() -> None:
             sigma = SIGMAS[seed % len(SIGMAS)]
             scene = make(sigma, seed)
             match = rm.match(scene.source, scene.target, scene.problem, noise="auto")
-            fit = scene.problem.fitted(scene.problem.validated(scene.source, scene.target, sigma), scene.truth[None])
-            dof = int(fit.dof[0])
+            points = scene.problem.validated(scene.source, scene.target, sigma)
+            (pose,) = scene.problem.poses(points, scene.truth[None])
+            assert pose is not None
+            assert pose.dof is not None
+            dof = pose.dof
             centre = 4.0 * math.log(FACTOR) / (FACTOR**2 - FACTOR**-2)
-            ideal = math.sqrt(fit.chi2[0] / (centre * dof))
+            ideal = math.sqrt(pose.chi2 / (centre * dof))
             within.append(abs(math.log(match.noise / sigma)) < math.log(FACTOR))
             best.append(abs(math.log(ideal)) < math.log(FACTOR))
             accuracy.append(scene.accuracy(match.assignment))

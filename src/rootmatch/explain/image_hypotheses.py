@@ -29,7 +29,6 @@ from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import FEW, Proposals, fitted, joined, look_alikes, poses_of_few
-from rootmatch.problems.pose_fit.absolute import AbsoluteFit
 from rootmatch.problems.pose_fit.reference_point import about_point
 
 Integers = NDArray[np.int64]
@@ -149,7 +148,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     if not every:
         return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
     rows = np.array(every)
-    parts = [_fitted(task, model, rows), poses_of_few(model, rows)]
+    parts = [fitted(model, rows)[0], poses_of_few(model, rows)]
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image))
@@ -169,17 +168,6 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
             image = np.where(twin >= 0, blocks + twin, -1).ravel()
             parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, image))
     return parts
-
-
-def _fitted(task: MatchingTask, model: DetectionModel, rows: Integers) -> Proposals:
-    """Assignments with their fitted poses."""
-    if isinstance(task.problem, RigCopies):
-        return fitted(model, rows)[0]
-    fit = task.problem.fitted(task.points, rows)
-    assert isinstance(fit, AbsoluteFit)
-    unit = float(np.sqrt(((model.points - model.centre) ** 2).mean()))  # of the fits
-    whole = np.isfinite(fit.chi2) & np.isfinite(fit.translation).all(axis=1)
-    return Proposals(rows[whole], fit.rotation[whole], unit * fit.translation[whole])
 
 
 def _symmetries(task: MatchingTask) -> list[Integers]:

@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from rootmatch.backends import cpu
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import is_modelled
+from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
+from rootmatch.model.evidence import about
+from rootmatch.model.proposals import fitted
 
 FIRST_GUESS = 0.004
 """σ of the first match over the diagonal of the image points: 2 pixels of 500. A round value, generous on purpose."""
@@ -83,7 +87,7 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     for members in groups:
         if len(members) <= problem.order:
             continue
-        scale = _scale(match, members)
+        scale = _scale(match, members, sigma)
         if math.isfinite(scale):
             squares.append(scale * (len(members) - problem.minimal))
             freedom.append(len(members) - problem.minimal)
@@ -92,26 +96,39 @@ def estimated_noise(match: Finding, sigma: float) -> float:
     return sigma * math.sqrt(sum(squares) / sum(freedom))
 
 
-def _scale(match: Finding, members: NDArray[np.int64]) -> float:
+def _scale(match: Finding, members: NDArray[np.int64], sigma: float) -> float:
     """Square of the ratio of the true σ to the assumed one, estimated from one group."""
     problem, points = match.task.problem, match.task.points
-    if problem.fits_answers:
+    one_motion = replace(match.task, options=replace(match.task.options, motions=1))
+    if is_modelled(one_motion):
         alone = np.full_like(match.assignment, -1)
         alone[members] = match.assignment[members]
         assignments = [alone]
         if len(members) == (match.assignment >= 0).sum():
             # if σ is far too large, a wrong assignment can seem as good as the right one, which fits far better
             assignments += [other for other in match.others if (other >= 0).sum() >= len(members)]
-        fit = problem.fitted(points, np.array(assignments))
-        scale = np.maximum(fit.chi2 / fit.dof, LEAST**2)
-        evidence = [float(fit.inflated(scale[k])[k]) for k in range(len(assignments))]
-        return float(scale[int(np.argmax(evidence))]) / CENTRE
+        return _scale_in_image(one_motion, np.array(assignments), sigma) / CENTRE
+    if match.noise_factor is not None:
+        return max(match.noise_factor, LEAST) ** 2 / CENTRE
     order = members[wide_first(points.source[members])]
     tables = problem.tables(points.subset(order, match.assignment[order]))
     rng = np.random.default_rng(0)
     chosen = np.sort(permuted_tuples(rng, SUBSETS, len(members), problem.order), axis=1)
     residuals = cpu.residuals(tables, Residual("joint").kernel_kind(problem.pair_count), chosen, chosen)
     return scale_of(residuals**2, mean_cut(problem.constraints))
+
+
+def _scale_in_image(task: MatchingTask, assignments: NDArray[np.int64], sigma: float) -> float:
+    """As `_scale`, from the assignment (of K, n) whose pose explains most, each with the noise about its own pose."""
+    proposals, found, _ = fitted(model_of(task), assignments)
+    scale = np.maximum(found.squared / found.freedom, LEAST**2)
+    if len(scale) < 2:
+        return float(scale[0]) if len(scale) else math.nan
+    explained = []
+    for k, each in enumerate(sigma * np.sqrt(scale)):
+        at_own_noise, _ = about(model_of(task.with_noise(float(each))), *proposals.take(np.array([k])))
+        explained.append(float(at_own_noise.log_odds[0]))
+    return float(scale[int(np.argmax(explained))])
 
 
 def mean_cut(freedom: int) -> float:

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
+from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.proposals import fitted
 from rootmatch.options import Options, option
 from rootmatch.problems.gate import GATE
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples
@@ -109,6 +111,7 @@ class _Search:
         self.camera, pixels, sigma = problem.camera.chart(points.target, points.target_noise)
         self.points, self.pixels, self.sigma = points.source[self.source], pixels[self.target], sigma[self.target]
         self.rays = problem.camera.bearings(points.target)[self.target]
+        self.model = model_of(task)
         self.left = np.ones(len(self.source), np.bool_)
         self.tried = 0
 
@@ -184,8 +187,10 @@ class _Search:
         for _ in range(self.options.rounds):
             if (group >= 0).sum() <= self.task.problem.order:
                 break
-            fit: Any = self.task.problem.fitted(self.task.points, group[None])
-            offset = fit.predicted[0][self.source[rows]] - self.pixels[rows]
+            _, _, at = fitted(self.model, group[None])
+            if not len(at.pixels):
+                break
+            offset = at.pixels[0][self.source[rows]] - self.pixels[rows]
             distance = np.linalg.norm(offset, axis=1) / self.sigma[rows]
             before, group = group, self._one_to_one(rows, distance)
             if np.array_equal(before, group):

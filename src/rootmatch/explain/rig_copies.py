@@ -50,7 +50,6 @@ class RigCopies(Problem):
     source_dimension: ClassVar[int] = 3
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
-    fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = LEAST
     to_check: ClassVar[str] = "units and cameras"
     to_tell: ClassVar[str] = "give normals"

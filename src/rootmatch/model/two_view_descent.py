@@ -13,12 +13,63 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.two_view_odds import epipolar, inverse_distance
-from rootmatch.problems.pose_fit.relative_descent import least_axis, solved
 
 IMPOSSIBLE = 6.0
 """Deviation, in σ, of a match that lies behind a camera, so that a fit can go on without it. A round value."""
 SETTLED = 1e-13
 """Predicted relative decrease of χ² below which a fit has converged; as of other poses."""
+
+
+@part
+def solved(normal, side, damping, dimensions, work, out):  # type: ignore[no-untyped-def]
+    """The damped symmetric system, by elimination; whether it has a finite solution."""
+    for a in range(dimensions):
+        for b in range(dimensions):
+            work[a, b] = normal[a, b]
+        work[a, a] = work[a, a] * (1.0 + damping) + 1e-300
+        out[a] = side[a]
+    for a in range(dimensions):
+        pivot = 1.0 / work[a, a]
+        for b in range(a + 1, dimensions):
+            f = work[b, a] * pivot
+            for d in range(a, dimensions):
+                work[b, d] -= f * work[a, d]
+            out[b] -= f * out[a]
+    finite = True
+    for back in range(dimensions):
+        a = dimensions - 1 - back
+        total = out[a]
+        for b in range(a + 1, dimensions):
+            total -= work[a, b] * out[b]
+        out[a] = total / work[a, a]
+        finite = finite and abs(out[a]) < 1e6
+    return finite
+
+
+@part
+def least_axis(m, out):  # type: ignore[no-untyped-def]
+    """Unit vector of the least eigenvalue of a symmetric form (xx, yy, zz, xy, xz, yz), by its adjugate's powers."""
+    xx, yy, zz, xy, xz, yz = m[0], m[1], m[2], m[3], m[4], m[5]
+    a, b, c = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+    d, e, f = xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz
+    for _ in range(4):
+        size = 1.0 / max(a + b + c, 1e-300)
+        a, b, c, d, e, f = size * a, size * b, size * c, size * d, size * e, size * f
+        a, b, c, d, e, f = (
+            a * a + d * d + e * e, d * d + b * b + f * f, e * e + f * f + c * c,
+            a * d + d * b + e * f, a * e + d * f + e * c, d * e + b * f + f * c,
+        )  # fmt: skip
+    if a >= b and a >= c:
+        x, y, z = a, d, e
+    elif b >= c:
+        x, y, z = d, b, f
+    else:
+        x, y, z = e, f, c
+    size = math.sqrt(x * x + y * y + z * z)
+    if size > 0.0:
+        out[0], out[1], out[2] = x / size, y / size, z / size
+    else:
+        out[0], out[1], out[2] = 1.0, 0.0, 0.0
 
 
 @part

@@ -18,7 +18,6 @@ from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, 
 from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.source_noise import check_source_noise, mean_deviation, split_noise, with_model_noise
 from rootmatch.problems.two_views import TwoViews
@@ -61,8 +60,6 @@ class Problem(ABC):
     """Whether source points carry noise of their own, as those of an image do."""
     fits_groups: ClassVar[bool] = False
     """Whether `group_chi2`, `group_grown` and `group_extended` are implemented."""
-    fits_answers: ClassVar[bool] = False
-    """Whether `fitted` is implemented."""
     least_for_pose: ClassVar[int] = 0
     """Minimum number of matches for `poses`; 0 if the problem fits none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
@@ -242,13 +239,6 @@ class Problem(ABC):
     @abstractmethod
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials (E, degree + 1), highest degree first, of minimal sets: (E, m, 3|2) and (E, m, 2) points."""
-
-    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
-        """Each assignment (K, n) fitted by the pose that suits it best, where `fits_answers` says so.
-
-        Every assignment needs ``minimal + 1`` matches.
-        """
-        raise NotImplementedError(f"{self.name} cannot fit answers")
 
     def point_clouds(self, points: PointSets) -> PointClouds | None:
         """Both point sets, as the search for the motion between them takes them; None if they are not of one space."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.problems.pose_fit.pinhole_starts import start_of_triple, wide_triple
+from rootmatch.model.compiled.triple_poses import start_of_triple, wide_triple
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

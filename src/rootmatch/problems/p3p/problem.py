@@ -14,8 +14,6 @@ from rootmatch.deadline import checkpoint
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.points import PointSets, known_normals
-from rootmatch.problems.pose_fit.absolute import absolute_fit
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
@@ -66,7 +64,6 @@ class P3P(Problem):
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
-    fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
@@ -96,18 +93,6 @@ class P3P(Problem):
     def of_view(self, camera: CameraModel, turn: NDArray[np.float64]) -> P3P:
         """The problem of one camera of a rig; ``turn``: its rotation in it, which is not known to this problem."""
         return replace(self, camera=camera)
-
-    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
-        """Assignments fitted by a pose each; see `Problem.fitted`."""
-        camera, target, sigma = self.camera.chart(points.target, points.target_noise)
-        return absolute_fit(
-            source=points.source,
-            target=target,
-            sigma=sigma,
-            camera=camera,
-            assignments=assignments,
-            upright=None,
-        )
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Camera poses, 6 × 6 covariances; see `Problem.poses`."""

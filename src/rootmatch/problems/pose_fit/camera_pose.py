@@ -1,12 +1,12 @@
 """Maximum-likelihood poses of a calibrated camera from points in space and their image, with their covariance.
 
-`rootmatch.problems.pose_fit.absolute` fits tens of assignments roughly, to compare them. Here few are fitted to the
-bottom: from many starts, as a plane seen from afar has two valleys, and four points may have more.
+The model of an image fits tens of assignments roughly, to compare them (`rootmatch.model.proposals`). Here few are
+fitted to the bottom: from many starts, as a plane seen from afar has two valleys, and four points may have more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.absolute import Upright
 from rootmatch.problems.pose_fit.descent import (
     ROUGH_STEPS,
     Floats,
@@ -29,6 +28,7 @@ from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
+from rootmatch.problems.pose_fit.upright import Upright
 
 Integers = NDArray[np.int64]
 
@@ -82,45 +82,37 @@ def camera_poses(
     noisy = upright if upright is not None and upright.noise > 0.0 else None
     gaussian = None if prior is None else Prior.of(prior, centre, unit)
 
-    white: Floats | None = None
-
-    def model(times: int) -> ProjectionModel:
-        first, second, third = (np.repeat(array, times, axis=0) for array in (places, image, weight))
-        return ProjectionModel(
-            points=first, image=second, weight=third, camera=camera, axes=axes, upright=noisy, prior=gaussian,
-            white=None if white is None else np.repeat(white, times, axis=0),
-        )  # fmt: skip
-
+    model = ProjectionModel(places, image, weight, camera, axes, upright=noisy, prior=gaussian)
     count = len(places)
     starts: State
     if start is not None:
         starts = np.tile(start.R, (count, 1, 1, 1)), np.tile((start.t + start.R @ centre) / unit, (count, 1, 1))
     elif gaussian is None:
         starts = starting_poses(places, rays, weight, upright)
-        starts = best_apart(model(starts[0].shape[1]), starts)
+        starts = best_apart(model.repeated(starts[0].shape[1]), starts)
     else:
         starts = np.tile(gaussian.rotation, (count, 1, 1, 1)), np.tile(gaussian.translation, (count, 1, 1))
     times = starts[0].shape[1]
-    state, chi2 = descended(model(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
+    state, chi2 = descended(model.repeated(times), tuple(_flat(part) for part in starts), ROUGH_STEPS)
     kept = min(KEPT, times)
     state, chi2 = lowest_of(state, chi2, count, kept)
     if upright is None and prior is None and start is None:
         best, _ = lowest_of(state, chi2, count)
-        other, _ = descended(model(1), reflected(best, places, weight), ROUGH_STEPS)
+        other, _ = descended(model, reflected(best, places, weight), ROUGH_STEPS)
         state = tuple(
             _flat(np.concatenate([part.reshape(count, kept, *part.shape[1:]), more[:, None]], axis=1))
             for part, more in zip(state, other, strict=True)
         )
         kept += 1
-    state, chi2 = lowest_of(*descended(model(kept), state), count)
-    state, chi2 = polished(model, state, chi2, len(axes) + 3)
+    state, chi2 = lowest_of(*descended(model.repeated(kept), state), count)
+    state, chi2 = polished(model.repeated, state, chi2, len(axes) + 3)
     if points.source_covariance is not None:
         known = points.source_covariance[packed] / unit**2
         alone = np.where(weight > 0.0, 1.0 / points.detection_noise[target], 0.0)
         for _ in range(REWEIGHTED):
-            white = whitening(camera, places, known, alone, state)
-            state, chi2 = polished(model, *descended(model(1), state), len(axes) + 3)
-    found = _Found(state, chi2, covariance_of(model(1), state), axes=axes, centre=centre, unit=unit)
+            model = replace(model, white=whitening(camera, places, known, alone, state))
+            state, chi2 = polished(model.repeated, *descended(model, state), len(axes) + 3)
+    found = _Found(state, chi2, covariance_of(model, state), axes=axes, centre=centre, unit=unit)
     measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     return [
         _pose(found, k, points, camera, assignment=assignments[k], measured=measured) if np.isfinite(chi2[k]) else None

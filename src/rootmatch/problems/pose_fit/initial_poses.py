@@ -1,11 +1,11 @@
-"""Poses to start a fit from: of minimal sets of points in space, or linear where the vertical is known."""
+"""Poses to start a fit from: of minimal sets of points in space."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross, rotation_about_y
+from rootmatch.algebra.rotation import cross
 
 Floats = NDArray[np.float64]
 
@@ -94,36 +94,3 @@ def _frames(corners: Floats) -> Floats:
     normal = cross(first, corners[..., 2, :] - corners[..., 0, :])
     normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
     return np.stack([first, cross(normal, first), normal], axis=-1)
-
-
-def upright_start(points: Floats, rays: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Linear poses with a rotation about y: rotations (K, 3, 3), translations (K, 3).
-
-    Parameters
-    ----------
-    points : (n, 3) array
-        In a frame whose vertical is y.
-    rays : (K, n, 3) array
-        Bearings in a frame whose vertical is y, of the matches of each assignment.
-    weight : (K, n) array
-        0 for points that are not matched.
-    """
-    count, n = weight.shape
-    x, y, z = points.T
-    # the position is linear in (c, s, t, 1), the last for the height, which has the scale
-    position = np.zeros((n, 3, 6))
-    position[:, 0, 0], position[:, 0, 1], position[:, 0, 2] = x, z, 1.0
-    position[:, 1, 3], position[:, 1, 5] = 1.0, y
-    position[:, 2, 0], position[:, 2, 1], position[:, 2, 4] = z, -x, 1.0
-    u = rays[..., None]
-    rows = np.stack(
-        [u[:, :, a] * position[:, b] - u[:, :, b] * position[:, a] for a, b in ((1, 2), (2, 0), (0, 1))], axis=2
-    )
-    rows = (rows * weight[..., None, None]).reshape(count, 3 * n, 6)
-    normal = rows.swapaxes(-1, -2) @ rows
-    diagonal = np.arange(5)
-    normal[:, diagonal, diagonal] += 1e-12 * normal[:, diagonal, diagonal].sum(axis=1, keepdims=True) + 1e-300
-    solved = -np.linalg.solve(normal[:, :5, :5], normal[:, :5, 5:])[..., 0]
-    scale = 1.0 / np.maximum(np.hypot(solved[:, 0], solved[:, 1]), 1e-300)
-    cosine, sine = scale * solved[:, 0], scale * solved[:, 1]
-    return rotation_about_y(cosine, sine), np.stack([scale * solved[:, 2], solved[:, 3], scale * solved[:, 4]], axis=-1)

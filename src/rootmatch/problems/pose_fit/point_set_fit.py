@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.pose_fit.base import Fit, Floats
+from rootmatch.problems.pose_fit.base import Floats
 
 Integers = NDArray[np.int64]
 
@@ -25,13 +25,17 @@ DECADES = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class PointSetFit(Fit):
-    """K assignments, each with its motion x' = scale · R x + t.
+class PointSetFit:
+    """K assignments, each with its motion x' = scale · R x + t."""
 
-    ``evidence`` is per unit of volume: the motion is integrated out under the invariant measure of rotations, of volume
-    one, a flat density of the scale's logarithm and of the translation; the volume of translations is not in it.
-    """
-
+    chi2: Floats
+    """(K,) squared deviations of the matched points over their variances."""
+    dof: Integers
+    """(K,) degrees of freedom of the law that χ² of a right assignment follows."""
+    evidence: Floats
+    """(K,) logarithm of the density of the matched detections per unit of volume: the motion is integrated out under
+    the invariant measure of rotations, of volume one, a flat density of the scale's logarithm and of the translation;
+    the volume of translations is not in it."""
     clouds: PointClouds
     assignments: Integers
     """(K, n)."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.cameras.base import CameraModel
-from rootmatch.problems.pose_fit.absolute import Upright
 from rootmatch.problems.pose_fit.descent import Floats, State
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
+from rootmatch.problems.pose_fit.upright import Upright
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +67,13 @@ class ProjectionModel:
         if self.prior is not None:
             parts.append(self.prior.jacobian(rotation, self.axes))
         return np.concatenate(parts, axis=1)
+
+    def repeated(self, times: int) -> ProjectionModel:
+        """Each of the fits so many times, one after another."""
+        each = (np.repeat(part, times, axis=0) for part in (self.points, self.image, self.weight))
+        points, image, weight = each
+        white = None if self.white is None else np.repeat(self.white, times, axis=0)
+        return replace(self, points=points, image=image, weight=weight, white=white)
 
     def _whitened(self, rows: Floats) -> Floats:
         """Rows (B, n, k, q) in units of the noise."""

@@ -1,8 +1,7 @@
-"""Relative poses of whole assignments between two images with a common direction (Gauss-Newton)."""
+"""Two images with a common direction: how far pairs lie from their epipolar lines, and along them."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,16 +11,10 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import SETTLED, STEPS, Fit, Floats, invertible
-from rootmatch.problems.pose_fit.relative_steps import ALONG
+from rootmatch.problems.pose_fit.base import Floats
 
-ANGLES = 90
-"""Rotations about the common direction that are tried, 4° apart. Not tuned."""
-STARTS = 3
-"""The best of them, from which an assignment is fitted. Not tuned."""
-FITS_PER_THREAD = 16
-"""Fits that are worth waking a thread for, some milliseconds. Changes no result."""
-LOG_GAMMA = np.vectorize(math.lgamma, otypes=[float])
+ALONG = 2.0
+"""Noise of a position along the line over that across it, as the rotation's own noise adds to it. Not tuned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,42 +104,6 @@ class Views:
         towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
         second = self.second[k]
         return np.asarray(self.focal * np.arctan2((second * towards).sum(axis=-1), (second * far).sum(axis=-1)))
-
-
-def relative_fit(views: Views, assignments: NDArray[np.int64]) -> Fit:
-    """Fit of each assignment (K, n), −1 where unmatched; at least four matches in each.
-
-    Detections count by the distance from the epipolar line and along it. Points of one scene have parallaxes of one
-    order: they are taken to be normal, on the side of the points that lie in front of the cameras, with a scale of
-    which nothing is known. With m of squared sum Q their density is ½ (2 / √π)ᵐ Γ(m / 2) Q^(−m / 2). This is part of
-    what the pose is fitted to.
-    """
-    from rootmatch.jit.threads import in_threads, threads_worth  # compiled code, which not every import needs
-    from rootmatch.problems.pose_fit.relative_descent import fit_assignments, scratch_of
-
-    assignments = np.ascontiguousarray(assignments, np.int64)
-    count, n = assignments.shape
-    prior = np.zeros(3) if views.tilt == 0.0 else np.array([0.0, 0.0, 0.0, views.tilt**-2.0, views.tilt**-2.0])
-    p = len(prior)
-    pose, base = np.empty((count, STARTS, p)), np.empty((count, STARTS, 3, 3))
-    objective, chi2 = np.empty((count, STARTS)), np.empty(count)
-    normal, widths, sides = np.empty((count, STARTS, p, p)), np.empty((count, STARTS)), np.empty((count, STARTS, 2))
-    arrays = views.arrays
-
-    def work(first: int, last: int) -> None:
-        fit_assignments(
-            arrays, prior, assignments, first, last, STEPS, SETTLED, pose, base, objective, chi2, normal, widths, sides,
-            *scratch_of(n, p, ANGLES),
-        )  # fmt: skip
-
-    in_threads(work, count, threads_worth(count // FITS_PER_THREAD))
-    matched = (assignments >= 0).sum(axis=1)
-    # a pose that the points do not determine still lies within a radian
-    normal = invertible(normal.reshape(-1, p, p) + np.eye(p)).reshape(count, STARTS, p, p)
-    lowest = objective - (2.0 * LOG_GAMMA(0.5 * matched) + 2.0 * matched * np.log(2.0 / np.sqrt(np.pi)))[:, None]
-    logarithms = widths + (0.5 * np.log(2.0 * np.pi) * matched)[:, None]
-    evidence = -0.5 * (lowest + np.linalg.slogdet(normal)[1]) - logarithms - sides.min(axis=2)
-    return Fit(chi2=chi2, dof=matched - 3, evidence=np.asarray(evidence.max(axis=1), dtype=np.float64))
 
 
 def behind(views: Views, k: NDArray[np.int64], used: NDArray[np.bool_], pose: tuple[Floats, Floats]) -> Floats:

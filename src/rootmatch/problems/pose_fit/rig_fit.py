@@ -17,13 +17,13 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig import Rig
 from rootmatch.errors import InputError
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.absolute import absolute_fit
 from rootmatch.problems.pose_fit.base import Floats
-from rootmatch.problems.pose_fit.descent import State, covariance_of, descended
+from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
+from rootmatch.problems.pose_fit.starts import best_apart, starting_poses
 
 Integers = NDArray[np.int64]
 
@@ -183,10 +183,11 @@ def rig_pose(
     elif gaussian is not None:
         first = gaussian.rotation[None], gaussian.translation[None]
     else:
-        first = _starts(copies, target, sigma, assignment[None])
-    state, chi2 = descended(model, first, STEPS)
-    if not np.isfinite(chi2[0]):
+        first = _starts(copies, points, assignment)
+    state, chi2 = descended(model.repeated(len(first[0])), first, STEPS)
+    if not np.isfinite(chi2).any():
         return None
+    state, chi2 = lowest_of(state, chi2, 1)
     if points.source_covariance is not None:
         known = points.source_covariance[None] / copies.unit**2
         alone = np.where(used, 1.0 / points.detection_noise[np.maximum(assignment, 0)], 0.0)[None]
@@ -240,30 +241,18 @@ def rig_poses(points: PointSets, rig: Rig, assignments: Integers) -> list[Pose |
     return found
 
 
-def _starts(copies: Copies, target: Floats, sigma: Floats, assignments: Integers) -> State:
-    """Poses (K, 3, 3) and (K, 3) to start from: of the camera that has most of each assignment's matches."""
-    size, cameras = len(assignments), len(copies.offsets)
-    by_camera = assignments.reshape(size, cameras, copies.count)
-    matches = (by_camera >= 0).sum(axis=2)
-    most = matches.argmax(axis=1)
-    rotation, translation = np.tile(np.eye(3), (size, 1, 1)), np.full((size, 3), np.nan)
-    for k in range(cameras):
-        rows = np.flatnonzero((most == k) & (matches[:, k] >= LEAST))
-        if not len(rows):
-            continue
-        own = np.flatnonzero(copies.owner == k)
-        place = np.full(len(target) + 1, -1)
-        place[own] = np.arange(len(own))
-        fit = absolute_fit(
-            source=copies.points,
-            target=target[own] - copies.offsets[k],
-            sigma=sigma[own],
-            camera=copies.rig.cameras[k],
-            assignments=place[by_camera[rows, k]],  # −1 is the last place
-            upright=None,
-        )
-        back = copies.rig.rotations[k].T
-        rotation[rows] = back @ fit.rotation
-        translation[rows] = (fit.translation - copies.rig.translations[k] / copies.unit) @ back.T
-        translation[rows[~np.isfinite(fit.chi2)]] = np.nan
-    return rotation, translation
+def _starts(copies: Copies, points: PointSets, assignment: Integers) -> State:
+    """Poses (S, 3, 3) and (S, 3) to start from: of the camera that has most matches, none if those are too few."""
+    by_camera = assignment.reshape(-1, copies.count)
+    k = int((by_camera >= 0).sum(axis=1).argmax())
+    (matched,) = np.nonzero(by_camera[k] >= 0)
+    if len(matched) < LEAST:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    camera, detections = copies.rig.cameras[k], by_camera[k, matched]
+    places, image = copies.places[None, matched], points.target[None, detections] - copies.offsets[k]
+    weight = 1.0 / points.target_noise[None, detections]
+    starts = starting_poses(places, camera.bearings(image[0])[None], weight, upright=None)
+    alone = ProjectionModel(places, image, weight, camera, np.eye(3)).repeated(starts[0].shape[1])
+    (rotation,), (translation,) = best_apart(alone, starts)
+    back = copies.rig.rotations[k].T
+    return back @ rotation, (translation - copies.rig.translations[k] / copies.unit) @ back.T

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.absolute import Upright
 from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
+from rootmatch.problems.pose_fit.upright import Upright
 
 Integers = NDArray[np.int64]
 

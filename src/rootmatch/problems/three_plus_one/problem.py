@@ -13,9 +13,8 @@ from rootmatch.cameras.vertical import Vector, common_direction, rotation_to_ver
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.relative import Views, relative_fit
+from rootmatch.problems.pose_fit.relative import Views
 from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
 from rootmatch.problems.two_views import TwoViews
 
@@ -81,7 +80,6 @@ class ThreePlusOne(Problem):
     to_check: ClassVar[str] = "cameras and axes"
     noisy_source: ClassVar[bool] = True
     source_is_image: ClassVar[bool] = True
-    fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
@@ -141,11 +139,6 @@ class ThreePlusOne(Problem):
             tables.target_deviation**2,
             planar=False,
         )
-
-    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
-        """Assignments fitted by a pose each; see `Problem.fitted`."""
-        tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
-        return relative_fit(Views.of(points, self.cameras, self.rotations(), tilt), assignments)
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Poses of the second view in the first; see `Problem.poses`.

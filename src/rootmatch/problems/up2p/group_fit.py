@@ -2,8 +2,7 @@
 
 For the packing of several motions, which fits thousands of small groups and needs no more than χ² and the prediction of
 further points. Bearings have isotropic noise, of which a tilt of the vertical is part; the best pose is eliminated.
-`rootmatch.problems.pose_fit.absolute` fits the few assignments of a match with pixel noise, covariance and evidence,
-from the same linear start: for a unit bearing u the two equations along its tangent basis are those of u × p = 0.
+The model of an image fits the few assignments of one body, with pixel noise and covariances.
 """
 
 from __future__ import annotations

@@ -15,11 +15,10 @@ from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.gate import GATE
 from rootmatch.problems.points import PointSets, known_normals
-from rootmatch.problems.pose_fit.absolute import Upright, absolute_fit
-from rootmatch.problems.pose_fit.base import Fit
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
+from rootmatch.problems.pose_fit.upright import Upright
 
 if TYPE_CHECKING:
     from rootmatch.problems.up2p.tables import UP2PTables
@@ -80,7 +79,6 @@ class UP2P(Problem):
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
     fits_groups: ClassVar[bool] = True
-    fits_answers: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
@@ -125,19 +123,6 @@ class UP2P(Problem):
         """The problem of one camera of a rig, which has the rotation ``turn`` (3, 3) in it."""
         vertical = turn @ np.array(self.vertical_camera)
         return replace(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
-
-    def fitted(self, points: PointSets, assignments: NDArray[np.int64]) -> Fit:
-        """Assignments fitted by a pose each; see `Problem.fitted`."""
-        upright = Upright(*self.rotations(), float(self.vertical_noise))
-        camera, target, sigma = self.camera.chart(points.target, points.target_noise)
-        return absolute_fit(
-            source=points.source,
-            target=target,
-            sigma=sigma,
-            camera=camera,
-            assignments=assignments,
-            upright=upright,
-        )
 
     def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
         """χ² of groups; see `Problem.group_chi2`."""

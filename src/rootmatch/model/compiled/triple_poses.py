@@ -1,4 +1,4 @@
-"""Starts of the fit of one camera pose without a lens, compiled; see `pinhole_fit`, and `initial_poses` in NumPy."""
+"""Poses of three points and their rays, compiled; in NumPy: `rootmatch.problems.pose_fit.initial_poses`."""
 
 from __future__ import annotations
 
@@ -8,48 +8,6 @@ import numpy as np
 
 from rootmatch.jit.decorators import part
 from rootmatch.problems.p3p.roots import ratio_pairs
-from rootmatch.problems.pose_fit.pinhole_descent import factored, solved
-
-
-@part
-def start_upright(image, weight, world_points, turned_rays, world, own, rotation, translation, scratch):  # type: ignore[no-untyped-def]
-    """The linear pose with a rotation about the vertical; see `initial_poses.upright_start`."""
-    normal, row, unknown = scratch, scratch[6], scratch[7]
-    normal[:6] = 0.0
-    unknowns = normal.shape[1] - 1  # two of the rotation, three of the translation
-    for i in range(image.shape[0]):
-        k = image[i]
-        if k < 0:
-            continue
-        x, y, z = world_points[i, 0], world_points[i, 1], world_points[i, 2]
-        a, b, c = turned_rays[k, 0], turned_rays[k, 1], turned_rays[k, 2]
-        for pair in range(3):
-            if pair == 0:
-                row[0], row[1], row[2], row[3], row[4], row[5] = b * z, -b * x, 0.0, -c, b, -c * y
-            elif pair == 1:
-                row[0], row[1], row[2], row[3], row[4], row[5] = c * x - a * z, c * z + a * x, c, 0.0, -a, 0.0
-            else:
-                row[0], row[1], row[2], row[3], row[4], row[5] = -b * x, -b * z, -b, a, 0.0, a * y
-            for p in range(6):
-                for q in range(6):
-                    normal[p, q] += weight[k] * weight[k] * row[p] * row[q]
-    trace = 0.0
-    for p in range(unknowns):
-        trace += normal[p, p]
-    for p in range(unknowns):
-        normal[p, p] += 1e-12 * trace + 1e-300
-        unknown[p] = -normal[p, unknowns]
-    factored(normal, unknowns)
-    solved(normal, unknowns, unknown)
-    scale = 1.0 / max(math.hypot(unknown[0], unknown[1]), 1e-300)
-    cosine, sine = scale * unknown[0], scale * unknown[1]
-    x, y, z = scale * unknown[2], unknown[3], scale * unknown[4]
-    for p in range(3):
-        translation[p] = own[0, p] * x + own[1, p] * y + own[2, p] * z
-        for q in range(3):
-            first = cosine * world[0, q] + sine * world[2, q]
-            third = -sine * world[0, q] + cosine * world[2, q]
-            rotation[p, q] = own[0, p] * first + own[1, p] * world[1, q] + own[2, p] * third
 
 
 @part
