@@ -28,7 +28,7 @@ from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
-from rootmatch.model.proposals import FEW, Proposals, fitted, joined, look_alikes, poses_of_few
+from rootmatch.model.proposals import FEW, Proposals, joined, look_alikes, poses_of_few, rough_fits
 from rootmatch.problems.pose_fit.reference_point import about_point
 
 Integers = NDArray[np.int64]
@@ -148,7 +148,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     if not every:
         return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
     rows = np.array(every)
-    parts = [fitted(model, rows)[0], poses_of_few(model, rows)]
+    parts = [rough_fits(model, rows), poses_of_few(model, rows)]
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, about, settled
+from rootmatch.model.evidence import Evidence, about, settled, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.views import frames_of
 
@@ -81,12 +81,16 @@ def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evi
     Evidence, Linearised
         Of those assignments about these poses.
     """
+    return refitted(model, rough_fits(model, assignments))
+
+
+def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
+    """As `fitted`, one step away from a minimal set."""
     of, sets = poses_of_sets(model, assignments, assignments.shape[1])
-    found, _ = about(model, *sets)
+    found, at = about(model, *sets)
     order = np.lexsort((-found.log_odds, of))
-    _, first = np.unique(of[order], return_index=True)
-    rows = order[first]
-    return refitted(model, sets.take(rows))
+    best = order[np.unique(of[order], return_index=True)[1]]
+    return Proposals(sets.assignments[best], *stepped(found.take(best), at.take(best)))
 
 
 def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
