@@ -50,7 +50,7 @@ def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
     """The finding of what a search or a solver proposed, judged by the model of the image."""
     named, base = unjudged(task, sampled, solution)
     try:
-        body = Candidate.of(task, named)
+        body = Candidate.of(task, named, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()
     except OutOfTime:
         return base

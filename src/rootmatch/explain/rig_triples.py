@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.compiled.rig_gathering import gather_sightings
 from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel
+from rootmatch.model.gathering import gathered
 from rootmatch.model.proposals import poses_of_sets
-from rootmatch.problems.gate import GATE
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import VisibleSearch, search_of
 
@@ -25,10 +24,6 @@ those of a tracker are; and the assignments that are kept. With three of eight L
 scenes are right with 256, 4 with 1,024, 20 with 4,096 (tests/test_rig_triples.py). In flights, where most that face a
 camera are detected, 256 find as many as 1,024: 2,843 for 2,847 of 3,084 bodies (benchmarks/flights.py, rig, seeds from
 1100)."""
-RATE = 0.7
-"""Detection rate that their order supposes; the model of the image judges them later. A round value."""
-HIDDEN = 0.1
-"""Visibility below which a point is not looked for. A round value."""
 
 
 def assignments_of_triples(
@@ -51,27 +46,7 @@ def assignments_of_triples(
     if not isinstance(search, VisibleSearch):
         return []  # no normals say what is visible together
     points, images = search.triples(TRIPLES if part.budget is None else FEW_TRIPLES)
-    cameras = len(model.images)
-    n = model.shape[0] // cameras
+    n = model.shape[0] // len(model.images)
     rows = np.full((len(points), model.shape[0]), -1, np.int64)
     np.put_along_axis(rows, camera * n + part.permutation[points], own[images], axis=1)
-    _, poses = poses_of_sets(model, rows, 3)
-    at = model.linearised(poses.rotation, poses.position)
-    out = np.empty(poses.assignments.shape, np.int64), np.empty(len(poses.assignments))
-    target, sigma, *_ = model.image_for_kernels
-    gather_sightings(
-        (at.pixels, at.jacobian, model.visibility(at, np.zeros(len(at.seen)))),
-        poses.assignments,
-        (target, sigma, np.array(model.clutter.log_density), np.array(model.image_of), cameras),
-        (GATE**2, RATE, HIDDEN),
-        out,
-    )
-    assignments, gains = out
-    enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= 3 + MORE_SIGHTINGS) & np.isfinite(gains))
-    order = enough[np.argsort(-gains[enough], kind="stable")]
-    kept: dict[bytes, Integers] = {}
-    for k in order.tolist():
-        kept.setdefault(assignments[k].tobytes(), assignments[k])
-        if len(kept) == KEPT:
-            break
-    return list(kept.values())
+    return gathered(model, poses_of_sets(model, rows, 3), least=3 + MORE_SIGHTINGS, most=KEPT)

@@ -50,25 +50,38 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
-    return poses_of_sets(model, assignments, FEW)[1]
+    return poses_of_sets(model, assignments, FEW).proposals
 
 
-def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> tuple[Integers, Proposals]:
-    """As `poses_of_few`, of up to so many matches in a camera; also the number of the assignment of each pose."""
+class MinimalSets(NamedTuple):
+    """M poses of minimal sets of some assignments."""
+
+    of: Integers
+    """(M,) number of the assignment."""
+    members: Integers
+    """(M, 3) points of the minimal set."""
+    proposals: Proposals
+    """The assignments with these poses."""
+
+
+def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> MinimalSets:
+    """As `poses_of_few`, of up to so many matches in a camera."""
     assignments = np.array(assignments, np.int64)
     rotations, translations = frames_of(model.camera)
     room = 8 * len(assignments) * len(rotations)
-    of, rotation, position = np.empty(room, np.int64), np.empty((room, 3, 3)), np.empty((room, 3))
+    of, members = np.empty(room, np.int64), np.empty((room, 3), np.int64)
+    rotation, position = np.empty((room, 3, 3)), np.empty((room, 3))
     count = poses_of_minimal_sets(
         model.points - model.centre,
         (model.image_for_kernels[0], model.rays),
         assignments,
         (rotations, translations),
         most,
-        (of, rotation, position),
+        (of, members, rotation, position),
     )
     of = of[:count].copy()
-    return of, Proposals(assignments[of], rotation[:count].copy(), position[:count].copy())
+    proposals = Proposals(assignments[of], rotation[:count].copy(), position[:count].copy())
+    return MinimalSets(of, members[:count].copy(), proposals)
 
 
 def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evidence, Linearised]:
@@ -86,11 +99,11 @@ def fitted(model: DetectionModel, assignments: Integers) -> tuple[Proposals, Evi
 
 def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
     """As `fitted`, one step away from a minimal set."""
-    of, sets = poses_of_sets(model, assignments, assignments.shape[1])
-    found, at = about(model, *sets)
-    order = np.lexsort((-found.log_odds, of))
-    best = order[np.unique(of[order], return_index=True)[1]]
-    return Proposals(sets.assignments[best], *stepped(found.take(best), at.take(best)))
+    sets = poses_of_sets(model, assignments, assignments.shape[1])
+    found, at = about(model, *sets.proposals)
+    order = np.lexsort((-found.log_odds, sets.of))
+    best = order[np.unique(sets.of[order], return_index=True)[1]]
+    return Proposals(sets.proposals.assignments[best], *stepped(found.take(best), at.take(best)))
 
 
 def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:

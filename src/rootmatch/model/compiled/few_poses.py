@@ -27,7 +27,8 @@ def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type:
     few : int
         Number of matches in a camera up to which all poses are tried; from three on.
     out : tuple
-        Assignment (M,) of each pose, rotations (M, 3, 3) and positions (M, 3), M at least 8 C K; filled.
+        Assignment (M,) of each pose, its three points (M, 3), rotations (M, 3, 3) and positions (M, 3), M at least
+        8 C K; filled.
 
     Returns
     -------
@@ -37,7 +38,7 @@ def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type:
     points, image, assignments, views, out = borrowed((points, image, assignments, views, out))
     target, rays = image
     turns, shifts = views
-    of, rotations, positions = out
+    of, members, rotations, positions = out
     cameras, total = turns.shape[0], points.shape[0]
     n, found = total // cameras, 0
     own, triple = np.empty(total, np.int64), np.empty(3, np.int64)
@@ -63,6 +64,7 @@ def poses_of_minimal_sets(points, image, assignments, views, few, out):  # type:
                     if not abs(x + y + z) < math.inf:
                         continue
                     of[found] = k
+                    members[found, 0], members[found, 1], members[found, 2] = triple[0], triple[1], triple[2]
                     for a in range(3):
                         positions[found, a] = Q[0, a] * (x - s[0]) + Q[1, a] * (y - s[1]) + Q[2, a] * (z - s[2])
                         for b in range(3):

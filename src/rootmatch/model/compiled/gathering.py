@@ -1,4 +1,4 @@
-"""Detections that poses of three sightings predict in all cameras of a rig, compiled."""
+"""Detections that poses of minimal sets predict in one image or in those of all cameras of a rig, compiled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rootmatch.model.compiled.gating import LOG_2PI, deviation
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def gather_sightings(points, sources, image, limits, out):  # type: ignore[no-untyped-def]
+def gather(points, sources, image, limits, out):  # type: ignore[no-untyped-def]
     """What each of K poses predicts, the sightings that gain most first come first served.
 
     Parameters
@@ -21,19 +21,19 @@ def gather_sightings(points, sources, image, limits, out):  # type: ignore[no-un
     points : tuple
         Pixels (K, C n, 2), jacobian (K, C n, 2, 6), and visibility (K, C n).
     sources : (K, C n) int64 array
-        Detection of each of the three sightings that a pose is of, −1 elsewhere.
+        Detection of each of the three points that a pose is of, −1 elsewhere.
     image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, the number (n',) of the camera of each, and how
-        many cameras there are.
-    limits : tuple of float
-        Squared gate, the detection rate, and the least visibility of a point with candidates.
+        Detections (n', 2), their σ (n',), log-density (n',) of clutter, logarithms of the weights of matches (C n, n'),
+        −∞ where one is not allowed, no rows if not given, and the number (n',) of the camera of each.
+    limits : tuple
+        Number of cameras, squared gate, detection rate, and the least visibility of a point with candidates.
     out : tuple
         Assignments (K, C n) and log-odds (K,) against clutter; filled. −∞ for a pose that its three do not determine.
     """
     points, sources, image, out = borrowed((points, sources, image, out))
     pixels, jacobian, visible = points
-    target, sigma, log_clutter, camera_of, cameras = image
-    squared_gate, rate, hidden = limits
+    target, sigma, log_clutter, log_weights, camera_of = image
+    cameras, squared_gate, rate, hidden = limits
     assignments, gains = out
     n = pixels.shape[1] // cameras
     normal, covariance, factor = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
@@ -87,6 +87,8 @@ def gather_sightings(points, sources, image, limits, out):  # type: ignore[no-un
                     x, y = target[j, 0] - pixels[k, i, 0], target[j, 1] - pixels[k, i, 1]
                     squared, determinant = deviation(a, b, c, sigma[j] * sigma[j], x, y)
                     value = shown - 0.5 * (squared + math.log(determinant)) - LOG_2PI - log_clutter[j]
+                    if log_weights.shape[0] > 0:
+                        value += log_weights[i, j]
                     if squared <= squared_gate and value > best:
                         best, found = value, j
                 if found >= 0:
