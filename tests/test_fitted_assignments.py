@@ -13,7 +13,8 @@ import rootmatch as rm
 from rootmatch.algebra.rotation import cross
 from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.proposals import fitted
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.proposals import Proposals, fitted
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 BENT = rm.Camera.from_opencv_fisheye([[420.0, 0, 402], [0, 421.0, 398], [0, 0, 1]], [0.03, -0.01, 0.002, 0.0])
@@ -97,3 +98,16 @@ def test_an_assignment_with_too_few_matches_is_left_out() -> None:
     proposals, found, at = fitted(model, np.array([two, scene.truth]))
     np.testing.assert_array_equal(proposals.assignments, [scene.truth])
     assert len(found.log_odds) == len(at.pixels) == 1
+
+
+def test_a_mode_grows_by_many_changes_at_once() -> None:
+    """Half of the points unmatched and four exchanged in pairs: more than single changes mend in their few rounds."""
+    scene = p3p_scene(40, 10, noise=0.5, seed=2)
+    start = np.where(np.arange(40) % 2 == 0, scene.truth, -1)
+    start[[0, 2, 4, 6]] = start[[2, 0, 6, 4]]
+    task = MatchingTask.of(scene.problem, scene.source, scene.target, noise=0.5)
+    model = model_of(task)
+    (pose,) = scene.poses
+    rotation, position = pose[0][None], (pose[1] + pose[0] @ model.centre)[None]
+    modes = modes_of(model, Proposals(start[None], rotation, position))
+    np.testing.assert_array_equal(modes.assignments[0], scene.truth)

@@ -199,9 +199,11 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
         strong = np.argsort(-gains, kind="stable")[: options.weighed]
         if len(strong):
             changed = changes.take(strong).applied_to(mode.assignment)
-            same = at.take(np.zeros(len(strong), np.int64))
+            several = _together(mode.assignment, changed[gains[strong] > 0.0], model.prior.least)
+            changed = np.concatenate([changed, several])
+            same = at.take(np.zeros(len(changed), np.int64))
             values = np.maximum(evidence(model, changed, same).log_odds, IMPOSSIBLE)
-            gains[strong] = values - mode.log_odds
+            gains[strong] = values[: len(strong)] - mode.log_odds
             mode.near = changed, values
             vars(mode).pop("changes", None)
             best = int(values.argmax())
@@ -228,6 +230,21 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
     mode.unmatched = np.asarray(np.where(mode.assignment >= 0, left_out * share, mode.local), np.float64)
     mode.log_mass = mode.log_odds + sums
     return mode
+
+
+def _together(assignment: Integers, changed: Integers, least: int) -> Integers:
+    """All of some changed assignments (K, n) at once, the first ones where two are of one point or detection: (1, n).
+
+    None if that is fewer than two, or if fewer matches than ``least`` would remain.
+    """
+    out, count = assignment.copy(), 0
+    for one in changed:
+        (points,) = np.nonzero(one != assignment)
+        new = one[points]
+        free = (out[points] == assignment[points]).all() and not np.isin(new[new >= 0], np.delete(out, points)).any()
+        if free:
+            out[points], count = new, count + 1
+    return out[None] if count > 1 and np.count_nonzero(out >= 0) >= least else np.empty((0, len(out)), np.int64)
 
 
 def _first_order(
