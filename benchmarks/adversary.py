@@ -1,6 +1,7 @@
 """Random scenes of every kind, in search of one that is trusted and wrong: bodies, cameras, clutter, occlusion.
 
     python benchmarks/adversary.py --scenes 1000 --first-seed 3000000
+    python benchmarks/adversary.py --scenes 200 --first-seed 1000 --rigs
 
 A scene is drawn by its seed alone. One or two bodies: a cloud of 4 to 60 points, a planar ring (even, or nearly so), a
 body with a mirror plane, one with half a turn, or a body and its mirror image; with normals and a view angle, or
@@ -19,6 +20,7 @@ import argparse
 import sys
 from collections import defaultdict
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ Integers = NDArray[np.int64]
 SHAPES = ("cloud", "ring", "nearly even ring", "mirror plane", "half turn", "pair of mirror images")
 CLUTTER = ("none", "uniform", "crowded", "another body", "a stretched copy")
 SIZE = (1280, 960)
-BODY, NEAR = 0.12, 3.0
+BODY, NEAR, VIEW = 0.12, 3.0, np.radians(70.0)
 
 
 @dataclass
@@ -43,7 +45,7 @@ class Scene:
     kind: tuple[str, str]
     arguments: dict[str, Any]
     truths: list[list[set[int]]]
-    """For each body and point the detections that are its own."""
+    """For each body and point, or sighting of a rig, the detections that are its own."""
 
 
 @dataclass
@@ -82,8 +84,7 @@ def drawn(seed: int) -> Scene:
     sigma, facing = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0)))), bool(rng.random() < 0.5)
     camera = rm.Camera(900.0, 900.0, 640.0, 480.0)
     if rng.random() < 0.3:
-        lens = np.array([[330.0, 0.0, 640.0], [0.0, 330.0, 480.0], [0.0, 0.0, 1.0]])
-        camera = rm.Camera.from_opencv_fisheye(lens, [0.08, -0.02, 0.004, -0.0008])
+        camera = lens()
     normals = [body / np.linalg.norm(body, axis=1, keepdims=True) for body in bodies]
     absent = rng.random() < 0.1
     pixels: list[Floats] = []
@@ -99,7 +100,7 @@ def drawn(seed: int) -> Scene:
         seen = rng.random(len(body)) < rng.choice([1.0, 0.9, 0.7])
         if facing:
             cosine = -((normals[b] @ R.T) * places).sum(axis=1) / np.linalg.norm(places, axis=1)
-            seen &= cosine > np.cos(np.radians(70.0))
+            seen &= cosine > np.cos(VIEW)
         elif rng.random() < 0.3:
             seen &= places @ rng.normal(size=3) > 0.0
         image = camera.project(places)
@@ -130,19 +131,30 @@ def drawn(seed: int) -> Scene:
             truths[b][i].add(place)
     problem: rm.Problem = rm.P3P(camera)
     if rng.random() < 0.3 and len(bodies) == 1:
-        tilt = Rotation.from_rotvec(rng.normal(0.0, np.radians(0.5), 3)).as_matrix()
-        world, seen_down = poses[0][0].T @ (0.0, 1.0, 0.0), tilt @ (0.0, 1.0, 0.0)
-        problem = rm.UP2P(camera, vertical_camera=seen_down, vertical_world=world, vertical_noise=np.radians(0.5))
+        problem = tilted_vertical(rng, camera, poses[0][0])
     arguments: dict[str, Any] = {
         "source": np.concatenate(bodies), "target": image[order], "problem": problem, "noise": sigma, "seed": seed,
     }  # fmt: skip
     if merges:
         arguments["resolution"] = NEAR
     if facing:
-        arguments |= {"normals": np.concatenate(normals), "view_angle": np.radians(70.0)}
+        arguments |= {"normals": np.concatenate(normals), "view_angle": VIEW}
     if len(bodies) > 1:
         arguments["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
     return Scene((kind, clutter), arguments, truths)
+
+
+def lens() -> rm.Camera:
+    """A fisheye."""
+    matrix = np.array([[330.0, 0.0, 640.0], [0.0, 330.0, 480.0], [0.0, 0.0, 1.0]])
+    return rm.Camera.from_opencv_fisheye(matrix, [0.08, -0.02, 0.004, -0.0008])
+
+
+def tilted_vertical(rng: np.random.Generator, camera: rm.Camera | rm.Rig, rotation: Floats) -> rm.UP2P:
+    """The problem whose vertical is measured to half a degree."""
+    tilt = Rotation.from_rotvec(rng.normal(0.0, np.radians(0.5), 3)).as_matrix()
+    world, seen_down = rotation.T @ (0.0, 1.0, 0.0), tilt @ (0.0, 1.0, 0.0)
+    return rm.UP2P(camera, vertical_camera=seen_down, vertical_world=world, vertical_noise=np.radians(0.5))
 
 
 def merged(
@@ -163,7 +175,8 @@ def merged(
 
 def judged(match: rm.Match, truth: list[set[int]]) -> tuple[bool, bool, int]:
     """Whether a body's match is right, whether any of it is wrong, and how many points are visible."""
-    matched = [(i, int(j)) for i, j in enumerate(match.assignment) if j >= 0]
+    assignment = match.assignment if match.sightings is None else match.sightings.assignment.ravel()
+    matched = [(i, int(j)) for i, j in enumerate(assignment) if j >= 0]
     wrong = any(j not in truth[i] for i, j in matched)
     shown = len({j for own in truth for j in own})
     return bool(shown) and not wrong and len(matched) >= 0.9 * shown, wrong, shown
@@ -175,10 +188,12 @@ def main() -> int:
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=1000)
     parser.add_argument("--max-seconds", type=float, default=5.0, help="of each match")
+    parser.add_argument("--rigs", action="store_true", help="scenes of several cameras, see adversary_rigs.py")
     given = parser.parse_args()
+    drawn_by = import_module("adversary_rigs").drawn if given.rigs else drawn
     counts: dict[tuple[str, str], Count] = defaultdict(Count)
     for seed in range(given.first_seed, given.first_seed + given.scenes):
-        scene = drawn(seed)
+        scene = drawn_by(seed)
         try:
             match = rm.match(**scene.arguments, max_seconds=given.max_seconds)
         except rm.InputError:
