@@ -18,8 +18,11 @@ from rootmatch.problems.up2p import hypotheses as up2p_hypotheses
 from rootmatch.problems.up2p.problem import UP2P
 from rootmatch.problems.up2p.tables import UP2PTables
 from rootmatch.samplers.guided import detection_grid, hypothesis_clustering
+from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among
+from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
 from rootmatch.samplers.guided.minimal_sets import others_of
+from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.verification import VerificationOptions, verify
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
@@ -440,6 +443,26 @@ def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
     short = np.empty((5, 3), np.int64)
     hypothesis_clustering.candidate_hyperedges(lists, mask, subsets, short, short.copy(), counts)
     assert np.array_equal(short, source[:5])
+
+
+def test_hyperedges_of_later_clusters_are_counted_among_the_subsets_that_are_left() -> None:
+    n, n_target = 12, 14
+    lists = np.full((2, n, ClusteringOptions().candidates), -1, np.int64)
+    lists[0, :, 0], lists[0, :6, 1] = np.arange(n), np.arange(6) + 1
+    lists[1, :4, 0] = np.arange(4) + 7
+    clusters = HypothesisClusters(lists, np.array([9.0, 8.0]), 1.0)
+    later = 0
+    for seed in range(30):
+        options = GuidedOptions(edges=100)
+        source, target, coverage = hyperedges_among(clusters, (n, n_target), 3, options, np.random.default_rng(seed))
+        assert 0.0 < coverage < 1.0
+        assert (np.diff(source, axis=1) > 0).all()
+        rows = {(*i, *j) for i, j in zip(source.tolist(), target.tolist(), strict=True)}
+        assert len(rows) == len(source)
+        among = (lists[:, source] == target[None, :, :, None]).any(axis=3).all(axis=2)
+        assert among.any(axis=0).all()
+        later += bool(among[1].any())
+    assert later >= 3
 
 
 def test_a_point_that_shows_its_back_neither_proves_nor_disproves() -> None:

@@ -53,7 +53,7 @@ def hyperedges_among(
         keep = max(1, int(len(subsets) * options.edges / counts[0]))
         coverage *= keep / len(subsets)
         subsets = subsets[np.sort(rng.permutation(len(subsets))[:keep])]
-        candidate_hyperedges(lists[:1], mask, subsets, nothing, nothing, counts)
+        candidate_hyperedges(lists, mask, subsets, nothing, nothing, counts)
     counts = counts[np.cumsum(counts) <= max(options.edges, counts[:1].sum())]
     source, target = np.empty((2, int(counts.sum()), order), np.int64)
     candidate_hyperedges(lists[: len(counts)], mask, subsets, source, target, counts)
