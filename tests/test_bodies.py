@@ -76,6 +76,8 @@ def test_each_body_is_matched_by_itself_and_no_detection_is_used_twice() -> None
         assert np.array_equal(own.assignment, expected[order[mine] % 7])
         assert own.poses[0].chi2 < 40.0
         del R, t
+    assert repr(match).startswith("Match(MATCHED, 14 of 14 points, probability 0.99")
+    assert ", hmd: Match(MATCHED, 7 of 7 points, probability 0.99" in repr(match)
     assert match.probability == pytest.approx(np.prod([own.probability for own in match.bodies.values()]))
     assert np.array_equal(match.motion_labels, [list(match.bodies).index(label) for label in labels[order]])
     # the hyper-edges are within bodies

@@ -33,7 +33,7 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
@@ -65,6 +65,13 @@ class Match:
 
     def __bool__(self) -> bool:
         return self.status is Status.MATCHED
+
+    def __repr__(self) -> str:
+        parts = [self.status.name, f"{len(self.pairs)} of {len(self.assignment)} points"]
+        if self.probability is not None:
+            parts.append(f"probability {self.probability:.3g}")
+        parts += [f"{label}: {body}" for label, body in (self.bodies or {}).items()]
+        return f"Match({', '.join(parts)})"
 
     @property
     def task(self) -> MatchingTask:
