@@ -67,8 +67,8 @@ def sample(task: MatchingTask) -> SampledTensor:
 
 
 def swept(task: MatchingTask, sampled: SampledTensor) -> MatchingTask | None:
-    """The task with all hyper-edges, if a quick search led to an untrusted match; otherwise None."""
-    if not sampled.partial or not _searched_first(task) or task.deadline.passed():
+    """The task with all hyper-edges, if a quick search led to an untrusted match and no budget is set; else None."""
+    if not sampled.partial or task.budget is not None or not _searched_first(task) or task.deadline.passed():
         return None
     return replace(task, options=replace(task.options, sampler="exhaustive"))
 
@@ -147,7 +147,7 @@ def choose_sampler(task: MatchingTask) -> tuple[Any, bool]:
         return _for_workers(sampler, options.backend), False
     automatic = sampler == "auto"
     if automatic and task.budget is not None:
-        return (_guided(task.budget) if pays(sampling) else "exhaustive"), False
+        return (_guided(task.budget) if pays(sampling) or is_quick(sampling) else "exhaustive"), False
     affordable = LIMITS.affordable
     if options.max_evaluations is not None:
         affordable = min(affordable, options.max_evaluations)
