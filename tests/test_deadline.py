@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +16,16 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace, checkpoint, in_force
-from rootmatch.explain import point_set_decision, rig_search
+from rootmatch.explain import point_set_decision
 from rootmatch.explain.explain import explain
+from rootmatch.explain.image_hypotheses import model_of
 from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import chunk_bounds, in_chunks, in_threads
+from rootmatch.model.gathering import gathered_by_each
+from rootmatch.model.proposals import poses_of_sets
 from rootmatch.problems.similarity.problem import distances
 from rootmatch.result import report
 from rootmatch.samplers.base import SamplingTask
@@ -280,32 +282,22 @@ def test_labellings_grow_in_parts_until_a_deadline(monkeypatch: pytest.MonkeyPat
     assert (first[0] == np.arange(12)).all()
 
 
-def test_hypotheses_of_a_rig_are_gathered_until_a_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(5)
-    source = rng.uniform(-1.0, 1.0, (8, 3))
-    camera, offset = rm.Camera(800.0, 800.0, 320.0, 240.0), np.array([0.0, 0.0, 8.0])
-    shift = np.array([-0.5, 0.0, 0.0])
-    rig = rm.Rig([(camera, np.eye(3), np.zeros(3)), (camera, np.eye(3), shift)])
-    target = np.concatenate([camera.project(source + offset), camera.project(source + offset + shift)])
-    target += rng.normal(0.0, 0.3, target.shape)
-    counts, gathered = [], rig_search._gathered
-
-    def counted(*arguments: Any, **options: Any) -> Any:
-        counts[-1] += 1
-        clock.now += 1.0
-        return gathered(*arguments, **options)
-
-    monkeypatch.setattr(rig_search, "_gathered", counted)
-    for seconds in (1e6, 2.5, 0.5):
-        clock = Clock()
-        counts.append(0)
-        task = MatchingTask.of(
-            rm.P3P(rig), source, (target, np.repeat([0, 1], 8)), noise=0.3, options=MatchOptions(),
-            deadline=Deadline(seconds, clock=clock),
-        )  # fmt: skip
-        explain(task)
-    assert counts[0] > 3
-    assert counts[1:] == [3, 1]
+def test_hypotheses_gather_until_a_deadline() -> None:
+    scene = p3p_scene(8, 3, noise=0.5, seed=0)
+    model = model_of(MatchingTask.of(scene.problem, scene.source, scene.target, noise=0.5))
+    hypotheses = poses_of_sets(model, scene.truth[None], 8).alone
+    hypotheses = hypotheses.take(np.resize(np.arange(len(hypotheses.assignments)), 60))
+    whole = gathered_by_each(model, hypotheses)
+    deadline = Deadline(3.5, clock=Clock(1.0))
+    with deadline.enforced():
+        assignments, gains = gathered_by_each(model, hypotheses)
+    assert deadline.stopped_early
+    (done,) = np.nonzero((assignments >= 0).any(axis=1))
+    assert 0 < len(done) < 60
+    assert np.array_equal(done, np.arange(len(done)))
+    assert np.array_equal(assignments[done], whole[0][done])
+    assert np.array_equal(gains[done], whole[1][done])
+    assert (gains[len(done) :] == -np.inf).all()
 
 
 def test_each_frame_has_its_own_limit() -> None:

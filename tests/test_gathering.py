@@ -65,7 +65,7 @@ def gathered_slowly(model: DetectionModel, sources: NDArray, at: Any, visible: N
 
 def compared(model: DetectionModel, sets: MinimalSets) -> int:
     """Compare all poses of some minimal sets; how many lead to an assignment."""
-    assignments, gains = gathered_by_each(model, sets)
+    assignments, gains = gathered_by_each(model, sets.alone)
     for k, one in enumerate(sets.members):
         sources = np.full(model.shape[0], -1)
         sources[one] = sets.proposals.assignments[k, one]
@@ -106,7 +106,7 @@ def test_in_one_image_of_hyperedges(weighed: bool) -> None:
     sets = poses_of_sets(model, rows, 4)
     assert compared(model, sets) >= 4
     if not weighed:
-        first, *_ = gathered(model, sets, least=4, most=2)
+        first, *_ = gathered(model, sets.alone, least=4, most=2)
         assert ((first == scene.truth) | (first < 0)).all()
         assert (first >= 0).sum() >= 7
 

@@ -380,7 +380,8 @@ def test_the_mirror_image_of_a_body_is_proposed_where_it_looks_the_same() -> Non
     mirrored = model.points * [-1.0, 1.0, 1.0]
     order = np.random.default_rng(0).permutation(6)
     image = np.argsort(order)
-    (found,) = [look_alikes(Proposals(assignment[None], R[None], position[None]), model.points, mirrored[order], image)]
+    own = Proposals(assignment[None], R[None], position[None])
+    found = look_alikes(own, model.points, mirrored[order], image[None])
     assert np.linalg.det(found.rotation[0]) == pytest.approx(1.0)
     np.testing.assert_array_equal(found.assignments[0][image], assignment)
     other = DetectionModel(CAMERA, mirrored[order], model.target, model.sigma)
@@ -393,11 +394,27 @@ def test_a_copy_moved_along_looks_the_same() -> None:
     model, R, position, assignment = made(1001, 6, normals=False)
     turn = Rotation.from_rotvec([0.3, -0.5, 1.0]).as_matrix()
     copy = model.points @ turn.T + (0.1, 0.0, -0.2)
-    found = look_alikes(Proposals(assignment[None], R[None], position[None]), model.points, copy, np.arange(6))
+    found = look_alikes(Proposals(assignment[None], R[None], position[None]), model.points, copy, np.arange(6)[None])
     other = DetectionModel(CAMERA, copy, model.target, model.sigma)
     np.testing.assert_allclose(
         other.linearised(found.rotation, found.position).pixels, model.linearised(R[None], position[None]).pixels
     )
+
+
+def test_several_ways_to_look_alike_are_taken_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    points, model = rng.normal(size=(7, 3)), made(1002, 7, normals=False)[0]
+    rotations = Rotation.random(2, random_state=rng).as_matrix()
+    assignments = np.array([rng.permutation(7), rng.permutation(7)])
+    proposals = Proposals(assignments, rotations, rng.uniform((-0.1, -0.1, 1.0), (0.1, 0.1, 2.0), (2, 3)))
+    ways = np.full((20, 7), -1)
+    for way in ways:
+        way[[1, 3, 4, 6]] = rng.permutation(7)[:4]
+    together = look_alikes(proposals, points, model.points, ways)
+    each = [look_alikes(proposals, points, model.points, way[None]) for way in ways]
+    for field, values in together._asdict().items():
+        np.testing.assert_allclose(values, np.concatenate([getattr(one, field) for one in each]), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(together.rotation), 1.0)
 
 
 def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
@@ -440,7 +457,7 @@ def test_of_a_body_and_its_mirror_image_the_one_in_view_is_believed() -> None:
     own = Proposals(assignment[None], R[None], position[None])
     modes = (
         modes_of(model, own),
-        modes_of(mirrored, look_alikes(own, model.points, mirrored.points, np.arange(len(model.points)))),
+        modes_of(mirrored, look_alikes(own, model.points, mirrored.points, np.arange(len(model.points))[None])),
     )
     here, there = joint_posterior([model, mirrored], modes)
     assert here.probability > 0.9

@@ -25,8 +25,8 @@ MOST_POINTS = 64
 """Number of a body's points beyond which they are not compared."""
 
 
-def twins_of_few(points: Floats, few: Integers) -> list[Integers]:
-    """For each way in which some points look like others, the point (n,) that takes the place of each; −1 for none.
+def twins_of_few(points: Floats, few: Integers) -> Integers:
+    """For each way in which some points look like others, the point (K, n) that takes the place of each; −1 for none.
 
     Parameters
     ----------
@@ -36,13 +36,10 @@ def twins_of_few(points: Floats, few: Integers) -> list[Integers]:
         Indices of three or more of them. The identity is not among the answers.
     """
     if len(points) > MOST_POINTS:
-        return []
+        return np.empty((0, len(points)), np.int64)
     found = _kept(np.ascontiguousarray(points, np.float64).tobytes(), tuple(few.tolist()))
-    images = []
-    for one in found:
-        image = np.full(len(points), -1, np.int64)
-        image[few] = one
-        images.append(image)
+    images = np.full((len(found), len(points)), -1, np.int64)
+    images[:, few] = found
     return images
 
 

@@ -77,7 +77,7 @@ class Candidate:
         rows = np.full((len(strongest), self.model.shape[0]), -1, np.int64)
         np.put_along_axis(rows, i, j, axis=1)
         sets = poses_of_sets(self.model, rows, rows.shape[1])
-        return gathered(self.model, sets, least=self.task.problem.minimal + 1, most=GATHERED)
+        return gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments and by what a prediction proposes."""
@@ -102,7 +102,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             if image is not None and len(other.modes.log_odds):
                 best = other.modes.take(np.arange(min(TWINS, len(other.modes.log_odds))))
                 seen = Proposals(best.assignments, best.rotation, best.position)
-                more.append(look_alikes(seen, other.model.points, body.model.points, image))
+                more.append(look_alikes(seen, other.model.points, body.model.points, image[None]))
         every.append(modes_of(body.model, joined(more), body.modes) if more else body.modes)
     return joint_posterior([body.model for body in bodies], every)
 
@@ -172,7 +172,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     parts = [rough_fits(model, rows), poses_of_few(model, rows)]
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
     for image in _symmetries(task):
-        parts.append(look_alikes(first, model.points, model.points, image))
+        parts.append(look_alikes(first, model.points, model.points, image[None]))
     return joined([*parts, *_twins_of_few(task, model, first)])
 
 
@@ -185,9 +185,10 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
         few = np.flatnonzero((assignment.reshape(images, n) >= 0).any(axis=0))
         if not task.problem.minimal <= len(few) <= FEW:
             continue
-        for twin in twins_of_few(model.points[:n], few):
-            image = np.where(twin >= 0, blocks + twin, -1).ravel()
-            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, image))
+        twins = twins_of_few(model.points[:n], few)
+        if len(twins):
+            sightings = np.where(twins[:, None] >= 0, blocks + twins[:, None], -1).reshape(len(twins), -1)
+            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, sightings))
     return parts
 
 

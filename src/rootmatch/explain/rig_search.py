@@ -1,21 +1,18 @@
 """Matches of a rig: several cameras see one body at once.
 
 Hypotheses come from minimal sets within one camera. Each is a pose of the rig, which predicts the detections of all
-cameras. The detections that it gathers are fitted, gathered again, and ranked by their posterior probability in all
-cameras. All of this works on copies of the points (`rootmatch.explain.rig_copies`), as do predictions and bodies;
-`rig_copies.of_points` makes the finding of the points.
+cameras; those that it gathers there are what the model of all images judges. All of this works on copies of the points
+(`rootmatch.explain.rig_copies`), as do predictions and bodies; `rig_copies.of_points` makes the finding of the points.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.decide import TRUST
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import model_of
@@ -27,13 +24,12 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.proposals import fitted, refitted
+from rootmatch.model.gathering import gathered
+from rootmatch.model.proposals import fitted
 from rootmatch.options import Options, option
-from rootmatch.problems.gate import GATE
 from rootmatch.problems.p3p import P3P
-from rootmatch.problems.pose_fit.rig_fit import LEAST, Copies
+from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
-from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.guided.sampler import Guided
 
 Integers = NDArray[np.int64]
@@ -47,15 +43,11 @@ class RigOptions(Options):
     hypotheses: int = option(100, least=1)
     """Of each camera, those of the highest evidence. A round value: with 30 as many of the benchmark's scenes are
     right, but of 40 with four of ten detections right in each camera (σ 1, seeds from 2000) one instead of three."""
-    kept: int = option(40, least=1)
-    """Of all, after the first round of gathering. A round value."""
+    kept: int = option(16, least=1)
+    """Of all, by what they gather. A round value."""
     few: float = option(0.3, above=0.0, most=1.0)
     """Part of both if the search is bounded, as those for bodies and of a tracker are: two thirds of the time. As many
     are right on development seeds, also among eight clutter points in each image."""
-    rounds: int = option(3, least=1)
-    """Rounds of gathering and fitting."""
-    gate: float = option(GATE, above=0.0)
-    """Distance from a prediction, in standard deviations of it, within which a detection is gathered."""
     budget: int = option(3_000_000, least=1)
     """Evaluations of the search in one camera, unless a `Guided` is given with its own."""
 
@@ -63,8 +55,6 @@ class RigOptions(Options):
 OPTIONS = RigOptions()
 SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
-UNREACHABLE = 1e9
-"""Cost of a detection beyond the gate: no assignment takes it."""
 
 
 def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
@@ -79,7 +69,7 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
     sampled, hypotheses, whole = _searched(task, problem, model, options)
-    proposals = _verified(task, problem.copies, model, hypotheses, options)
+    proposals = _verified(model, hypotheses, options)
     named = np.array(proposals).reshape(len(proposals), task.shape[0])
     found = assessed(task, sampled._replace(assignments=named))
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
@@ -138,74 +128,8 @@ def _searched(
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 
-def _verified(
-    whole: MatchingTask, copies: Copies, model: DetectionModel, hypotheses: list[Integers], options: RigOptions
-) -> list[Integers]:
-    """Assignments that hypotheses gather in all cameras, the best first; near a deadline, of the first hypotheses."""
+def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
+    """Assignments that fitted hypotheses gather in all cameras, the best first."""
     if not hypotheses:
         return []
-    assert whole.allowed is not None
-    low, high = model.target.min(axis=0), model.target.max(axis=0)
-    density = CROWDING * len(model.target) / max(float(np.prod(high - low)), 1e-300)
-    proposals, found, at = fitted(model, np.array(hypotheses))
-    current = proposals.assignments
-    for turn in range(options.rounds):
-        if turn > 0:
-            if whole.deadline.passed():
-                break
-            proposals, found, at = refitted(model, proposals._replace(assignments=current))
-        gathered: list[tuple[Integers, float]] = []
-        for k in range(len(current)):
-            if gathered and whole.deadline.passed():
-                break
-            each = found.covariance[k], at.pixels[k], at.jacobian[k], at.seen[k]
-            gathered.append(_gathered(model, copies, whole.allowed, *each, density=density, options=options))
-        order = np.argsort([-gain for _, gain in gathered], kind="stable")
-        if not len(order):
-            break
-        current = np.array([gathered[k][0] for k in order])
-        _, first = np.unique(current, axis=0, return_index=True)
-        first = np.sort(first)[: options.kept if turn + 1 < options.rounds else TRUST.alternatives]
-        proposals, current = proposals.take(order[first]), current[first]
-    return list(current[: TRUST.alternatives] if whole.deadline.is_set else current)
-
-
-def _gathered(
-    model: DetectionModel,
-    copies: Copies,
-    allowed: NDArray[np.bool_],
-    covariance: Floats,
-    predicted: Floats,
-    jacobian: Floats,
-    seen: NDArray[np.bool_],
-    *,
-    density: float,
-    options: RigOptions,
-) -> tuple[Integers, float]:
-    """Detections that a pose predicts, and their log-odds against clutter of some density.
-
-    Within each camera the one-to-one assignment of least χ².
-    """
-    from scipy.optimize import linear_sum_assignment  # slow to import, and few have a rig
-
-    out, gain = np.full(len(allowed), -1, np.int64), 0.0
-    with np.errstate(all="ignore"):  # of a point in the plane of a camera's centre
-        spread = jacobian @ covariance @ jacobian.transpose(0, 2, 1)
-    for camera in range(len(copies.offsets)):
-        rows, own = slice(camera * copies.count, (camera + 1) * copies.count), np.flatnonzero(copies.owner == camera)
-        if not len(own):
-            continue
-        total = spread[rows, None] + (model.sigma[own] ** 2)[:, None, None] * np.eye(2)
-        difference = model.target[own] - predicted[rows, None]
-        a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
-        x, y = difference[..., 0], difference[..., 1]
-        with np.errstate(all="ignore"):
-            determinant = a * c - b * b
-            chi2 = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
-        near = (chi2 <= options.gate**2) & allowed[rows][:, own] & seen[rows, None] & (determinant > 0.0)
-        i, j = linear_sum_assignment(np.where(near, chi2 - options.gate**2, UNREACHABLE))
-        kept = near[i, j]
-        out[camera * copies.count + i[kept]] = own[j[kept]]
-        found = i[kept], j[kept]
-        gain -= float((0.5 * (chi2[found] + np.log(determinant[found])) + math.log(2.0 * math.pi * density)).sum())
-    return out, gain
+    return gathered(model, fitted(model, np.array(hypotheses))[0], least=LEAST, most=options.kept)

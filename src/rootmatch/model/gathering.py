@@ -1,13 +1,17 @@
-"""What poses of minimal sets predict: the detections that they gather in all images."""
+"""What hypotheses predict: the detections that their poses gather in all images."""
 
 from __future__ import annotations
+
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.deadline import OutOfTime
+from rootmatch.jit.threads import in_pieces
 from rootmatch.model.compiled.gathering import gather
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.proposals import MinimalSets
+from rootmatch.model.proposals import Proposals
 from rootmatch.problems.gate import GATE
 
 Floats = NDArray[np.float64]
@@ -19,17 +23,18 @@ HIDDEN = 0.1
 """Visibility below which a point is not looked for. A round value."""
 
 
-def gathered(model: DetectionModel, sets: MinimalSets, least: int, most: int) -> list[Integers]:
-    """Assignments that poses of minimal sets lead to, each once, the most likely first.
+def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> list[Integers]:
+    """Assignments that hypotheses lead to, each once, the most likely first.
 
     Parameters
     ----------
     model : DetectionModel
-    sets : MinimalSets
+    proposals : Proposals
+        Poses with the matches, three or more, that determine them.
     least, most : int
         Minimum number of matches, and maximum number of assignments.
     """
-    assignments, gains = gathered_by_each(model, sets)
+    assignments, gains = gathered_by_each(model, proposals)
     enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= least) & np.isfinite(gains))
     kept: dict[bytes, Integers] = {}
     for k in enough[np.argsort(-gains[enough], kind="stable")].tolist():
@@ -39,22 +44,27 @@ def gathered(model: DetectionModel, sets: MinimalSets, least: int, most: int) ->
     return list(kept.values())
 
 
-def gathered_by_each(model: DetectionModel, sets: MinimalSets) -> tuple[Integers, Floats]:
-    """The assignment (M, n) that each pose leads to, and its log-odds (M,) against clutter, to first order.
+def gathered_by_each(model: DetectionModel, proposals: Proposals) -> tuple[Integers, Floats]:
+    """The assignment (K, n) that each pose leads to, and its log-odds (K,) against clutter, to first order.
 
-    −∞ for a pose from which a point of its own set would not be seen.
+    −∞ for a pose from which a point of its own would not be seen, and for one that a deadline leaves out.
     """
-    poses, members = sets.proposals, sets.members
-    alone = np.full_like(poses.assignments, -1)
-    np.put_along_axis(alone, members, np.take_along_axis(poses.assignments, members, axis=1), axis=1)
-    at = model.linearised(poses.rotation, poses.position)
-    assignments, gains = np.empty_like(alone), np.empty(len(alone))
+    at = model.linearised(proposals.rotation, proposals.position)
+    visible = model.visibility(at, np.zeros(len(at.seen)))
+    assignments, gains = np.full_like(proposals.assignments, -1), np.full(len(at.seen), -np.inf)
     target, sigma, log_weights, *_ = model.image_for_kernels
-    gather(
-        (at.pixels, at.jacobian, model.visibility(at, np.zeros(len(at.seen)))),
-        alone,
-        (target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_of)),
-        (max(len(model.images), 1), GATE**2, RATE, HIDDEN),
-        (assignments, gains),
-    )
+    image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_of)
+
+    def work(first: int, last: int) -> None:
+        some = slice(first, last)
+        gather(
+            (at.pixels[some], at.jacobian[some], visible[some]),
+            proposals.assignments[some],
+            image,
+            (max(len(model.images), 1), GATE**2, RATE, HIDDEN),
+            (assignments[some], gains[some]),
+        )
+
+    with suppress(OutOfTime):
+        in_pieces(work, len(gains))
     return assignments, gains

@@ -63,6 +63,14 @@ class MinimalSets(NamedTuple):
     proposals: Proposals
     """The assignments with these poses."""
 
+    @property
+    def alone(self) -> Proposals:
+        """The minimal sets' own matches with their poses."""
+        every = self.proposals.assignments
+        own = np.full_like(every, -1)
+        np.put_along_axis(own, self.members, np.take_along_axis(every, self.members, axis=1), axis=1)
+        return self.proposals._replace(assignments=own)
+
 
 def poses_of_sets(model: DetectionModel, assignments: Integers, most: int) -> MinimalSets:
     """As `poses_of_few`, of up to so many matches in a camera."""
@@ -113,7 +121,7 @@ def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Ev
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
 
-def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Integers) -> Proposals:
+def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:
     """Poses in which a second body looks like a first one, of which it is a copy, the mirror image, or the body itself.
 
     A copy of a body looks the same in the corresponding pose. The mirror image of a body with reversed depth has the
@@ -125,28 +133,33 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, image: Inte
         Of the first body.
     first, second : (n, 3) and (m, 3) arrays
         Points of the two bodies.
-    image : (n,) int array
-        Point of the second that corresponds to each of the first, −1 for none; at least three.
+    images : (T, n) int array
+        For each way in which they look alike, the point of the second that corresponds to each of the first, −1 for
+        none; at least three, and the same points of the first in each.
+
+    Returns
+    -------
+    Proposals
+        T for each one given, way by way.
     """
-    own = np.flatnonzero(image >= 0)
-    one, other = first[own], second[image[own]]
-    middle = one.mean(axis=0), other.mean(axis=0)
-    u, _, vt = np.linalg.svd((other - middle[1]).T @ (one - middle[0]))
-    turned = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    own = np.flatnonzero(images[0] >= 0)
+    one, others = first[own], second[images[:, own]]
+    middle, middles = one.mean(axis=0), others.mean(axis=1)
+    one, others = one - middle, others - middles[:, None]
+    u, _, vt = np.linalg.svd(others.swapaxes(1, 2) @ one)
     reflected = u @ vt
-
-    def misfit(motion: Floats) -> float:
-        return float(np.linalg.norm((one - middle[0]) @ motion.T - (other - middle[1])))
-
-    is_mirror = np.linalg.det(reflected) < 0.0 and misfit(reflected) < misfit(turned)
-    motion = reflected if is_mirror else turned
-    rotation = proposals.rotation @ motion.T
+    turned = np.where((np.linalg.det(reflected) < 0.0)[:, None, None], u * (1.0, 1.0, -1.0), u) @ vt
+    misfits = [np.linalg.norm(one @ motions.swapaxes(1, 2) - others, axis=(1, 2)) for motions in (turned, reflected)]
+    is_mirror = (np.linalg.det(reflected) < 0.0) & (misfits[1] < misfits[0])
+    motions = np.where(is_mirror[:, None, None], reflected, turned)
+    rotation = proposals.rotation @ motions.swapaxes(1, 2)[:, None]
     # the centroids of the corresponding points coincide in both bodies
-    place = proposals.position + (middle[0] - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
-    if is_mirror:
+    place = proposals.position + (middle - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
+    if is_mirror.any():
         along = place / np.linalg.norm(place, axis=1, keepdims=True)
-        rotation = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation
-    position = place - (middle[1] - second.mean(axis=0)) @ rotation.swapaxes(1, 2)
-    assignments = np.full((len(proposals.assignments), len(second)), -1, np.int64)
-    assignments[:, image[own]] = proposals.assignments[:, own]
-    return Proposals(assignments, rotation, position)
+        rotation[is_mirror] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[is_mirror]
+    offset = (rotation @ (middles - second.mean(axis=0))[:, None, :, None])[..., 0]
+    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
+    for row, image in zip(assignments, images, strict=True):
+        row[:, image[own]] = proposals.assignments[:, own]
+    return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
