@@ -13,6 +13,7 @@ from rootmatch.explain.decide import Facts
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.model.modes import as_objects
 
 Integers = NDArray[np.int64]
 
@@ -65,9 +66,17 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     def of_all(assignment: Integers) -> Integers:
         return np.where(assignment >= 0, columns[assignment], -1)
 
+    told = found.posterior
+    if told is not None:
+        modes = told.modes._replace(
+            assignments=of_all(told.modes.assignments),
+            near=as_objects([(of_all(changed), log_odds) for changed, log_odds in told.modes.near]),
+        )
+        told = replace(told, modes=modes)
     return replace(
         found,
         task=replace(task, noise=found.task.noise),
+        posterior=told,
         assignment=of_all(found.assignment),
         others=[of_all(other) for other in found.others],
         scores=found.every_score,

@@ -61,8 +61,6 @@ class _Body:
     """Of its last search, or of its prediction."""
     candidate: Candidate
     told: Posterior
-    proposed: dict[bytes, Integers] = field(default_factory=dict)
-    """Assignments that searches found, by their bytes."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""
     predicted: Proposals | None = None
@@ -114,10 +112,8 @@ class _Body:
     def propose(self, found: Finding) -> None:
         """Add what a search found."""
         self.found = found
-        new = {one.tobytes(): one for one in found.every if (one >= 0).sum() > self.task.problem.minimal}
-        if new.keys() - self.proposed.keys():
-            self.proposed |= new
-            self.candidate = self.candidate.proposed(list(self.proposed.values()), self.predicted)
+        if found.posterior is not None:
+            self.candidate = self.candidate.reconsidered(found.posterior.modes)
 
 
 def match_bodies_in_image(

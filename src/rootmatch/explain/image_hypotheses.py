@@ -86,6 +86,11 @@ class Candidate:
             proposals = joined([proposals, predicted])
         return replace(self, modes=modes_of(self.model, proposals))
 
+    def reconsidered(self, modes: Modes) -> Candidate:
+        """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
+        proposals = Proposals(modes.assignments, modes.rotation, modes.position)
+        return replace(self, modes=modes_of(self.model, proposals, self.modes))
+
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
         (told,) = competing([self])
