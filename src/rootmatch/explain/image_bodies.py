@@ -140,7 +140,10 @@ def match_bodies_in_image(
         free = _predict(task, bodies, options)
         if choice is None:
             _search(task, bodies, free, solve, options)
-        elif (part := choice(_finding(task, bodies))) is not None:
+        else:
+            predicted = _finding(task, bodies)
+            if (part := choice(predicted)) is None:
+                return predicted
             _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve=solve, options=options)
     return _finding(task, bodies)
 

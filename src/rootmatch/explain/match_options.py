@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 from rootmatch.backends import selection
@@ -89,6 +90,13 @@ class MatchOptions:
     def least_probability(self, default: float) -> float:
         """Probability from which a match is trusted: as given, or this default."""
         return default if self.min_probability is None else self.min_probability
+
+    @cached_property
+    def in_process(self) -> MatchOptions:
+        """The options for a part of the task, which is matched in this process and reports no progress."""
+        if self.progress is None and self.scheduler is None:
+            return self
+        return replace(self, progress=None, scheduler=None)
 
     @property
     def is_paper(self) -> bool:

@@ -251,11 +251,17 @@ class MatchingTask:
 
     def body(self, k: int) -> Self:
         """The task of one of the bodies and all detections, with its predicted pose."""
+        return self._of_bodies[k]
+
+    @cached_property
+    def _of_bodies(self) -> list[Self]:
         assert self.bodies is not None
-        one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
-        name = self.bodies.names[k]
-        rivals = self.prior_rivals.get(name, ())
-        return replace(one, prior_pose=self.prior_poses.get(name), rival_poses=rivals, known=self.known_of.get(name))
+        every = []
+        for k, name in enumerate(self.bodies.names):
+            one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
+            predicted, rivals = self.prior_poses.get(name), self.prior_rivals.get(name, ())
+            every.append(replace(one, prior_pose=predicted, rival_poses=rivals, known=self.known_of.get(name)))
+        return every
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
         """The task of some of the points, evaluated in this process, without a predicted pose.
@@ -269,7 +275,7 @@ class MatchingTask:
             self,
             problem=problem,
             points=problem.in_image(self.points.subset(source, target)),
-            options=replace(self.options, progress=None, scheduler=None),
+            options=self.options.in_process,
             allowed=allowed,
             weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
             bodies=None,
