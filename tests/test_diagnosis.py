@@ -99,12 +99,16 @@ def test_point_sets_that_are_mirrored_or_scaled() -> None:
     rng = np.random.default_rng(3)
     plan = rng.uniform(-80, 80, (8, 3))
     seen = plan @ Rotation.random(random_state=3).as_matrix().T + 300.0 + rng.normal(0, 0.2, (8, 3))
-    for target, mistake in (
-        (seen * (-1, 1, 1), "one of the sets is left-handed"),
-        (seen / 1000.0, "the sets have different units"),
+    for target, noise, mistake in (
+        (seen * (-1, 1, 1), 0.2, "one of the sets is left-handed"),
+        (seen / 1000.0, (0.2, 0.0002), "the sets have different units"),
+        (seen / 1000.0, (0.0, 0.0002), "the sets have different units"),
+        (seen / 1000.0, 0.2, "the sets have different units"),
+        (seen / 1000.0, 0.0002, "the sets have different units"),
     ):
-        match = rm.match(plan, target, rm.Rigid(), noise=(0.2, 0.2 if target[0, 2] > 1.0 else 0.0002))
+        match = rm.match(plan, target, rm.Rigid(), noise=noise)
         assert not match
+        assert match.advice.startswith(f"no trustworthy match: {mistake}; ")
         found = match.diagnose(SECONDS)
         assert found.fits, str(found)
         assert found.fits[0].mistake == mistake

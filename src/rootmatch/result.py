@@ -25,12 +25,16 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
+from rootmatch.problems.similarity import Similarity
 from rootmatch.sightings import Sightings
 
 __all__ = ["Match", "Status", "report"]
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
+
+ADVISED = 0.5
+"""Seconds at most for mistakes that an advice may name; those of point sets take some 0.03. A round value."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -234,11 +238,18 @@ class Match:
         """σ as given (a number, an array or a pair), or as estimated."""
         return self.task.noise
 
-    @property
+    @cached_property
     def advice(self) -> str:
-        """The status as a sentence, with what can be done about it for this problem."""
+        """The status as a sentence, with what can be done about it for this problem.
+
+        Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
+        """
         confidence = None if self.finding.confidence is None else self.confidence
-        return advice(self.finding, confidence, self.stopped_early)
+        told = advice(self.finding, confidence, self.stopped_early)
+        asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
+        if asked and self.finding.reason is None and (fits := self.diagnose(ADVISED).fits):
+            return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
+        return told
 
     @cached_property
     def poses(self) -> list[Pose | None]:

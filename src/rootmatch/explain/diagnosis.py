@@ -21,10 +21,13 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.explain import explain
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
+from rootmatch.problems.points import PointSets
 from rootmatch.problems.similarity import Rigid, Similarity
 
 FACTORS = (3.0, 10.0)
 """Factors by which σ may have been stated too small. Round values."""
+COARSEST = 0.1
+"""Noise of a set of points, over its size, from which it may be in another unit. A round value."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,25 @@ def _of_point_sets(
     if isinstance(problem, Rigid):
         scaled = Similarity(problem.dimension)
         remedy = "use one unit, such as millimetres, or Similarity, which finds the scale"
-        yield "the sets have different units", remedy, lambda: replace(task, problem=scaled)
+        points = _with_noise_in_each_unit(task.points)
+        yield "the sets have different units", remedy, lambda: replace(task, problem=scaled, points=points)
+
+
+def _with_noise_in_each_unit(points: PointSets) -> PointSets:
+    """The noise of the set in whose unit it is, relative to the size of the set, for both sets.
+
+    One number that is meant for sets of one unit is far too large for the set of the larger unit, or too small for the
+    other one.
+    """
+    sizes = [float(np.linalg.norm(some - some.mean(axis=0), axis=1).mean()) for some in (points.source, points.target)]
+    sigmas = points.source_noise, points.target_noise
+    relative = [float(np.max(sigma)) / max(size, 1e-300) for sigma, size in zip(sigmas, sizes, strict=True)]
+    sound = [one for one in relative if one < COARSEST] or [min(relative)]
+    noises = [
+        sigma if one in (0.0, max(sound)) else np.full_like(sigma, max(sound) * size)
+        for sigma, one, size in zip(sigmas, relative, sizes, strict=True)
+    ]
+    return replace(points, source_noise=noises[0], target_noise=noises[1])
 
 
 def _of_axes(task: MatchingTask, cameras: dict[str, Any], pointed: Callable[..., Change]) -> Iterator[Mistake]:

@@ -98,10 +98,10 @@ class Pose:
     dof: int | None = field(default=None, kw_only=True)
     rms: float | None = field(default=None, kw_only=True)
     rms_sigma: float | None = field(default=None, kw_only=True)
-    points: Integers | None = field(default=None, kw_only=True)
-    predicted: Floats | None = field(default=None, kw_only=True)
-    residuals: Floats | None = field(default=None, kw_only=True)
-    inliers: Integers | None = field(default=None, kw_only=True)
+    points: Integers | None = field(default=None, repr=False, kw_only=True)
+    predicted: Floats | None = field(default=None, repr=False, kw_only=True)
+    residuals: Floats | None = field(default=None, repr=False, kw_only=True)
+    inliers: Integers | None = field(default=None, repr=False, kw_only=True)
     mirrored: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
