@@ -77,7 +77,7 @@ class Candidate:
         rows = np.full((len(strongest), self.model.shape[0]), -1, np.int64)
         np.put_along_axis(rows, i, j, axis=1)
         sets = poses_of_sets(self.model, rows, rows.shape[1])
-        return gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED)
+        return list(gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED).assignments)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments and by what a prediction proposes."""

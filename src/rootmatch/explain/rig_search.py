@@ -25,7 +25,7 @@ from rootmatch.hypergraph.assignment import one_hot
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.gathering import gathered
-from rootmatch.model.proposals import fitted
+from rootmatch.model.proposals import poses_of_sets, refitted
 from rootmatch.options import Options, option
 from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
@@ -69,9 +69,7 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
     sampled, hypotheses, whole = _searched(task, problem, model, options)
-    proposals = _verified(model, hypotheses, options)
-    named = np.array(proposals).reshape(len(proposals), task.shape[0])
-    found = assessed(task, sampled._replace(assignments=named))
+    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)))
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
@@ -128,8 +126,13 @@ def _searched(
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 
-def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> list[Integers]:
-    """Assignments that fitted hypotheses gather in all cameras, the best first."""
+def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> Integers:
+    """Assignments that the poses of hypotheses gather in all cameras, the most probable first.
+
+    Poses of minimal sets, so that a match among many that is wrong is not taken along.
+    """
     if not hypotheses:
-        return []
-    return gathered(model, fitted(model, np.array(hypotheses))[0], least=LEAST, most=options.kept)
+        return np.empty((0, model.shape[0]), np.int64)
+    sets = poses_of_sets(model, np.array(hypotheses), model.shape[0])
+    every, found, _ = refitted(model, gathered(model, sets.alone, least=LEAST, most=options.hypotheses))
+    return every.assignments[np.argsort(-found.log_odds, kind="stable")[: options.kept]]

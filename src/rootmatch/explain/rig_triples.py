@@ -49,4 +49,5 @@ def assignments_of_triples(
     n = model.shape[0] // len(model.images)
     rows = np.full((len(points), model.shape[0]), -1, np.int64)
     np.put_along_axis(rows, camera * n + part.permutation[points], own[images], axis=1)
-    return gathered(model, poses_of_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
+    found = gathered(model, poses_of_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
+    return list(found.assignments)

@@ -23,8 +23,8 @@ HIDDEN = 0.1
 """Visibility below which a point is not looked for. A round value."""
 
 
-def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> list[Integers]:
-    """Assignments that hypotheses lead to, each once, the most likely first.
+def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: int) -> Proposals:
+    """What hypotheses lead to, each assignment once, the most likely first, at the poses that led to it.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def gathered(model: DetectionModel, proposals: Proposals, *, least: int, most: i
     """
     assignments, gains = gathered_by_each(model, proposals)
     enough = np.flatnonzero(((assignments >= 0).sum(axis=1) >= least) & np.isfinite(gains))
-    kept: dict[bytes, Integers] = {}
+    kept: dict[bytes, int] = {}
     for k in enough[np.argsort(-gains[enough], kind="stable")].tolist():
-        kept.setdefault(assignments[k].tobytes(), assignments[k])
+        kept.setdefault(assignments[k].tobytes(), k)
         if len(kept) == most:
             break
-    return list(kept.values())
+    return proposals._replace(assignments=assignments).take(np.array(list(kept.values()), np.int64))
 
 
 def gathered_by_each(model: DetectionModel, proposals: Proposals) -> tuple[Integers, Floats]:
