@@ -135,7 +135,8 @@ def _judged(frame: dict[str, Any], number: int, one: Any, rig: bool) -> tuple[bo
         for point, detection in enumerate(row)
         if detection >= 0
     ]
-    return all(named) and sum(named) >= 0.9 * count - 1e-9, not all(named), count >= FEW
+    shown = min(count, len(set().union(*mine)))  # five sightings of two LEDs determine no pose
+    return all(named) and sum(named) >= 0.9 * count - 1e-9, not all(named), shown >= FEW
 
 
 def _covered(pose: rm.Pose | None, R: NDArray[np.float64], t: NDArray[np.float64]) -> bool:

@@ -39,6 +39,11 @@ def test_twenty_points_of_which_each_camera_sees_five(seed: int) -> None:
     assert pose.dof == 2 * 20 - 6
     assert 0.5 < pose.rms_sigma < 1.6
     np.testing.assert_allclose(found.poses_of(found.assignment)[0].t, pose.t, atol=1e-9)
+    one_each = np.full(len(points), -1)
+    for camera in range(4):
+        seen = np.flatnonzero((truth[camera] >= 0) & (one_each < 0))
+        one_each[seen[0]] = truth[camera, seen[0]]
+    assert found.poses_of(one_each) == [None], "no camera has the three points that a pose begins with"
     again = rm.Matcher(points, rm.P3P(rig), noise=0.5).match((rows[:, :2], rows[:, 2]))
     np.testing.assert_array_equal(again.sightings.assignment, truth)
 

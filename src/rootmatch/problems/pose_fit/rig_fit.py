@@ -184,6 +184,8 @@ def rig_pose(
         first = gaussian.rotation[None], gaussian.translation[None]
     else:
         first = _starts(copies, points, assignment)
+    if not len(first[0]):  # too few matches in each camera
+        return None
     state, chi2 = descended(model.repeated(len(first[0])), first, STEPS)
     if not np.isfinite(chi2).any():
         return None
