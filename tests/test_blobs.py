@@ -185,6 +185,17 @@ def test_the_label_of_a_blob_follows_its_place() -> None:
     assert at.blob is not None
     assert at.blob[0, 1] == 0
     assert np.isfinite(evidence.log_odds).all()
+    # among poses of which only some show blobs
+    far = Rotation.from_rotvec([0.0, 1.2, 0.0]).as_matrix() @ R
+    _, without = about(model, named[None], far[None], position[None])
+    assert without.blob is None
+    several, expected = (
+        model.linearised(np.array(poses), np.array([position, position])) for poses in ((far, far), (far, R))
+    )
+    mixed = several.with_(np.array([1]), at)
+    for field, values in expected._asdict().items():
+        np.testing.assert_allclose(np.asarray(getattr(mixed, field), float), np.asarray(values, float), err_msg=field)
+    np.testing.assert_array_equal(expected.with_(np.array([1]), without).blob, np.tile(np.arange(8), (2, 1)))
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,9 @@ def made(
 
 def best(model: DetectionModel, R: Floats, position: Floats, assignment: NDArray[np.int64]):  # type: ignore[no-untyped-def]
     """Evidence of one hypothesis at its best pose, with that pose."""
-    found, at = settled(model, assignment[None], *about(model, assignment[None], R[None], position[None]), steps=5)
+    found, at = about(model, assignment[None], R[None], position[None])
+    for _ in range(3):
+        found, at = settled(model, assignment[None], found, at)
     return found, at.rotation[0], at.position[0]
 
 

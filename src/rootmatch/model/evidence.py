@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rootmatch.model.compiled.evidence import detect, weigh
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.linearised import Linearised, with_rows
 from rootmatch.model.pose_prior import PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
@@ -35,6 +35,13 @@ STEEP = 0.5
 NO_CHANGE = 1e-2
 """Decrease of Q above which a step is worth another evaluation: below it, the evidence is known up to second order, and
 the step itself is taken in the end. A round value."""
+
+STEPS, MOST_STEPS, FAR = 2, 8, 1.0
+"""Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
+best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
+times the stated noise at five times it. Round values."""
+BEHIND = 30.0
+"""Log-odds behind the best hypothesis from which the first steps have to do. A round value."""
 
 
 class Evidence(NamedTuple):
@@ -69,6 +76,10 @@ class Evidence(NamedTuple):
     def take(self, which: Integers | NDArray[np.bool_]) -> Evidence:
         """Select some of the hypotheses."""
         return Evidence._make(one[which] for one in self)
+
+    def with_(self, which: Integers, others: Evidence) -> Evidence:
+        """The same with others in the place of some."""
+        return Evidence._make(with_rows(one, which, other) for one, other in zip(self, others, strict=True))
 
 
 def evidence(
@@ -117,22 +128,26 @@ def about(
 
 
 def settled(
-    model: DetectionModel,
-    assignments: Integers,
-    found: Evidence,
-    at: Linearised,
-    prior: PoseDensity | None = None,
-    steps: int = 2,
+    model: DetectionModel, assignments: Integers, found: Evidence, at: Linearised, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
-    """Evidence after a few Gauss–Newton steps to the best poses, starting from that about the given poses.
+    """Evidence after Gauss–Newton steps to the best poses, starting from that about the given poses.
 
-    The steps end when none of them changes a fit.
+    The steps of a hypothesis end when they no longer change its fit or, after the first `STEPS`, if it is far behind
+    the best one.
     """
-    for _ in range(steps):
-        if float(found.decrement.max(initial=0.0)) < NO_CHANGE:
+    for turn in range(MOST_STEPS):
+        going = found.decrement >= (NO_CHANGE if turn < STEPS else FAR)
+        if turn >= STEPS:
+            going &= found.log_odds > found.log_odds.max() - BEHIND
+        (some,) = np.nonzero(going)
+        if not len(some):
             break
-        at = model.linearised(*stepped(found, at))
-        found = evidence(model, assignments, at, prior)
+        if len(some) == len(going):
+            at = model.linearised(*stepped(found, at))
+            found = evidence(model, assignments, at, prior)
+            continue
+        there = model.linearised(*stepped(found.take(some), at.take(some)))
+        at, found = at.with_(some, there), found.with_(some, evidence(model, assignments[some], there, prior))
     return found, at
 
 

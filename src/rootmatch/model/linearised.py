@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,21 @@ class Linearised(NamedTuple):
         """Select some of the poses."""
         return Linearised._make(None if one is None else one[which] for one in self)
 
+    def with_(self, which: Integers, others: Linearised) -> Linearised:
+        """The same with other poses in the place of some."""
+        one = self
+        if (one.blob is None) != (others.blob is None):
+            one, others = one._with_blobs(), others._with_blobs()
+        pairs = zip(one, others, strict=True)
+        return Linearised._make(None if old is None else with_rows(old, which, new) for old, new in pairs)
+
+    def _with_blobs(self) -> Linearised:
+        """The same where a blob may be of one point."""
+        if self.blob is not None:
+            return self
+        alone = np.tile(np.arange(self.seen.shape[1]), (len(self.seen), 1))
+        return self._replace(blob=alone, blob_variance=np.zeros(self.seen.shape))
+
     @property
     def for_kernels(self) -> tuple[Floats, Integers, Floats]:
         """Cosine, blob and blob variance, without rows where there are none."""
@@ -68,6 +83,13 @@ class Linearised(NamedTuple):
             NO_LABELS if self.blob is None else self.blob,
             NO_ROWS if self.blob_variance is None else self.blob_variance,
         )
+
+
+def with_rows(array: Any, which: Integers, rows: Any) -> Any:
+    """A copy of an array with other rows in the place of some."""
+    out = array.copy()
+    out[which] = rows
+    return out
 
 
 def linearised(
