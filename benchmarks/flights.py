@@ -6,13 +6,14 @@
 Right: of the bodies that show five LEDs or more in a frame, those with no match wrong and nine tenths of the shown ones
 matched. Wrong: frames of a body that are called matched and have a wrong match; "run": the longest one. "Covered": of
 the frames that are matched and right, those whose pose is within the 95 % region of its covariance. Times are processor
-milliseconds a frame of one thread, all kernels compiled, the first frame of each flight left out. Defaults were chosen
-on seeds below 2000. Scenes are found as by constellations.py.
+milliseconds a frame of one thread, all kernels compiled, after `gc.freeze()`, the first frame of each flight left out.
+Defaults were chosen on seeds below 2000. Scenes are found as by constellations.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -162,6 +163,7 @@ def main() -> None:
         return
     for family in given.families:
         fly(xr, family, given.first_seed - 1, Tally(), given.merge, given.resolution)  # compiles
+        gc.freeze()
         tally = Tally()
         for seed in range(given.first_seed, given.first_seed + given.flights):
             fly(xr, family, seed, tally, given.merge, given.resolution)
