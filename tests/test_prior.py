@@ -102,7 +102,9 @@ def test_the_fit_is_the_least_of_all_deviations() -> None:
     found = proposals_about(model, prediction)
     assert found is not None
     np.testing.assert_array_equal(found.assignments[0], made["truth"])
-    best, at = settled(model, found.assignments[:1], *about(model, *found.take(np.array([0]))), steps=5)
+    best, at = about(model, *found.take(np.array([0])))
+    for _ in range(3):
+        best, at = settled(model, found.assignments[:1], best, at)
     root = np.linalg.cholesky(np.linalg.inv(prediction.covariance)).T
 
     def residuals(step: Any) -> Any:
