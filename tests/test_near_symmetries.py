@@ -24,20 +24,21 @@ Floats = NDArray[np.float64]
 
 
 def images(source: Floats, normals: Floats | None, R: Floats, t: Floats) -> dict[int, int]:
-    """The nearest point to each after a motion, where that is near and faces alike."""
+    """The nearest point to each after a motion, where that is near and faces alike (oppositely: after a reflection)."""
     off = cdist(source @ R.T + t, source)
     found = {}
     for i, row in enumerate(off):
         near = [j for j in np.argsort(row) if row[j] < TOLERANCE * np.sqrt(source.var(axis=0).sum())]
         if normals is not None:
-            near = [j for j in near if (R @ normals[i]) @ normals[j] >= FACING]
+            near = [j for j in near if np.linalg.det(R) * (R @ normals[i]) @ normals[j] >= FACING]
         if near:
             found[i] = int(near[0])
     return found
 
 
-def all_symmetries(source: Floats, normals: Floats | None = None) -> list[tuple[int, Floats]]:
-    """Mapped points and rotation of every near symmetry, those that map most first."""
+def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool = False) -> list[tuple[int, Floats]]:
+    """Mapped points and rotation, or reflection, of every near symmetry, those that map most first."""
+    hand = np.diag([1.0, 1.0, -1.0 if mirrored else 1.0])
     n, distance = len(source), cdist(source, source)
     near = TOLERANCE * np.sqrt(source.var(axis=0).sum())
     onto = np.array(list(itertools.permutations(range(n), 3)))
@@ -50,12 +51,14 @@ def all_symmetries(source: Floats, normals: Floats | None = None) -> list[tuple[
             for _ in range(3):
                 own, image = list(pairs_of), list(pairs_of.values())
                 first, second = source[own].mean(axis=0), source[image].mean(axis=0)
-                R = Rotation.align_vectors(source[image] - second, source[own] - first)[0].as_matrix()
+                turn, _ = Rotation.align_vectors(source[image] - second, (source[own] - first) @ hand)
+                R = turn.as_matrix() @ hand
                 pairs_of = images(source, normals, R, second - R @ first)
                 if len(pairs_of) < 6:
                     break
             same = any(Rotation.from_matrix(R @ other.T).magnitude() < ANGLE for _, other in found)
-            if len(pairs_of) >= max(6, n / 4) and Rotation.from_matrix(R).magnitude() > ANGLE and not same:
+            other = mirrored or Rotation.from_matrix(R).magnitude() > ANGLE
+            if len(pairs_of) >= max(6, n / 4) and other and not same:
                 found.append((len(pairs_of), R))
     return sorted(found, key=lambda one: -one[0])
 
@@ -64,6 +67,12 @@ def half_turn(seed: int, off: float) -> Floats:
     points = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, 3))
     rest = np.random.default_rng(seed + 1).uniform(-1.0, 1.0, (2, 3))
     return np.concatenate([points, points * [-1.0, -1.0, 1.0], rest]) + off * rest[:1]
+
+
+def mirror_image(seed: int, off: float) -> Floats:
+    body = half_turn(seed, 0.0)
+    body[4:8] = body[:4] * [-1.0, 1.0, 1.0]
+    return body + off
 
 
 def bent(seed: int, off: float) -> Floats:
@@ -78,6 +87,8 @@ NEARLY_IN_LINE = np.column_stack([np.arange(7.0) ** 1.5, 0.01 * np.arange(7.0) *
 BODIES = {
     "random": np.random.default_rng(3).uniform(-1.0, 1.0, (10, 3)),
     "half turn": half_turn(5, 0.0),
+    "mirror": mirror_image(5, 0.0),
+    "mirror, moved": mirror_image(6, 3.0) @ Rotation.from_rotvec([0.4, 0.2, -0.7]).as_matrix(),
     "moved": half_turn(6, 3.0),
     "nearly": bent(7, 0.002),
     "hardly": bent(8, 0.05),
@@ -87,19 +98,32 @@ BODIES = {
 }
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("name", list(BODIES))
-def test_those_of_all_triples_are_found(name: str) -> None:
+def test_those_of_all_triples_are_found(name: str, mirrored: bool) -> None:
     source = BODIES[name]
-    expected = all_symmetries(source)
-    found = symmetries_of(source, None)
+    expected = all_symmetries(source, mirrored=mirrored)
+    found = symmetries_of(source, None, mirrored)
     assert [one.mapped for one in found] == [count for count, _ in expected][:MOST]
     for one in found:
         alike = [Rotation.from_matrix(one.rotation @ R.T).magnitude() < 0.02 for _, R in expected]
         assert sum(alike) == 1
         own = np.flatnonzero(one.image >= 0)
         assert images(source, None, one.rotation, one.shift) == dict(zip(own, one.image[own], strict=True))
-    counts = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 4, "brick": [8] * 4}
-    assert [one.mapped for one in found] == counts.get(name, [])
+        assert np.linalg.det(one.rotation) == pytest.approx(-1.0 if mirrored else 1.0)
+    turned = {"half turn": [8], "moved": [8], "nearly": [8], "hexagon": [6] * 4, "brick": [8] * 4}
+    reflected = {"mirror": [8], "mirror, moved": [8], "hexagon": [6] * 4, "brick": [8] * 4}
+    assert [one.mapped for one in found] == (reflected if mirrored else turned).get(name, [])
+
+
+def test_a_reflection_reverses_what_faces_the_camera() -> None:
+    source = mirror_image(5, 0.0)
+    normals = np.tile([0.0, 0.0, 1.0], (len(source), 1))
+    assert symmetries_of(source, normals, mirrored=True) == ()
+    normals[4:8] *= -1.0
+    (one,) = symmetries_of(source, normals, mirrored=True)
+    assert one.image.tolist() == [4, 5, 6, 7, 0, 1, 2, 3, -1, -1]
+    assert len(all_symmetries(source, normals, mirrored=True)) == 1
 
 
 def test_normals_forbid_a_symmetry() -> None:

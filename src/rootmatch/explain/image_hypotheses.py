@@ -198,10 +198,12 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
 
 
 def _symmetries(task: MatchingTask) -> list[Integers]:
-    """Index of the point, or sighting, at the place of each after motions that nearly map a body onto itself."""
-    problem, normals = task.problem, task.points.normals
-    if not isinstance(problem, RigCopies):
-        return [found.image for found in symmetries_of(task.points.source, normals)]
-    n, blocks = problem.copies.count, np.arange(len(problem.copies.offsets))[:, None]
-    found = symmetries_of(problem.copies.points, None if normals is None else normals[:n])
-    return [np.where(one.image >= 0, blocks * n + one.image, -1).ravel() for one in found]
+    """Index of the point, or sighting, at the place of each in the near symmetries of a body."""
+    problem, points, normals = task.problem, task.points.source, task.points.normals
+    blocks = np.zeros((1, 1), np.int64)
+    if isinstance(problem, RigCopies):
+        points, blocks = problem.copies.points, np.arange(len(problem.copies.offsets))[:, None]
+        normals = None if normals is None else normals[: len(points)]
+    found = [*symmetries_of(points, normals), *symmetries_of(points, normals, mirrored=True)]
+    images = {one.image.tobytes(): one.image for one in found}.values()
+    return [np.where(image >= 0, blocks * len(points) + image, -1).ravel() for image in images]

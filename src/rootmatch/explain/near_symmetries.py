@@ -1,7 +1,7 @@
-"""Near symmetries of a body: rotations that map many of its points onto others, as a half-turn of a headset does.
+"""Near symmetries of a body: motions and reflections that map many of its points onto others, as a headset's do.
 
-From some side, a pose and the same pose after such a motion give nearly the same image. A search that is cut short may
-find only one of them; the motions propose the other.
+From some side, a pose and the same pose after such a motion give nearly the same image; after a reflection, the same
+pose with reversed depth does. A search that is cut short may find only one of them; the symmetries propose the other.
 """
 
 from __future__ import annotations
@@ -58,9 +58,10 @@ def body_radius(source: Floats) -> float:
 
 
 class NearSymmetry(NamedTuple):
-    """A motion x' = R x + t that puts many points of a body onto others."""
+    """A motion or reflection x' = R x + t that puts many points of a body onto others."""
 
     rotation: Floats
+    """(3, 3), of determinant −1 for a reflection."""
     shift: Floats
     image: Integers
     """(n,) point at the place of each after the motion, each once; −1 for none."""
@@ -79,7 +80,7 @@ def near_symmetries(source: Floats, normals: Floats | None, most: int) -> list[t
     return [(found.rotation, found.shift) for found in symmetries_of(source, normals)[:most]]
 
 
-def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry, ...]:
+def symmetries_of(source: Floats, normals: Floats | None, mirrored: bool = False) -> tuple[NearSymmetry, ...]:
     """The near symmetries of a body, those that map most points first; computed once for each body.
 
     Triples of points, at most `TRIPLES`, are laid onto all triples of the same sides; the points that such a motion
@@ -89,42 +90,60 @@ def symmetries_of(source: Floats, normals: Floats | None) -> tuple[NearSymmetry,
     ----------
     source : (n, 3) array
     normals : (n, 3) array, optional
-        Outward normals: a point is mapped only onto one that faces the same way; zero if unknown.
+        Outward normals: a point is mapped only onto one that faces the same way, or the opposite way by a reflection,
+        as depth is reversed with it; zero if unknown.
+    mirrored : bool
+        Reflections, with or without a rotation, instead of motions.
     """
     if not LEAST <= len(source) <= MOST_POINTS:
         return ()
     faces = b"" if normals is None else np.ascontiguousarray(normals, np.float64).tobytes()
-    return _known(np.ascontiguousarray(source, np.float64).tobytes(), faces)
+    return _known(np.ascontiguousarray(source, np.float64).tobytes(), faces, mirrored)
 
 
-@lru_cache(maxsize=64)
-def _known(source: bytes, normals: bytes) -> tuple[NearSymmetry, ...]:
+@lru_cache(maxsize=128)
+def _known(source: bytes, normals: bytes, mirrored: bool) -> tuple[NearSymmetry, ...]:
     """Near symmetries of points and normals by their values, found once: every frame and search asks again."""
     points = np.frombuffer(source).reshape(-1, 3)
     faces = np.frombuffer(normals).reshape(-1, 3) if normals else None
-    found = _found(points, faces)
+    found = _found(points, faces, -1.0 if mirrored else 1.0)
     for one in found:
         for array in one:
             array.setflags(write=False)
     return tuple(found)
 
 
-def _found(source: Floats, normals: Floats | None) -> list[NearSymmetry]:
-    near, least = TOLERANCE * body_radius(source), max(LEAST, math.ceil(SHARE * len(source)))
-    unit = None
+class _Body(NamedTuple):
+    """A body whose symmetries are sought."""
+
+    source: Floats
+    """(n, 3) points."""
+    unit: Floats | None
+    """(n, 3) unit normals, zero if unknown."""
+    sign: float
+    """1 for motions, −1 for reflections."""
+
+    @property
+    def near(self) -> float:
+        """Distance up to which points are the same."""
+        return TOLERANCE * body_radius(self.source)
+
+
+def _found(source: Floats, normals: Floats | None, sign: float) -> list[NearSymmetry]:
+    unit, least = None, max(LEAST, math.ceil(SHARE * len(source)))
     if normals is not None:
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         unit = normals / np.where(length > 0.0, length, 1.0)
-    rotations, shifts = _laid_onto_others(source, unit, near)
-    counts = _counts(source, unit, (rotations, shifts), near=near)
+    body = _Body(source, unit, sign)
+    rotations, shifts = _laid_onto_others(body)
+    counts = _counts(body, rotations, shifts)
     found: list[NearSymmetry] = []
     for _ in range(REFINED * MOST):
         if not len(counts) or counts.max() < least:
             break
         k = int(counts.argmax())
-        one = _refined(source, unit, (rotations[k], shifts[k]), near=near)
-        inverse = one.rotation.T, -one.rotation.T @ one.shift
-        for other in (one, _refined(source, unit, inverse, near=near)):
+        one = _refined(body, rotations[k], shifts[k])
+        for other in (one, _refined(body, one.rotation.T, -one.rotation.T @ one.shift)):
             if other.mapped >= least and not any(_alike(other.rotation, known.rotation) for known in found):
                 found.append(other)
         counts = np.where(_alike(rotations, rotations[k]), 0, counts)
@@ -132,8 +151,9 @@ def _found(source: Floats, normals: Floats | None) -> list[NearSymmetry]:
     return found[:MOST]
 
 
-def _laid_onto_others(source: Floats, unit: Floats | None, near: float) -> tuple[Floats, Floats]:
+def _laid_onto_others(body: _Body) -> tuple[Floats, Floats]:
     """Motions (M, 3, 3) and (M, 3) of random triples onto others of the same sides, without the identity."""
+    source, unit, near = body.source, body.unit, body.near
     a, b, c = _triples(source)
     n = len(source)
     distance = np.linalg.norm(source[:, None] - source, axis=2)
@@ -152,11 +172,11 @@ def _laid_onto_others(source: Floats, unit: Floats | None, near: float) -> tuple
         moved = np.sort(np.random.default_rng(1).choice(moved, MOST_LAID, replace=False))
     first, second = first[moved], second[moved]
     frames = _frames(source[first]), _frames(source[second])
-    rotations = frames[1] @ frames[0].swapaxes(1, 2)
+    rotations = frames[1] * (1.0, 1.0, body.sign) @ frames[0].swapaxes(1, 2)
     own = np.trace(rotations, axis1=1, axis2=2) <= 1.0 + 2.0 * math.cos(ANGLE)
     if unit is not None:
         turned = np.einsum("hij,hmj->hmi", rotations, unit[first])
-        cosine = (turned * unit[second]).sum(axis=2)
+        cosine = body.sign * (turned * unit[second]).sum(axis=2)
         known = unit[first].any(axis=2) & unit[second].any(axis=2)
         own &= ((cosine >= FACING) | ~known).all(axis=1)
     kept = np.flatnonzero(own)[:MOST_MOTIONS]
@@ -203,46 +223,49 @@ def _frames(triples: Floats) -> Floats:
     return np.stack([first, np.cross(third, first), third], axis=2)
 
 
-def _counts(source: Floats, unit: Floats | None, motions: tuple[Floats, Floats], near: float) -> Integers:
+def _counts(body: _Body, rotations: Floats, shifts: Floats) -> Integers:
     """Points (M,) that each motion maps onto others; a coarser distance, as triples alone tell a motion roughly."""
-    rotations, shifts = motions
+    source, unit = body.source, body.unit
     if not len(rotations):
         return np.empty(0, np.int64)
     centred = (source - source.mean(axis=0)).astype(np.float32)
     moved = (source @ rotations.swapaxes(1, 2) + shifts[:, None] - source.mean(axis=0)).astype(np.float32)
     squared = (moved**2).sum(axis=2)[:, :, None] - 2.0 * moved @ centred.T + (centred**2).sum(axis=1)
-    possible = squared < np.float32((ROUGH * near) ** 2)
+    possible = squared < np.float32((ROUGH * body.near) ** 2)
     if unit is not None:
-        facing = (unit @ rotations.swapaxes(1, 2)).astype(np.float32) @ unit.T.astype(np.float32) >= FACING
-        possible &= facing | _unknown(unit)
+        cosine = body.sign * (unit @ rotations.swapaxes(1, 2)).astype(np.float32) @ unit.T.astype(np.float32)
+        possible &= (cosine >= FACING) | _unknown(unit)
     return np.asarray(possible.any(axis=2).sum(axis=1))
 
 
-def _refined(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], near: float) -> NearSymmetry:
+def _refined(body: _Body, rotation: Floats, shift: Floats) -> NearSymmetry:
     """A motion fitted to the points that it maps, and again to those that it maps after the fit."""
-    found = NearSymmetry(*motion, _image(source, unit, motion, near=ROUGH * near))
+    found = NearSymmetry(rotation, shift, _image(body, rotation, shift, near=ROUGH * body.near))
+    hand = np.array((1.0, 1.0, body.sign))
     for _ in range(ROUNDS):
         own = np.flatnonzero(found.image >= 0)
         if len(own) < 3:
             break
-        fitted = fitted_motions(source[None, own], source[None, found.image[own]], scaled=False, mirror=False)
-        motion = fitted.linear[0], fitted.shift[0]
-        before, found = found, NearSymmetry(*motion, _image(source, unit, motion, near=near))
+        # a reflection is a motion of the mirror image
+        first, second = body.source[own] * hand, body.source[found.image[own]]
+        fitted = fitted_motions(first[None], second[None], scaled=False, mirror=False)
+        rotation, shift = fitted.linear[0] * hand, fitted.shift[0]
+        before, found = found, NearSymmetry(rotation, shift, _image(body, rotation, shift, near=body.near))
         if np.array_equal(before.image, found.image):
             break
     return found
 
 
-def _image(source: Floats, unit: Floats | None, motion: tuple[Floats, Floats], near: float) -> Integers:
+def _image(body: _Body, rotation: Floats, shift: Floats, near: float) -> Integers:
     """The point (n,) at the place of each after a motion, nearest to each other; −1 for none."""
-    R, t = motion
-    off = np.linalg.norm((source @ R.T + t)[:, None] - source, axis=2)
+    off = np.linalg.norm((body.source @ rotation.T + shift)[:, None] - body.source, axis=2)
     possible = off < near
-    if unit is not None:
-        possible &= ((unit @ R.T) @ unit.T >= FACING) | _unknown(unit)
+    if body.unit is not None:
+        cosine = body.sign * (body.unit @ rotation.T) @ body.unit.T
+        possible &= (cosine >= FACING) | _unknown(body.unit)
     off = np.where(possible, off, np.inf)
     to, back = off.argmin(axis=1), off.argmin(axis=0)
-    place = np.arange(len(source))
+    place = np.arange(len(body.source))
     return np.where(possible.any(axis=1) & (back[to] == place), to, -1)
 
 
