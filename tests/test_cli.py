@@ -75,6 +75,7 @@ class TestMatch:
         assert set(record) == {
             "assignment", "score", "margin", "probability", "log_odds", "confidence", "motion_labels", "alternatives",
             "status", "converged", "stopped_early", "seconds", "evaluated", "noise", "poses",
+            "other_poses",
         }  # fmt: skip
         truth = [int(row["target"]) for row in rows_of(scene / "truth.csv")]
         assert record["assignment"] == truth
@@ -87,6 +88,7 @@ class TestMatch:
         assert record["score"] > 0.0
         assert record["seconds"] > 0.0
         assert record["noise"] == 0.1
+        assert record["other_poses"] == []
         for other in record["alternatives"]:
             assert other["score"] <= record["score"]
             assert len(other["assignment"]) == len(other["poses"][0]["residuals"]) == 8

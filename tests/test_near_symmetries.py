@@ -57,7 +57,8 @@ def all_symmetries(source: Floats, normals: Floats | None = None, mirrored: bool
                 if len(pairs_of) < 6:
                     break
             same = any(Rotation.from_matrix(R @ other.T).magnitude() < ANGLE for _, other in found)
-            other = mirrored or Rotation.from_matrix(R).magnitude() > ANGLE
+            moved = any(i != j for i, j in pairs_of.items())  # what is flat is its own reflection
+            other = moved if mirrored else Rotation.from_matrix(R).magnitude() > ANGLE
             if len(pairs_of) >= max(6, n / 4) and other and not same:
                 found.append((len(pairs_of), R))
     return sorted(found, key=lambda one: -one[0])

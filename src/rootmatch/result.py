@@ -17,7 +17,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_decision import confidence_of_motions
+from rootmatch.explain.image_decision import confidence_of_motions, other_poses
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_poses import polished_pose
 from rootmatch.explain.rig_copies import RigCopies, of_points
@@ -175,14 +175,7 @@ class Match:
         It comes from a model of all observations, in which the object may be absent, or two views may have nothing in
         common (docs/model.md). None if the problem fits no poses, for the paper's residuals and with several motions.
         """
-        if self.finding.probability is not None:
-            return self.finding.probability
-        if self.sightings is not None:
-            return self.sightings.copies.probability
-        if self.bodies is not None:
-            known = [body.probability for body in self.bodies.values()]
-            return None if None in known else float(np.prod(np.array(known, np.float64)))
-        return None
+        return self._told("probability", np.prod)
 
     @cached_property
     def confidence(self) -> NDArray[np.float64]:
@@ -209,14 +202,16 @@ class Match:
     @cached_property
     def log_odds(self) -> float | None:
         """Logarithm of the odds of the assignment and its pose against clutter alone; None if `probability` is."""
-        if self.finding.log_odds is not None:
-            return self.finding.log_odds
-        if self.sightings is not None:
-            return self.sightings.copies.log_odds
-        if self.bodies is not None:
-            known = [body.log_odds for body in self.bodies.values()]
-            return None if None in known else float(np.sum(np.array(known, np.float64)))
-        return None
+        return self._told("log_odds", np.sum)
+
+    def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
+        """A number of the finding, of that of a rig's sightings, or of all bodies together; None if there is none."""
+        if (own := getattr(self.finding, name)) is None and self.sightings is not None:
+            own = getattr(self.sightings.copies, name)
+        elif own is None and self.bodies:
+            known = [getattr(body, name) for body in self.bodies.values()]
+            own = None if None in known else of_bodies(known)
+        return None if own is None else float(own)
 
     @property
     def source(self) -> Floats:
@@ -276,6 +271,15 @@ class Match:
         """Poses of each of `alternatives`. With several motions, points keep the motion that they have here."""
         return poses_of(self.task, [other for other, _ in self.alternatives], self.motion_labels)
 
+    @cached_property
+    def other_poses(self) -> list[tuple[Pose, float]]:
+        """Other poses that fit the same matches, with their posterior probabilities, the most probable first.
+
+        Nearly flat objects have a second one with reversed depth. If none is certain, the match is ambiguous, even if
+        its assignment is certain. Empty for problems without a pose of their camera.
+        """
+        return other_poses(self.finding if self.sightings is None else self.sightings.copies.finding)
+
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
         """Poses of any assignment (n,) between these points, −1 where unmatched.
 
@@ -327,10 +331,7 @@ def _score(value: float) -> float | None:
 
 
 def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:
-    """The public result of what was found: the only place that makes a `Match`.
-
-    ``seconds``: wall-clock time that it took.
-    """
+    """The public result of what was found in so many seconds: the only place that makes a `Match`."""
 
     def one(part: Finding, task: MatchingTask | None = None) -> Match:
         copies = isinstance(part.task.problem, RigCopies)

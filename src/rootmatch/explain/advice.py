@@ -57,12 +57,24 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
             f"ambiguous: the pose is certain, but for {unsure} of the points it is not which image they have, if any; "
             f"see `confidence`, or {problem.to_tell}"
         )
+    if finding.status is Status.AMBIGUOUS and _is_assignment_certain(finding):
+        text = (
+            "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
+            f"see `other_poses`, {problem.to_tell}, or give a `prior`"
+        )
     if finding.status is Status.MATCHED and unsure:
         text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:
         known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
         text += f"; {known} was wrong, this one was found without it"
     return f"{text}; max_seconds ended it before it was finished" if stopped_early else text
+
+
+def _is_assignment_certain(finding: Finding) -> bool:
+    """Whether the assignment is as probable as a match has to be, whatever its pose."""
+    told, probability = finding.posterior, finding.probability
+    sure = probability is not None and probability >= finding.facts.min_probability
+    return sure and told is not None and not _is_pose_certain(finding)
 
 
 def _is_pose_certain(finding: Finding) -> bool:

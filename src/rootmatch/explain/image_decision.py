@@ -18,17 +18,19 @@ from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.misfit import Misfit, does_not_fit
-from rootmatch.explain.predicted_poses import about_prediction
+from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
+from rootmatch.model.mode_search import DEFAULT_POSTERIOR
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_prior import LEAST, Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.up2p import UP2P
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
@@ -170,6 +172,25 @@ def pose_of_mode(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """The pose of one of the modes, of the points as they were given."""
     R = modes.rotation[k]
     return Pose.unchecked(R, *about_point(R, modes.position[k], modes.covariance[k], -model.centre))
+
+
+def other_poses(found: Finding) -> list[tuple[Pose, float]]:
+    """Other poses with the same matches, and their posterior probabilities, the most probable first.
+
+    Those that are less probable than a wrong model are left out.
+    """
+    if found.posterior is None or found.model is None or found.pose is None:
+        return []
+    modes, chances, own = found.posterior.modes, found.posterior.probabilities, found.assignment >= 0
+    same = (modes.assignments[:, own] == found.assignment[own]).all(axis=1)
+    likely = np.flatnonzero(same & (chances >= DEFAULT_POSTERIOR.wrong_model))
+    out = []
+    for k in likely[1:].tolist():
+        pose = pose_of_mode(found.model, modes, k)
+        if not isinstance(found.task.problem, UP2P):  # whose fit does not start from a pose
+            pose = polished_pose(replace(found, pose=pose)) or pose
+        out.append((pose, float(chances[k])))
+    return out
 
 
 def confidence_of_motions(

@@ -32,6 +32,7 @@ from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import FEW, Proposals, joined, look_alikes, poses_of_few, poses_of_sets, rough_fits
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.problems.pose_fit.starts import reflected
 
 Integers = NDArray[np.int64]
 
@@ -176,9 +177,17 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     rows = np.array(every)
     parts = [rough_fits(model, rows), poses_of_few(model, rows)]
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
+    parts.append(_reversed_in_depth(model, first))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
     return joined([*parts, *_twins_of_few(task, model, first)])
+
+
+def _reversed_in_depth(model: DetectionModel, found: Proposals) -> Proposals:
+    """The other poses that nearly flat points have from afar, with the same matches."""
+    points = np.broadcast_to(model.points - model.centre, (len(found.assignments), *model.points.shape))
+    state = reflected((found.rotation, found.position), points, (found.assignments >= 0).astype(np.float64))
+    return Proposals(found.assignments, *state)
 
 
 def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:

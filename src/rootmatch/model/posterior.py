@@ -93,14 +93,14 @@ class Posterior:
         """
         if not len(self.probabilities):
             return None
-        each = self.confidence
-        first: Integers = self.modes.assignments[0]
-        matched = np.flatnonzero(first >= 0)
-        pose = float(each[matched].max())
-        each = each * lit
+        pose = float(self.probabilities[0])
         if pose < min_probability:
             return None
-        kept = matched[surest(each[matched] / pose, 1.0 - min_probability / pose)]
+        first: Integers = self.modes.assignments[0]
+        matched = np.flatnonzero(first >= 0)
+        each = self.confidence[matched]
+        each = each / each.max() * np.broadcast_to(lit, len(first))[matched]
+        kept = matched[surest(each, 1.0 - min_probability / pose)]
         out: Integers = np.full_like(first, -1)
         out[kept] = first[kept]
         return out

@@ -22,7 +22,8 @@ def match_record(match: Match) -> dict[str, Any]:
     (``"matched"``, ``"ambiguous"`` or ``"untrusted"``), ``converged``, ``stopped_early`` (whether the time limit ended
     it), ``seconds``, ``evaluated`` (hyper-edges), ``noise`` (σ in pixels, null if it differs by point), ``poses`` (one
     for each motion, null if it has none; null for problems that fit no poses; see `rootmatch.io.pose_record`), which
-    alternatives have too. Indices are zero-based row numbers. A number that is not finite becomes null.
+    alternatives have too, ``other_poses`` (of the same assignment, or null: objects with ``pose`` and
+    ``probability``). Indices are zero-based row numbers. A number that is not finite becomes null.
     """
     fits = bool(match.problem.least_for_pose)
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
@@ -46,6 +47,9 @@ def match_record(match: Match) -> dict[str, Any]:
         "evaluated": int(match.evaluated),
         "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
         "poses": _records(match.poses) if fits else None,
+        "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
+        if fits
+        else None,
     }
 
 

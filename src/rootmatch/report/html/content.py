@@ -104,6 +104,9 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
     fits = match.problem.least_for_pose > 0
     named = _names(labels.source, len(match.source)), _names(labels.target, len(match.target))
     views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
+    for rank, (pose, likely) in enumerate(match.other_poses, start=1):
+        shown, title = "Differs in its pose alone", f"other pose {rank}"
+        views.append(_view(match, match.assignment, [pose], title, probability=likely, differs=shown))
     poses = match.alternative_poses if fits else [[]] * len(match.alternatives)
     odds = _odds(match)
     for rank, ((other, score), fitted) in enumerate(zip(match.alternatives, poses, strict=True), start=1):
