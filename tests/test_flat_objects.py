@@ -97,6 +97,26 @@ def test_near_a_camera_one_pose_remains() -> None:
         assert match.other_poses == []
 
 
+@pytest.mark.parametrize("seed", [5, 8])
+def test_a_tracker_does_not_stay_with_the_wrong_pose(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    source = np.column_stack([rng.uniform(-0.1, 0.1, (9, 2)), np.zeros(9)])
+    first, rate, change = Rotation.random(random_state=rng), rng.normal(size=3) * 0.6, rng.normal(size=3) * 0.4
+    place, speed = rng.uniform((-0.3, -0.2, 1.2), (0.3, 0.2, 2.5)), rng.normal(size=3) * 0.15
+    tracker, wrong, trusted = rm.Tracker(source, rm.P3P(CAMERA), noise=SIGMA), [], 0
+    for k in range(60):
+        time = k / 60.0
+        R = (Rotation.from_rotvec(rate * time + change * time**2) * first).as_matrix()
+        image = CAMERA.project(source @ R.T + place + speed * time) + rng.normal(0.0, SIGMA, (9, 2))
+        match = tracker.update(image, time=time)
+        trusted += bool(match)
+        if match:
+            assert match.pose is not None
+            wrong.append(apart(match.pose.R, R) > 20.0)
+    assert trusted >= 20
+    assert sum(wrong) <= 2  # a prediction stayed with the wrong pose for 30 and for 59 frames
+
+
 def test_a_prediction_tells_which() -> None:
     for seed in TWO:
         source, target, true = board(seed, 2.0)

@@ -30,9 +30,17 @@ from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
-from rootmatch.model.proposals import FEW, Proposals, joined, look_alikes, poses_of_few, poses_of_sets, rough_fits
+from rootmatch.model.proposals import (
+    FEW,
+    Proposals,
+    joined,
+    look_alikes,
+    poses_of_few,
+    poses_of_sets,
+    reversed_in_depth,
+    rough_fits,
+)
 from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.problems.pose_fit.starts import reflected
 
 Integers = NDArray[np.int64]
 
@@ -48,6 +56,7 @@ DOUBT = 0.01
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
+FIRST = np.zeros(1, np.int64)
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 
@@ -135,7 +144,8 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     predicted = [one for one in model.prior.predictions if isinstance(one, Gaussian)]
     found = [proposals_about(model, one) for one in predicted]
     parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
-    return joined([*parts, *(poses_of_few(model, one.assignments[:1]) for one in parts)]) if parts else None
+    others = [poses_of_few(model, one.assignments[:1]) for one in parts]
+    return joined([*parts, *others, *(reversed_in_depth(model, one.take(FIRST)) for one in parts)]) if parts else None
 
 
 def model_of(task: MatchingTask) -> DetectionModel:
@@ -177,17 +187,10 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     rows = np.array(every)
     parts = [rough_fits(model, rows), poses_of_few(model, rows)]
     first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
-    parts.append(_reversed_in_depth(model, first))
+    parts.append(reversed_in_depth(model, first))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
     return joined([*parts, *_twins_of_few(task, model, first)])
-
-
-def _reversed_in_depth(model: DetectionModel, found: Proposals) -> Proposals:
-    """The other poses that nearly flat points have from afar, with the same matches."""
-    points = np.broadcast_to(model.points - model.centre, (len(found.assignments), *model.points.shape))
-    state = reflected((found.rotation, found.position), points, (found.assignments >= 0).astype(np.float64))
-    return Proposals(found.assignments, *state)
 
 
 def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:

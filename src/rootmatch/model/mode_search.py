@@ -58,8 +58,10 @@ class PosteriorOptions(Options):
     """Log-odds against a change or a mode at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
     hopeless: float = option(30.0, above=0.0)
     """Log-odds against a proposal at which it is not fitted, to first order about its given pose. A round value."""
-    same_pose: float = option(5.0, above=0.0)
-    """Difference in standard deviations up to which two poses count as one. A round value."""
+    same_pose: float = option(2.0, above=0.0)
+    """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces
+    the camera were one, and a tracker stayed with the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board).
+    """
 
 
 DEFAULT_POSTERIOR = PosteriorOptions()

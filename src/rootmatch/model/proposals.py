@@ -12,6 +12,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence, about, settled, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.views import frames_of
+from rootmatch.problems.pose_fit.starts import reflected
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -119,6 +120,13 @@ def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Ev
     found, at = about(model, *proposals)
     found, at = settled(model, proposals.assignments, found, at)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
+
+
+def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
+    """The other poses that nearly flat points have from afar, with the same matches."""
+    points = np.broadcast_to(model.points - model.centre, (len(proposals.assignments), *model.points.shape))
+    matched = (proposals.assignments >= 0).astype(np.float64)
+    return Proposals(proposals.assignments, *reflected(proposals[1:], points, matched))
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:

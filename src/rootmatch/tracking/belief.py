@@ -25,7 +25,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, log_detected, settled, stepped
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_prior import Doubted
-from rootmatch.model.proposals import Proposals, joined, poses_of_few
+from rootmatch.model.proposals import Proposals, joined, poses_of_few, reversed_in_depth
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose
@@ -122,9 +122,9 @@ class Belief:
             self._add(self.best.turned(R, t), math.log(DOUBTED))
 
     def add_flipped(self, found: Finding, time: float) -> None:
-        """Also follow the other poses of the best one's few matches, which fit them equally well.
+        """Also follow the other poses of the best one's matches that may fit them equally well.
 
-        Four points in an image, or more in a plane, may have two poses, and a prediction stays with one of them.
+        Four points in an image, or any number in a plane, may have two poses, and a prediction stays with one of them.
         """
         told, model = found.posterior, found.model
         if told is None or model is None or not len(told.probabilities) or self.best.time != time:
@@ -132,9 +132,7 @@ class Belief:
         prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
         modes = told.modes.take(np.zeros(1, np.int64))
         first = Proposals(modes.assignments, modes.rotation, modes.position)
-        few = joined([first, poses_of_few(model, modes.assignments)])
-        if len(few.assignments) == 1:
-            return
+        few = joined([first, poses_of_few(model, modes.assignments), reversed_in_depth(model, first)])
         of_few, at = settled(model, few.assignments, *about(model, *few, prior), prior)
         rotation, position = stepped(of_few, at)
         if not math.isfinite(of_few.log_odds[0]):
