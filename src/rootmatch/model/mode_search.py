@@ -60,7 +60,7 @@ class PosteriorOptions(Options):
     """Log-odds against a proposal at which it is not fitted, to first order about its given pose. A round value."""
     same_pose: float = option(2.0, above=0.0)
     """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces
-    the camera were one, and a tracker stayed with the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board).
+    the camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board).
     """
 
 
