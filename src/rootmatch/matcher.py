@@ -190,6 +190,7 @@ max_hyperedges, max_evaluations
         budget: int | None = None,
         rivals: Mapping[Label | None, Rivals] | None = None,
         searching: bool | Choice = True,
+        more_images: bool = False,
     ) -> Finding:
         """The finding of a frame; for a rig, that of the copies of its points.
 
@@ -207,6 +208,8 @@ max_hyperedges, max_evaluations
         searching : bool or callable
             False: nothing is looked for elsewhere than about the predicted poses. Of several bodies in images, a
             function of the finding about those that says what to look for.
+        more_images : bool
+            Whether the time of this frame may be spent on what searches in later ones need.
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
@@ -228,6 +231,7 @@ max_hyperedges, max_evaluations
             options=options,
             deadline=deadline,
         )
+        task = replace(task, more_images=more_images)
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
             task = replace(task, rival_poses=rivals.get(None, ()), prior_rivals=others, prior_freedom=FREEDOM)

@@ -76,6 +76,8 @@ class MatchingTask:
         Evaluations of a guided search that a tracker or the search for several bodies bounds.
     search_camera : int, optional
         The only camera of a rig in which minimal sets are searched.
+    more_images : bool
+        Whether images of the same points follow, so that what all of them need is prepared at once.
     deadline : Deadline
         When every stage hands on what it has found.
     """
@@ -98,6 +100,7 @@ class MatchingTask:
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
     search_camera: int | None = None
+    more_images: bool = False
     deadline: Deadline = NEVER
 
     @classmethod
@@ -240,6 +243,7 @@ class MatchingTask:
             clouds=self.problem.point_clouds(self.ordered_points),
             views=self.problem.two_views(self.ordered_points),
             later=True,
+            more_images=self.more_images,
         )
 
     def with_noise(self, sigma: float) -> Self:

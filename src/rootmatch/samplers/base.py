@@ -53,6 +53,8 @@ class SamplingTask:
     """Name of the problem, for messages."""
     later: bool = False
     """Whether hyper-edges may be evaluated when they are asked for."""
+    more_images: bool = False
+    """Whether images of the same points follow, so that what all of them need is prepared at once."""
 
     @property
     def allowed(self) -> NDArray[np.bool_]:

@@ -267,7 +267,7 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
-                rivals=rivals, searching=searching,
+                rivals=rivals, searching=searching, more_images=True,
             )  # fmt: skip
 
         searched = set(self._bodies)

@@ -144,8 +144,25 @@ def _near_tables(points, normals, least, directions, distances, sets, tables):  
             )  # fmt: skip
             longest = max(longest, side)
         for q in range(directions.shape[0]):
+            # a point's front is a half-space, and a line of cameras enters or leaves it once
+            nearest, farthest = 0.0, math.inf
+            for p in range(3):
+                d = sets[s, p]
+                if least[d] >= 0.0:
+                    slope = directions[q, 0] * normals[d, 0] + directions[q, 1] * normals[d, 1]
+                    slope += directions[q, 2] * normals[d, 2]
+                    height = (x - points[d, 0]) * normals[d, 0] + (y - points[d, 1]) * normals[d, 1]
+                    height += (z - points[d, 2]) * normals[d, 2] + 1e-9 * longest
+                    if slope > 0.0:
+                        nearest = max(nearest, -height / slope)
+                    elif height < 0.0:
+                        farthest = -1.0
+                    elif slope < 0.0:
+                        farthest = min(farthest, -height / slope)
             for far in range(distances.size):
                 away = longest * distances[far]
+                if away < nearest or away > farthest:
+                    continue
                 u, v, w = x + away * directions[q, 0], y + away * directions[q, 1], z + away * directions[q, 2]
                 facing = True
                 for p in range(3):

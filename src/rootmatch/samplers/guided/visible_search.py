@@ -50,6 +50,8 @@ class VisibleSearch(Search):
         self.views = model_views(
             self.positions, self.facing, options.sets, options.visibility, self.view_cosine
         )  # fmt: skip
+        if task.more_images:
+            self.views.prepare(self.tables)
         self.least_cosine = options.visibility.facing if self.view_cosine is None else 0.0
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
 
