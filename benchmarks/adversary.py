@@ -11,7 +11,8 @@ pixels into one detection at their mean, which `resolution=` tells. σ is .1 to 
 scenes no body is in view.
 
 Counted by body: "right" is no match wrong and nine tenths of the visible points, "wrong" is trusted with a match that
-is not true. A point of a merged detection may have it; of a body with a symmetry only the drawn labels are true.
+is not true. A point of a merged detection may have it; of a body with a symmetry only the drawn labels are true. "Pose
+off" is trusted with true matches and a pose farther from the truth than its covariance lets one of 10,000 be.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import rootmatch as rm
 
@@ -46,6 +48,8 @@ class Scene:
     arguments: dict[str, Any]
     truths: list[list[set[int]]]
     """For each body and point, or sighting of a rig, the detections that are its own."""
+    poses: list[tuple[Floats, Floats]]
+    """Rotation and translation of each body."""
 
 
 @dataclass
@@ -57,6 +61,7 @@ class Count:
     right: int = 0
     trusted: int = 0
     wrong: int = 0
+    off: int = 0
     seeds: list[int] = field(default_factory=list)
 
 
@@ -141,7 +146,7 @@ def drawn(seed: int) -> Scene:
         arguments |= {"normals": np.concatenate(normals), "view_angle": VIEW}
     if len(bodies) > 1:
         arguments["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
-    return Scene((kind, clutter), arguments, truths)
+    return Scene((kind, clutter), arguments, truths, poses)
 
 
 def lens() -> rm.Camera:
@@ -182,6 +187,16 @@ def judged(match: rm.Match, truth: list[set[int]]) -> tuple[bool, bool, int]:
     return bool(shown) and not wrong and len(matched) >= 0.9 * shown, wrong, shown
 
 
+def is_off(match: rm.Match, R: Floats, t: Floats) -> bool:
+    """Whether the truth is outside the 99.99 % region of a pose."""
+    pose = match.pose
+    if pose is None or pose.covariance is None:
+        return False  # too few matches in a camera
+    off = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])
+    squared = float(off @ np.linalg.pinv(pose.covariance, hermitian=True) @ off)
+    return squared > chi2.ppf(0.9999, 6)
+
+
 def main() -> int:
     """Match the scenes and print what came of each kind, and the seeds of what was trusted and wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -199,7 +214,7 @@ def main() -> int:
         except rm.InputError:
             continue  # too few detections for one hyper-edge
         bodies = [match] if match.bodies is None else list(match.bodies.values())
-        for body, truth in zip(bodies, scene.truths, strict=True):
+        for body, truth, pose in zip(bodies, scene.truths, scene.poses, strict=True):
             right, wrong, shown = judged(body, truth)
             for key in (scene.kind, (scene.kind[0], "all"), ("all", scene.kind[1]), ("all", "all")):
                 count = counts[key]
@@ -207,14 +222,20 @@ def main() -> int:
                 count.shown += shown >= 5
                 count.right += bool(body) and right and shown >= 5
                 count.trusted += bool(body)
-                if body and wrong:
-                    count.wrong += 1
+                off = bool(body) and not wrong and is_off(body, *pose)
+                count.wrong += bool(body) and wrong
+                count.off += off
+                if body and (wrong or off):
                     count.seeds.append(seed)
-    print("| body | clutter | bodies | with five visible | trusted and right | trusted | trusted and wrong | seeds |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(
+        "| body | clutter | bodies | with five visible | trusted and right | trusted | trusted and wrong | pose off "
+        "| seeds |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
     for (kind, clutter), one in sorted(counts.items()):
         print(
             f"| {kind} | {clutter} | {one.bodies} | {one.shown} | {one.right} | {one.trusted} | {one.wrong} | "
+            f"{one.off} | "
             f"{' '.join(map(str, one.seeds[:12]))} |"
         )
     return 0

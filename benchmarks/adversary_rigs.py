@@ -79,7 +79,7 @@ def drawn(seed: int) -> Scene:
         arguments |= {"normals": np.concatenate(normals), "view_angle": VIEW}
     if len(bodies) > 1:
         arguments["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
-    return Scene((kind, clutter), arguments, truths)
+    return Scene((kind, clutter), arguments, truths, poses)
 
 
 def _view(rng: np.random.Generator) -> View:
