@@ -9,9 +9,10 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.explain.few_point_twins import MOST, MOST_POINTS, TOLERANCE, twins_of_few
-from rootmatch.explain.image_hypotheses import model_of, proposals_of
+from rootmatch.explain.image_hypotheses import model_of, proposals_of, twins_of
 from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.explain.task import MatchingTask
+from rootmatch.model.mode_search import modes_of
 
 CAMERA = rm.Camera(500.0, 500.0, 320.0, 240.0)
 
@@ -48,7 +49,8 @@ def test_an_arc_read_from_the_other_end_is_proposed() -> None:
     target = CAMERA.project(arc + np.array([0.02, 0.01, 0.6])) + rng.normal(0.0, 0.3, (4, 2))
     task = MatchingTask.of(rm.P3P(CAMERA), points, target, noise=0.3)
     right = np.array([0, 1, 2, 3, -1, -1, -1, -1, -1])
-    proposed = proposals_of(task, model_of(task), [right]).assignments.tolist()
+    model = model_of(task)
+    proposed = twins_of(task, model, modes_of(model, proposals_of(task, model, [right]))).assignments.tolist()
     assert [3, 2, 1, 0, -1, -1, -1, -1, -1] in proposed
     found = rm.match(points, target, rm.P3P(CAMERA), noise=0.3)
     assert found.status is not rm.Status.MATCHED

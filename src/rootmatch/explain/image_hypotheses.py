@@ -90,11 +90,13 @@ class Candidate:
         return list(gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED).assignments)
 
     def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
-        """The candidate by other assignments and by what a prediction proposes."""
+        """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
         proposals = proposals_of(self.task, self.model, assignments)
-        if predicted is not None:
-            proposals = joined([proposals, predicted])
-        return replace(self, modes=modes_of(self.model, proposals))
+        several = proposals if predicted is None else joined([proposals, predicted])
+        modes = modes_of(self.model, several)
+        if len(proposals.assignments) and len(modes.log_odds):
+            modes = modes_of(self.model, twins_of(self.task, self.model, modes), modes)
+        return replace(self, modes=modes)
 
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
@@ -115,9 +117,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
         for other in bodies:
             image = None if other is body else twin_of(other.task, body.task, OPTIONS.alike)
             if image is not None and len(other.modes.log_odds):
-                best = other.modes.take(np.arange(min(TWINS, len(other.modes.log_odds))))
-                seen = Proposals(best.assignments, best.rotation, best.position)
-                more.append(look_alikes(seen, other.model.points, body.model.points, image[None]))
+                more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
         every.append(modes_of(body.model, joined(more), body.modes) if more else body.modes)
     return joint_posterior([body.model for body in bodies], every)
 
@@ -178,19 +178,28 @@ def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
 
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
-    """Assignments with their fitted poses, all poses of those with few matches, and their near-symmetric ones."""
+    """Assignments with their fitted poses, and all poses of those with few matches."""
     n = task.shape[0]
     enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
     every = list({one.tobytes(): one for one in enough}.values())
     if not every:
         return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
     rows = np.array(every)
-    parts = [rough_fits(model, rows), poses_of_few(model, rows)]
-    first = parts[0].take(np.arange(min(TWINS, len(parts[0].assignments))))
-    parts.append(reversed_in_depth(model, first))
+    return joined([rough_fits(model, rows), poses_of_few(model, rows)])
+
+
+def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
+    """Poses in which the body looks as in its best modes, whether the search met them or not."""
+    first = _best(modes)
+    parts = [reversed_in_depth(model, first), *_twins_of_few(task, model, first)]
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
-    return joined([*parts, *_twins_of_few(task, model, first)])
+    return joined(parts)
+
+
+def _best(modes: Modes) -> Proposals:
+    best = modes.take(np.arange(min(TWINS, len(modes.log_odds))))
+    return Proposals(best.assignments, best.rotation, best.position)
 
 
 def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
