@@ -70,7 +70,7 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     if told is not None:
         modes = told.modes._replace(
             assignments=of_all(told.modes.assignments),
-            near=as_objects([(of_all(changed), log_odds) for changed, log_odds in told.modes.near]),
+            near=as_objects([(of_all(changed), *rest) for changed, *rest in told.modes.near]),
         )
         told = replace(told, modes=modes)
     return replace(

@@ -29,6 +29,8 @@ from rootmatch.options import Options, option
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+TINY = 1e-12 * np.eye(6)
+"""Added to a correlation of poses, which may be singular where a vertical is exact."""
 IMPOSSIBLE = -1e9
 """Log-odds used in place of −∞, so that differences stay finite."""
 SECONDS_PER_DENSITY = 3e-10
@@ -142,8 +144,8 @@ class _Mode:
     freedom: float
     visible: Floats
     unmatched: Floats
-    near: tuple[Integers, Floats]
-    """Changed assignments that were weighed, with their log-odds."""
+    near: tuple[Integers, Floats, Floats]
+    """Changed assignments that were weighed, with their log-odds, and steps (C, 6) to the poses that they lead to."""
 
     @classmethod
     def every(cls, modes: Modes) -> list[_Mode]:
@@ -151,9 +153,10 @@ class _Mode:
         return [cls(*row) for row in zip(*modes, strict=True)]
 
     @cached_property
-    def changes(self) -> dict[bytes, float]:
-        """Log-odds of the changed assignments that were weighed."""
-        return dict(zip([one.tobytes() for one in self.near[0]], self.near[1].tolist(), strict=True))
+    def changes(self) -> dict[bytes, tuple[float, Floats]]:
+        """Log-odds of the changed assignments that were weighed, and steps to their poses."""
+        every, log_odds, steps = self.near
+        return {one.tobytes(): (odds, step) for one, odds, step in zip(every, log_odds.tolist(), steps, strict=True)}
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> _Mode:
@@ -169,28 +172,37 @@ class _Mode:
             log_mass=float(found.log_odds[k]),
             local=np.ones(len(assignment)),
             unmatched=(assignment < 0).astype(float),
-            near=(np.empty((0, len(assignment)), np.int64), np.empty(0)),
+            near=(np.empty((0, len(assignment)), np.int64), np.empty(0), np.empty((0, 6))),
         )
 
 
 def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
-    """Whether a mode has the pose of another one, or is a change of its assignment that was weighed there."""
+    """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
-    value = other.changes.get(mode.assignment.tobytes())
-    if value is not None and mode.log_odds < value + 1.0:
-        return True
-    turn = other.rotation @ mode.rotation.T
-    cosine = 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
-    if cosine < 0.5:
+    turn = mode.rotation @ other.rotation.T
+    if turn[0, 0] + turn[1, 1] + turn[2, 2] < 2.0:  # 60°
         return False
-    vector = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    step = np.concatenate([vector, other.position - mode.position])
+    step = _step(turn, mode.position - other.position)
+    steps = [step]
+    value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, step))
+    if mode.log_odds < value + 1.0:
+        steps.append(step - moved)
     spread = mode.covariance + other.covariance
-    scale = np.sqrt(np.diag(spread))
-    unit = spread / np.outer(scale, scale) + 1e-12 * np.eye(6)
-    distance = float((step / scale) @ np.linalg.solve(unit, step / scale))
-    return distance < options.same_pose**2
+    scale = np.sqrt(spread.diagonal())
+    for one in steps:
+        unit = one / scale
+        if np.abs(unit).max() < options.same_pose:  # no coordinate is farther off than all together
+            correlation = spread / (scale[:, None] * scale) + TINY
+            if unit @ np.linalg.solve(correlation, unit) < options.same_pose**2:
+                return True
+    return False
+
+
+def _step(turn: Floats, shift: Floats) -> Floats:
+    """A step (6,) of a rotation by a small angle and a translation."""
+    half = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.concatenate([half, shift])
 
 
 def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions) -> _Mode:
@@ -204,9 +216,11 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
             several = _together(mode.assignment, changed[gains[strong] > 0.0], model.prior.least)
             changed = np.concatenate([changed, several])
             same = at.take(np.zeros(len(changed), np.int64))
-            values = np.maximum(evidence(model, changed, same).log_odds, IMPOSSIBLE)
+            weighed = evidence(model, changed, same)
+            values = np.maximum(weighed.log_odds, IMPOSSIBLE)
             gains[strong] = values[: len(strong)] - mode.log_odds
-            mode.near = changed, values
+            to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
+            mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
             best = int(values.argmax())
             if values[best] > mode.log_odds and turn < options.rounds:

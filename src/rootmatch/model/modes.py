@@ -32,8 +32,8 @@ class Modes(NamedTuple):
     unmatched : (M, n) float64
         Probability that a point has no detection, given the mode.
     near : (M,) object
-        Changes of each assignment that were weighed, as a pair of (C, n) int64 and (C,) float64 arrays: the changed
-        assignments and their log-odds.
+        Changes of each assignment that were weighed, as (C, n) int64, (C,) and (C, 6) float64 arrays: the changed
+        assignments, their log-odds, and the steps from the mode's pose to theirs.
     """
 
     assignments: Integers
@@ -77,7 +77,7 @@ def no_modes(n: int) -> Modes:
 
 def none_near(count: int, n: int) -> NDArray[np.object_]:
     """`Modes.near` for modes without weighed changes."""
-    return as_objects([(np.empty((0, n), np.int64), np.empty(0))] * count)
+    return as_objects([(np.empty((0, n), np.int64), np.empty(0), np.empty((0, 6)))] * count)
 
 
 def as_objects(some: list[Any]) -> NDArray[np.object_]:

@@ -71,7 +71,7 @@ class Posterior:
         """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""
         modes = self.modes
         rows, odds, mode = [modes.assignments], [modes.log_odds], [np.arange(len(modes.log_odds))]
-        for k, (changed, values) in enumerate(modes.near):
+        for k, (changed, values, _) in enumerate(modes.near):
             rows.append(changed)
             odds.append(values)
             mode.append(np.full(len(values), k))
