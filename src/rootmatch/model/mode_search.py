@@ -107,14 +107,19 @@ def _with(
     kept: list[_Mode], mode: _Mode, model: DetectionModel, at: Linearised, *, options: PosteriorOptions
 ) -> list[_Mode]:
     """Modes with another one, grown if it may count, unless it is one of them; ``at`` is linearised about its pose."""
-    if any(_is_part(mode, other, options) for other in kept):
+    if _is_known(mode, kept, options):
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
         mode = _grown(model, mode, at, options)
-        if any(_is_part(mode, other, options) for other in kept):
+        if _is_known(mode, kept, options):
             return kept
-        kept = [other for other in kept if not _is_part(other, mode, options)]
+    kept = [other for other in kept if not _is_part(other, mode, options)]
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
+
+
+def _is_known(mode: _Mode, kept: list[_Mode], options: PosteriorOptions) -> bool:
+    """Whether a mode is part of one that is no worse; a worse one, known from a search among less, gives way to it."""
+    return any(mode.log_odds <= other.log_mass and _is_part(mode, other, options) for other in kept)
 
 
 def _possible(
