@@ -23,7 +23,13 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import (
+    PREDICTION,
+    Candidate,
+    competing,
+    is_enough_of_several,
+    proposals_by_prediction,
+)
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
@@ -224,7 +230,7 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     free = np.ones(bodies[0].task.shape[1], np.bool_)
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        body.enough = body.task.prior_pose is not None and is_enough(
+        body.enough = body.task.prior_pose is not None and is_enough_of_several(
             body.candidate.model, told, body.task.problem.minimal
         )
         # a known rotation proposes every pose that agrees with it
