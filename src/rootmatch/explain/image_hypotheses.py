@@ -166,7 +166,9 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     found = [proposals_about(model, one) for one in predicted]
     parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
-    return joined([*parts, *others, *(reversed_in_depth(model, one.take(FIRST)) for one in parts)]) if parts else None
+    if len(model.images) <= 1:  # several cameras tell the depth
+        others += [reversed_in_depth(model, one.take(FIRST)) for one in parts]
+    return joined([*parts, *others]) if parts else None
 
 
 def model_of(task: MatchingTask) -> DetectionModel:

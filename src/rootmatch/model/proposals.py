@@ -123,10 +123,14 @@ def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Ev
 
 
 def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
-    """The other poses that nearly flat points have from afar, with the same matches."""
+    """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
     points = np.broadcast_to(model.points - model.centre, (len(proposals.assignments), *model.points.shape))
     matched = (proposals.assignments >= 0).astype(np.float64)
-    return Proposals(proposals.assignments, *reflected(proposals[1:], points, matched))
+    rotations, translations = frames_of(model.camera)
+    camera = matched.reshape(len(matched), len(rotations), -1).sum(axis=2).argmax(axis=1)
+    centre = -(rotations[camera].swapaxes(1, 2) @ translations[camera][..., None])[..., 0]
+    rotation, place = reflected((proposals.rotation, proposals.position - centre), points, matched)
+    return Proposals(proposals.assignments, rotation, place + centre)
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:
