@@ -175,12 +175,15 @@ class Belief:
         weight = log_share[origin] + TEMPER * (each - log_share[origin] - shown)
         nothing = float(_log(np.array(told.clutter)))
         stay = [_Step(share + TEMPER * nothing, 0.0, k, None, 0.0) for k, share in enumerate(log_share[:-1].tolist())]
-        go_on = []
+        present, go_on = found.facts.present, []
+        is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if of < 0:
                 many = model.is_met(modes.assignments[k], found.task.problem.minimal)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
-                chance = float((many or told_of) and found.status is not Status.UNTRUSTED)
+                # the best one may be a prediction that does not fit: what a search met beside it is followed
+                shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)
+                chance = float((many or told_of) and shows)
             else:
                 chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
             if chance >= LIKELY:
