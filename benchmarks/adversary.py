@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pose_error import squared_error
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -192,9 +193,7 @@ def is_off(match: rm.Match, R: Floats, t: Floats) -> bool:
     pose = match.pose
     if pose is None or pose.covariance is None:
         return False  # too few matches in a camera
-    off = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])
-    squared = float(off @ np.linalg.pinv(pose.covariance, hermitian=True) @ off)
-    return squared > chi2.ppf(0.9999, 6)
+    return squared_error(pose, R, t) > chi2.ppf(0.9999, 6)
 
 
 def main() -> int:

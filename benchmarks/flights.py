@@ -27,6 +27,7 @@ import numpy as np
 from constellations import load_scenes
 from evidence import load_xr
 from numpy.typing import NDArray
+from pose_error import squared_error
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -191,8 +192,7 @@ def _covered(pose: rm.Pose | None, R: NDArray[np.float64], t: NDArray[np.float64
     """Whether the truth lies within the 95 % region of a pose."""
     if pose is None or pose.covariance is None:
         return False
-    off = np.concatenate([Rotation.from_matrix(R @ pose.R.T).as_rotvec(), t - pose.t])
-    return bool(off @ np.linalg.solve(pose.covariance, off) <= chi2.ppf(0.95, 6))
+    return squared_error(pose, R, t) <= chi2.ppf(0.95, 6)
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pose_error import squared_error
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
@@ -118,9 +119,7 @@ def count(tally: Tally, match: rm.Match, one: Scene) -> None:
     tally.wrong += wrong
     pose = match.pose
     if not wrong and pose is not None and pose.covariance is not None:
-        turn = Rotation.from_matrix(one.rotation @ pose.R.T).as_rotvec()
-        error = np.concatenate([turn, one.translation - pose.t])
-        tally.covered += bool(error @ np.linalg.solve(pose.covariance, error) < QUANTILE)
+        tally.covered += squared_error(pose, one.rotation, one.translation) < QUANTILE
 
 
 def main() -> int:

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.image_hypotheses import Candidate, is_enough, is_enough_of_several
+from rootmatch.explain.image_hypotheses import Candidate, is_enough
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.posterior import Posterior, unknown
@@ -47,7 +47,7 @@ def test_all_detections_explained_are_enough() -> None:
 def test_a_poor_fit_says_nothing_of_what_a_good_one_elsewhere_is_worth() -> None:
     """A prediction of a drone that came back into view explained four of its LEDs poorly, and was kept to."""
     model, told = told_of(4, 11)
-    assert is_enough_of_several(model, with_mass(told, 3.4), 3)
+    assert is_enough(model, with_mass(told, 3.4), 3, of_several=True)
     assert not is_enough(model, with_mass(told, 3.4), 3)
 
 

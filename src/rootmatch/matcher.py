@@ -229,9 +229,9 @@ max_hyperedges, max_evaluations
             prior=prior,
             source_noise=self.source_noise,
             options=options,
+            more_images=more_images,
             deadline=deadline,
         )
-        task = replace(task, more_images=more_images)
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
             task = replace(task, rival_poses=rivals.get(None, ()), prior_rivals=others, prior_freedom=FREEDOM)

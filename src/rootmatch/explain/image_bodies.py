@@ -23,13 +23,7 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import (
-    PREDICTION,
-    Candidate,
-    competing,
-    is_enough_of_several,
-    proposals_by_prediction,
-)
+from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
@@ -230,8 +224,8 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
     free = np.ones(bodies[0].task.shape[1], np.bool_)
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
-        body.enough = body.task.prior_pose is not None and is_enough_of_several(
-            body.candidate.model, told, body.task.problem.minimal
+        body.enough = body.task.prior_pose is not None and is_enough(
+            body.candidate.model, told, body.task.problem.minimal, of_several=True
         )
         # a known rotation proposes every pose that agrees with it
         body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure

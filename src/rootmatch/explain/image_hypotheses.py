@@ -56,7 +56,6 @@ DOUBT = 0.01
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
-FIRST = np.zeros(1, np.int64)
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 
@@ -122,40 +121,30 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     return joint_posterior([body.model for body in bodies], every)
 
 
-def is_enough(model: DetectionModel, told: Posterior, minimal: int) -> bool:
+def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_several: bool = False) -> bool:
     """Whether a predicted pose explains more than any pose elsewhere could, so that no search is needed.
 
     A pose elsewhere has at most as many matches as there are unexplained detections or visible points. Each is worth as
     much as those found, or as one of an unexplained detection that fits; a minimal set of them determines the pose, and
     which detections these are is one of many chances.
-    """
-    modes = told.modes
-    if not is_enough_of_several(model, told, minimal):
-        return False
-    assignment = modes.assignments[0]
-    left = np.delete(np.arange(model.shape[1]), assignment[assignment >= 0])
-    most = min(len(left), float(modes.visible[0].sum())) - minimal
-    if most <= 0.0:
-        return True
-    # of two squared deviations over their variances the mean is two: half of that is 1
-    worth = -model.clutter.log_density[left] - np.log(2.0 * np.pi * model.sigma[left] ** 2) - 1.0
-    elsewhere = most * float(worth.mean()) - minimal * math.log(len(left))
-    return float(modes.log_mass[0]) >= math.log(DOUBT) + elsewhere
 
-
-def is_enough_of_several(model: DetectionModel, told: Posterior, minimal: int) -> bool:
-    """As `is_enough`, each match elsewhere worth only as much as those found.
-
-    For several bodies, whose searches take turns: the stricter rule makes more of them wait for one than it finds
-    (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258 instead of 251).
+    ``of_several``: each is worth only as much as those found. For several bodies, whose searches take turns: otherwise
+    more of them wait for one than it finds (benchmarks/flights.py, room, 3 flights from 1000: right 244 of 258 instead
+    of 251).
     """
     modes = told.modes
     if not len(modes.log_mass):
         return False
-    matched = int(np.count_nonzero(modes.assignments[0] >= 0))
-    most = min(model.shape[1] - matched, float(modes.visible[0].sum())) - minimal
+    used = modes.assignments[0][modes.assignments[0] >= 0]
+    left = np.delete(np.arange(model.shape[1]), used)
+    most = max(min(len(left), float(modes.visible[0].sum())) - minimal, 0.0)
     mass = float(modes.log_mass[0])
-    return mass >= math.log(DOUBT) + max(most, 0.0) * max(mass, 0.0) / matched
+    elsewhere = most * max(mass, 0.0) / len(used)
+    if most > 0.0 and not of_several:
+        # of two squared deviations over their variances the mean is two: half of that is 1
+        worth = -model.clutter.log_density[left] - np.log(2.0 * np.pi * model.sigma[left] ** 2) - 1.0
+        elsewhere = max(elsewhere, most * float(worth.mean()) - minimal * math.log(len(left)))
+    return mass >= math.log(DOUBT) + elsewhere
 
 
 def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
@@ -167,7 +156,7 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
     parts = [one.take(np.arange(min(MOST_PREDICTED, len(one.assignments)))) for one in found if one is not None]
     others = [poses_of_few(model, one.assignments[:1]) for one in parts]
     if len(model.images) <= 1:  # several cameras tell the depth
-        others += [reversed_in_depth(model, one.take(FIRST)) for one in parts]
+        others += [reversed_in_depth(model, one.take(np.arange(1))) for one in parts]
     return joined([*parts, *others]) if parts else None
 
 

@@ -118,6 +118,7 @@ class MatchingTask:
         prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
+        more_images: bool = False,
         deadline: Deadline = NEVER,
     ) -> Self:
         """The task of arguments as `rootmatch.match` takes them.
@@ -173,6 +174,7 @@ class MatchingTask:
             prior_poses={label: one for label, one in of_each(prior).items() if isinstance(one, Pose)},
             known=prior if isinstance(prior, PosePrior) else None,
             known_of={label: one for label, one in of_each(prior).items() if isinstance(one, PosePrior)},
+            more_images=more_images,
             deadline=deadline,
         )
 

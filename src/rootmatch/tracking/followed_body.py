@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_hypotheses import is_enough, is_enough_of_several
-from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.posterior import Posterior
+from rootmatch.explain.image_hypotheses import is_enough
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
 from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
@@ -129,7 +127,7 @@ class FollowedBody:
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
         if found.status is not Status.MATCHED:
             return found
-        if searched or _is_enough(found, is_enough_of_several):
+        if searched or _is_enough(found, of_several=True):
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
@@ -167,10 +165,10 @@ def _is_met(found: Finding) -> bool:
     return found.task.problem.takes_motion_prior or many
 
 
-def _is_enough(found: Finding, rule: Callable[[DetectionModel, Posterior, int], bool] = is_enough) -> bool:
+def _is_enough(found: Finding, of_several: bool = False) -> bool:
     """Whether no pose elsewhere could explain more than what was found; see `is_enough`."""
     if found.task.problem.takes_motion_prior:
         return True  # two point sets: every motion was weighed
     assert found.model is not None
     assert found.posterior is not None
-    return rule(found.model, found.posterior, found.task.problem.minimal)
+    return is_enough(found.model, found.posterior, found.task.problem.minimal, of_several=of_several)
