@@ -2,6 +2,7 @@
 
     python benchmarks/flights.py --families room rig drone board --flights 6 --first-seed 20000
     python benchmarks/flights.py --families room --merge 3 --resolution 3  # detections within 3 px are one blob
+    python benchmarks/flights.py --families rig --off 0.5  # each camera is turned by 0.5 px about each axis
 
 Right: of the bodies that show five LEDs or more in a frame, those with no match wrong and nine tenths of the shown ones
 matched. Wrong: frames of a body that are called matched and have a wrong match; "run": the longest one. "Covered": of
@@ -62,8 +63,13 @@ class Tally:
     times: list[float] = field(default_factory=list)
 
 
-def tracker_of(xr: ModuleType, family: str, resolution: float | None) -> tuple[rm.Tracker, list[tuple[Any, int]]]:
-    """A tracker that knows how near detections are one, and label and number of each body."""
+def tracker_of(
+    xr: ModuleType, family: str, resolution: float | None, off: float = 0.0
+) -> tuple[rm.Tracker, list[tuple[Any, int]]]:
+    """A tracker that knows how near detections are one, and label and number of each body.
+
+    ``off``: error of its rig's calibration, the standard deviation in pixels of a turn of each camera about each axis.
+    """
     if family == "board":
         return rm.Tracker(BOARD, rm.P3P(BOARD_CAMERA), noise=0.5, resolution=resolution), [(None, 0)]
     fisheye = rm.Camera.from_opencv_fisheye(xr.FISHEYE_K, xr.FISHEYE_D)
@@ -74,10 +80,11 @@ def tracker_of(xr: ModuleType, family: str, resolution: float | None) -> tuple[r
     source, normals, labels = xr.bodies(kinds)
     camera: Any = rm.Camera(900.0, 900.0, 640.0, 480.0)
     if family == "rig":
-        camera = rm.Rig(
-            [(rm.Camera.from_opencv_fisheye(K, D), R, t) for K, D, R, t in xr.rig_views()],
-            sizes=[xr.RIG_SIZE] * 4,
-        )
+        rng, views = np.random.default_rng(6), []
+        for K, D, R, t in xr.rig_views():
+            turn = Rotation.from_rotvec(off / K[0, 0] * rng.normal(size=3)).as_matrix()
+            views.append((rm.Camera.from_opencv_fisheye(K, D), turn @ R, turn @ t))
+        camera = rm.Rig(views, sizes=[xr.RIG_SIZE] * 4)
     tracker = rm.Tracker(
         source, rm.P3P(camera), noise=0.3, normals=normals, view_angle=VIEW, bodies=labels, resolution=resolution
     )
@@ -135,9 +142,11 @@ def merged(frame: dict[str, Any], nearer: float) -> dict[str, Any]:
     }
 
 
-def fly(xr: ModuleType, family: str, seed: int, tally: Tally, merge: float = 0.0, resolution: float = 0.0) -> None:
+def fly(
+    xr: ModuleType, family: str, seed: int, tally: Tally, merge: float = 0.0, resolution: float = 0.0, off: float = 0.0
+) -> None:
     """Add one flight to a tally."""
-    tracker, bodies = tracker_of(xr, family, resolution or None)
+    tracker, bodies = tracker_of(xr, family, resolution or None, off)
     runs, flips = [0] * len(bodies), [0] * len(bodies)
     for k, frame in enumerate(frames_of(xr, family, seed)):
         frame = merged(frame, merge)
@@ -202,6 +211,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
     parser.add_argument("--merge", type=float, default=0.0, help="pixels below which detections are one blob")
     parser.add_argument("--resolution", type=float, default=0.0, help="what the tracker is told of that")
+    parser.add_argument("--off", type=float, default=0.0, help="pixels by which the cameras of the rig are turned")
     parser.add_argument("--scenes", help="folder of the scenes")
     given = parser.parse_args()
     numba.set_num_threads(1)
@@ -209,11 +219,11 @@ def main() -> None:
     if xr is None:
         return
     for family in given.families:
-        fly(xr, family, given.first_seed - 1, Tally(), given.merge, given.resolution)  # compiles
+        fly(xr, family, given.first_seed - 1, Tally(), given.merge, given.resolution, given.off)  # compiles
         gc.freeze()
         tally = Tally()
         for seed in range(given.first_seed, given.first_seed + given.flights):
-            fly(xr, family, seed, tally, given.merge, given.resolution)
+            fly(xr, family, seed, tally, given.merge, given.resolution, given.off)
         print(
             f"{family}: {given.flights} flights from {given.first_seed}: right {tally.right} of {tally.shown} "
             f"({tally.right / max(tally.shown, 1):.3f}); trusted {tally.trusted}, of those wrong {tally.wrong}, "

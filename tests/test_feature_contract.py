@@ -275,7 +275,6 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("Rigid", "normals"): "normals: rigid does not use them",
     ("Rigid", "view_angle"): "normals: rigid does not use them",
     ("Rigid", "resolution"): "resolution: rigid has no camera",
-    ("rig", "auto noise"): "noise: it is not estimated for a rig",
     ("bodies", "auto noise"): 'noise: "auto" is not estimated from several bodies',
     ("Tracker", "auto noise"): "noise: 'auto' given; a tracker needs",
     ("auto noise", "source_noise"): 'noise: "auto" is not estimated beside source_noise=',

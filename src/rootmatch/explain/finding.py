@@ -62,6 +62,8 @@ class Finding:
     log_odds : float, optional
         Of the assignment against clutter alone, where the status needed it.
     noise_factor : float, optional
+    noise_dof : int
+        Degrees of freedom of the residuals that tell it.
     reason : str, optional
         Why nothing could be matched, or why the match is not trusted.
     prior_holds : bool, optional
@@ -89,6 +91,7 @@ class Finding:
     confidence: Floats | None = None
     log_odds: float | None = None
     noise_factor: float | None = None
+    noise_dof: int = 0
     reason: str | None = None
     prior_holds: bool | None = None
     pose: Pose | None = None

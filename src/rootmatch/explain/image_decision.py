@@ -144,6 +144,7 @@ def told_by(
         confidence=confidence,
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
+        noise_dof=fault.dof,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
         pose=pose_of_mode(body.model, modes, k) if believed else None,
     )

@@ -48,7 +48,7 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
     solve : callable
         The finding of a task whose noise is known.
     """
-    guess = first = first_guess(task.image[0])
+    guess = first = first_guess(task.image[0], task.camera_of)
     match = solve(_round(task, guess))
     for _ in range(ROUNDS):
         try:
@@ -69,9 +69,10 @@ def _round(task: MatchingTask, sigma: float) -> MatchingTask:
     return replace(task.with_noise(sigma), deadline=task.deadline.part(ROUND))
 
 
-def first_guess(target: NDArray[np.float64]) -> float:
-    """An initial, generous σ for points (n', 2)."""
-    return FIRST_GUESS * float(np.linalg.norm(np.ptp(target, axis=0)))
+def first_guess(target: NDArray[np.float64], camera_of: NDArray[np.int64]) -> float:
+    """An initial, generous σ for points (n', 2), each of one image: by the widest of those."""
+    images = [target[camera_of == k] for k in np.unique(camera_of)]
+    return FIRST_GUESS * max(float(np.linalg.norm(np.ptp(image, axis=0))) for image in images)
 
 
 def estimated_noise(match: Finding, sigma: float) -> float:

@@ -147,8 +147,6 @@ class MatchingTask:
             check_choice("noise", noise, ("auto",))
             if source_noise is not None:
                 raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
-            if rig_of(problem) is not None:
-                raise InputError("noise: it is not estimated for a rig; give a number of pixels")
             noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None

@@ -31,6 +31,7 @@ from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
+from rootmatch.tracking.noise_scale import NoiseScale
 from rootmatch.tracking.search_turns import next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
@@ -137,6 +138,7 @@ max_evaluations
         self.labels = self.matcher.labels
         self._frame = 0
         self._steps = FrameSteps()
+        self._noise = NoiseScale()
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
@@ -157,6 +159,14 @@ max_evaluations
         """The state of each body by its label (None for a single body)."""
         return {label: body.state for label, body in self._bodies.items()}
 
+    @property
+    def noise_factor(self) -> float:
+        """Ratio, 1 or more, of the noise that the frames so far suggest to the stated one; their σ is multiplied by it.
+
+        A rig's calibration that is off by a pixel is as good as noise of that size: a factor of 2 says so.
+        """
+        return self._noise.factor
+
     def predicted(self, time: float | None = None) -> dict[Label | None, Pose]:
         """Predicted poses of the bodies that are not lost, by label (None for a single one).
 
@@ -176,7 +186,7 @@ max_evaluations
 
     def reset(self) -> None:
         """Forget all poses: the next frame is searched."""
-        self.time, self._frame = None, 0
+        self.time, self._frame, self._noise = None, 0, NoiseScale()
         for body in self._bodies.values():
             body.forget()
 
@@ -262,6 +272,9 @@ max_evaluations
                 poses[label], rivals[label] = pose, others
             elif told is not None:
                 poses[label] = told
+        of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
+        if of_images and self.noise_factor > 1.0:
+            noise = np.asarray(self.matcher.noise if noise is None else noise, float) * self.noise_factor
 
         def explained(searching: bool | Choice) -> Finding:
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
@@ -271,7 +284,6 @@ max_evaluations
             )  # fmt: skip
 
         searched = set(self._bodies)
-        of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None:
@@ -289,6 +301,7 @@ max_evaluations
         }
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame)
+            self._noise.take(part)
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})

@@ -1,0 +1,110 @@
+"""The factor on σ that a tracker learns from its frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rig_scenes import LABELS, NOISE, RATE, VIEW, controllers, frame, headset
+from rootmatch.explain.decide import Facts
+from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.misfit import NOISE_FREEDOM
+from rootmatch.explain.task import MatchingTask
+from rootmatch.tracking.noise_scale import MOST, MOST_FREEDOM, NoiseScale
+
+POINTS, NORMALS, OWNER = controllers()
+
+
+def told(ratio: float | None, dof: int = 20, present: float = 0.99, sure: bool = True) -> Finding:
+    """A finding whose residuals suggest so many times its σ."""
+    camera = rm.Camera(800.0, 800.0, 320.0, 240.0)
+    points, pixels = (
+        np.random.default_rng(1).uniform(-1.0, 1.0, (4, 3)),
+        np.random.default_rng(2).uniform(0, 99, (4, 2)),
+    )
+    nothing = nothing_found(MatchingTask.of(rm.P3P(camera), points, pixels), "made up")
+    facts = Facts(present=present, sure_of_the_rest=sure)
+    return replace(nothing, facts=facts, noise_factor=ratio, noise_dof=dof)
+
+
+def test_it_is_the_mean_of_the_inverse_gamma_distribution() -> None:
+    scale, chi2, freedom = NoiseScale(), 0.0, 0.0
+    for ratio, dof in ((2.0, 14), (1.2, 30), (0.9, 7)):
+        chi2 += dof * (ratio * scale.factor) ** 2
+        freedom += dof
+        scale.take(told(ratio, dof))
+        assert scale.factor == pytest.approx(max(1.0, np.sqrt((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom))))
+    assert scale.factor > 1.2
+
+
+def test_small_residuals_do_not_make_the_stated_noise_smaller() -> None:
+    scale = NoiseScale()
+    scale.take(told(0.3, 200))
+    assert scale.factor == 1.0
+
+
+@pytest.mark.parametrize(
+    "found", [told(2.0, sure=False), told(2.0, present=0.5), told(None), told(float("nan"), 0), told(1.01 * MOST)]
+)
+def test_a_doubtful_pose_says_nothing_of_the_noise(found: Finding) -> None:
+    scale = NoiseScale()
+    scale.take(found)
+    assert scale.factor == 1.0
+
+
+def test_what_was_long_ago_is_forgotten() -> None:
+    scale = NoiseScale()
+    for _ in range(100):
+        scale.take(told(1.0 / scale.factor * 3.0, 50))
+    assert scale.factor == pytest.approx(3.0, rel=0.02)
+    assert scale.freedom == pytest.approx(MOST_FREEDOM)
+    for _ in range(200):
+        scale.take(told(1.0 / scale.factor, 50))
+    assert scale.factor == pytest.approx(1.0, abs=0.01)
+
+
+def off_by(rig: rm.Rig, pixels: float, seed: int) -> rm.Rig:
+    """A rig each of whose cameras is turned by an angle that moves its image by so many pixels."""
+    rng, views = np.random.default_rng(seed), []
+    for camera, R, t in rig.views:
+        turn = Rotation.from_rotvec(pixels / camera.focal * rng.normal(size=3)).as_matrix()
+        views.append((camera, turn @ np.array(R), turn @ np.array(t)))
+    return rm.Rig(views, sizes=rig.sizes)
+
+
+def flown(rig: rm.Rig) -> tuple[list[bool], bool, rm.Tracker]:
+    """Whether each body is matched, frame by frame, whether any trusted match is wrong, and the tracker."""
+    tracker = rm.Tracker(POINTS, rm.P3P(rig), noise=NOISE, normals=NORMALS, view_angle=np.radians(VIEW), bodies=OWNER)
+    matched, wrong = [], False
+    for k in range(24):
+        scene = frame(11, k, headset(), hands=2)
+        match = tracker.update(scene.rows, time=k / RATE)
+        for label in LABELS:
+            own = label == OWNER
+            body, truth = match.bodies[label], scene.truth[:, own]
+            matched.append(bool(body))
+            seen: NDArray[np.int64] = body.sightings.assignment
+            wrong |= bool(body) and bool(((seen >= 0) & (seen != truth)).any())
+    return matched, wrong, tracker
+
+
+def test_a_rig_that_is_off_by_a_pixel_is_followed() -> None:
+    """Each frame for itself fits with two to three times the stated σ, and would not be trusted."""
+    matched, wrong, tracker = flown(off_by(headset(), 0.8, 3))
+    assert not wrong
+    assert np.mean(matched[24:]) > 0.9
+    assert 1.5 < tracker.noise_factor < 4.0
+    tracker.reset()
+    assert tracker.noise_factor == 1.0
+
+
+def test_a_right_rig_has_the_stated_noise() -> None:
+    matched, wrong, tracker = flown(headset())
+    assert not wrong
+    assert np.mean(matched) > 0.9
+    assert tracker.noise_factor < 1.1
