@@ -293,14 +293,14 @@ def test_a_lost_body_is_searched_for_soon_then_ever_more_rarely_a_camera_a_frame
     scene = frame(2, 0, RIG, hands=1)
     tracker = rm.Tracker(POINTS, rm.P3P(RIG), bodies=NAMES, **KNOWN | {"normals": NORMALS})
     parts = []
-    search_part = image_bodies._search_part
+    search = image_bodies._Body.search
 
-    def counted(task: MatchingTask, bodies: Any, part: image_bodies.SearchPart, free: Any, **named: Any) -> None:
-        parts.append((tracker._frame, *part))
-        assert task.search_camera == part.camera
-        search_part(task, bodies, part, free, **named)
+    def counted(body: Any, task: MatchingTask, *given: Any) -> None:
+        if task.search_camera is not None:  # in the first frame all of it is searched
+            parts.append((tracker._frame, body.number, task.search_camera))
+        search(body, task, *given)
 
-    monkeypatch.setattr(image_bodies, "_search_part", counted)
+    monkeypatch.setattr(image_bodies._Body, "search", counted)
     for k in range(60):
         found = tracker.update(scene.rows)
         assert found.bodies["left"].status is rm.Status.MATCHED

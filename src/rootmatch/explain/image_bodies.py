@@ -1,8 +1,8 @@
 """Several known rigid bodies in one image: searched for one by one, and weighed together.
 
-A body that is certain in the joint posterior takes its detections, so bodies that show little are searched for among
-few: short searches for all come before longer ones for the rest. The result is the posterior over everything that any
-of the searches proposed, including look-alikes of other bodies.
+Detections that are certainly of some body are left out of the searches for others, so bodies that show little are
+searched for among few: short searches for all come before longer ones for the rest. The result is the posterior over
+everything that any of the searches proposed, including look-alikes of other bodies.
 """
 
 from __future__ import annotations
@@ -61,6 +61,8 @@ class _Body:
     """Of its last search, or of its prediction."""
     candidate: Candidate
     told: Posterior
+    free: NDArray[np.bool_]
+    """Detections among which it may still be found."""
     alike: list[int] = field(default_factory=list)
     """Numbers of the bodies of the same or the mirrored shape."""
     predicted: Proposals | None = None
@@ -72,7 +74,7 @@ class _Body:
     cut: bool = False
     """Whether that ended by its budget."""
     among: int = -1
-    """Free detections at that search; −1 before the first."""
+    """Number of free detections at that search; −1 before the first."""
     evaluated: int = 0
     """Evaluations of all its searches."""
 
@@ -82,23 +84,26 @@ class _Body:
         return float(self.told.probabilities[0]) if len(self.told.probabilities) else 0.0
 
     @property
-    def detections(self) -> Integers:
-        """Those that its best assignment uses."""
-        first = self.told.modes.assignments[0]
-        return np.asarray(first[first >= 0])
-
-    @property
     def is_known(self) -> bool:
         """Whether it was searched for, or its prediction makes a search unnecessary."""
         return self.among >= 0 or self.enough
 
-    def worth_a_search(self, free: NDArray[np.bool_], budget: int) -> bool:
+    def worth_a_search(self, budget: int) -> bool:
         """Whether another search among the free detections, with this budget, may find more than the last one."""
         if self.settled or (self.among < 0 and self.enough):
             return False
-        fewer = self.among < 0 or int(free.sum()) < self.among
+        fewer = self.among < 0 or int(self.free.sum()) < self.among
         torn = float(self.told.probabilities.sum()) >= IN_VIEW and self.pose < DOUBTED
+        if torn and not (self.told.used(len(self.free)) * self.free).any():
+            return False  # it has one of the places that bodies of its shape were found in
         return fewer or (self.cut and budget > self.budget and not torn)
+
+    def search(self, task: MatchingTask, solve: Solve, budget: int) -> None:
+        """Search among the free detections of the task of all bodies, and add what is found."""
+        self.budget, self.among = budget, int(self.free.sum())
+        found, self.cut = searched_among(task, self.number, np.flatnonzero(self.free), budget, solve)
+        self.evaluated += found.evaluated
+        self.propose(found)
 
     def predict(self) -> None:
         """Add what is assigned about the predicted pose, if there is one."""
@@ -137,14 +142,15 @@ def match_bodies_in_image(
         others = (other for other in bodies if other is not body)
         body.alike = [other.number for other in others if _is_alike(body.task, other.task, options.alike)]
     with suppress(OutOfTime):
-        free = _predict(task, bodies, options)
+        _predict(task, bodies, options)
         if choice is None:
-            _search(task, bodies, free, solve, options)
+            _search(task, bodies, solve, options)
         else:
             predicted = _finding(task, bodies)
-            if (part := choice(predicted)) is None:
+            if (part := choice(predicted)) is None or bodies[part.body].settled:
                 return predicted
-            _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve=solve, options=options)
+            bodies[part.body].search(replace(task, search_camera=part.camera), solve, budgets_of(task, options)[0])
+            _weigh(bodies, options)
     return _finding(task, bodies)
 
 
@@ -167,8 +173,8 @@ def _body(task: MatchingTask, number: int) -> _Body:
     assert task.bodies is not None
     own = task.body(number)
     nothing = nothing_found(own, LATE)
-    rows = task.sightings_of(task.bodies.points_of(number))
-    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows))
+    rows, free = task.sightings_of(task.bodies.points_of(number)), np.ones(task.shape[1], np.bool_)
+    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free)
 
 
 def _is_alike(first: MatchingTask, second: MatchingTask, tolerance: float) -> bool:
@@ -176,58 +182,31 @@ def _is_alike(first: MatchingTask, second: MatchingTask, tolerance: float) -> bo
     return twin_points(first.points.source, second.points.source, tolerance) is not None
 
 
-def _predict(task: MatchingTask, bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
-    """Look about the predicted poses; the detections that no settled body takes."""
-    free = np.ones(task.shape[1], np.bool_)
+def _predict(task: MatchingTask, bodies: list[_Body], options: BodyOptions) -> None:
+    """Look about the predicted poses."""
     with suppress(OutOfTime), task.deadline.at_least(PREDICTION).enforced():
         for body in bodies:
             body.predict()
-        free = _weigh(bodies, options)
-    return free
-
-
-def _search_part(
-    task: MatchingTask,
-    bodies: list[_Body],
-    part: SearchPart,
-    free: NDArray[np.bool_],
-    *,
-    solve: Solve,
-    options: BodyOptions,
-) -> None:
-    """Search once for one body."""
-    body, budget = bodies[part.body], budgets_of(task, options)[0]
-    if not body.settled:
-        found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-        body.budget, body.among, body.evaluated = budget, int(free.sum()), found.evaluated
-        body.propose(found)
         _weigh(bodies, options)
 
 
-def _search(
-    task: MatchingTask, bodies: list[_Body], free: NDArray[np.bool_], solve: Solve, options: BodyOptions
-) -> None:
+def _search(task: MatchingTask, bodies: list[_Body], solve: Solve, options: BodyOptions) -> None:
     """Search for each body until nothing more can be expected."""
     budgets = budgets_of(task, options)
     for turn in count():
         budget = budgets[min(turn, options.rounds - 1)]
         searched = False
         for body in bodies:
-            if not body.worth_a_search(free, budget):
-                continue
-            searched = True
-            body.budget, body.among = budget, int(free.sum())
-            found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-            body.evaluated += found.evaluated
-            body.propose(found)
-            free = _weigh(bodies, options)
+            if body.worth_a_search(budget):
+                searched = True
+                body.search(task, solve, budget)
+                _weigh(bodies, options)
         if (not searched and turn + 1 >= options.rounds) or task.deadline.passed():
             break
 
 
-def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
-    """Weigh all bodies together, settle those that are sure, and say which detections are left."""
-    free = np.ones(bodies[0].task.shape[1], np.bool_)
+def _weigh(bodies: list[_Body], options: BodyOptions) -> None:
+    """Weigh all bodies together, settle those that are sure, and say which detections are left for each."""
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
         body.enough = body.task.prior_pose is not None and is_enough(
@@ -235,10 +214,13 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:
         )
         # a known rotation proposes every pose that agrees with it
         body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure
-    for body in bodies:
+    used = np.zeros((len(bodies), bodies[0].task.shape[1]))
+    for k, body in enumerate(bodies):
         # a body of the same shape has to be tried on these detections as well
-        known = all(bodies[k].is_known for k in (body.number, *body.alike))
-        if body.pose >= options.sure and known:
-            body.settled = True
-            free[body.detections] = False
-    return free
+        if all(bodies[number].is_known for number in (k, *body.alike)):
+            body.settled = body.pose >= options.sure
+            used[k] = body.told.used(used.shape[1])
+    for k, body in enumerate(bodies):
+        # bodies of one shape share the places that any of them was found in; each needs one more of them
+        others = used.sum(axis=0) if body.alike else used.sum(axis=0) - used[k]
+        body.free = others < options.sure

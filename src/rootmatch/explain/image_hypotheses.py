@@ -101,7 +101,7 @@ class Candidate:
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
         proposals = Proposals(modes.assignments, modes.rotation, modes.position)
-        return replace(self, modes=modes_of(self.model, proposals, self.modes))
+        return replace(self, modes=modes_of(self.model, proposals, self.modes, of_several=True))
 
     def alone(self) -> Posterior:
         """The body's posterior if the image shows no other known body."""
@@ -120,7 +120,7 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             if twin is not None and len(other.modes.log_odds):
                 image = body.task.sightings_of(twin)
                 more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
-        every.append(modes_of(body.model, joined(more), body.modes) if more else body.modes)
+        every.append(modes_of(body.model, joined(more), body.modes, of_several=True) if more else body.modes)
     return joint_posterior([body.model for body in bodies], every)
 
 

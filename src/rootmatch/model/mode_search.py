@@ -74,6 +74,8 @@ def modes_of(
     proposals: Proposals,
     known: Modes | None = None,
     options: PosteriorOptions = DEFAULT_POSTERIOR,
+    *,
+    of_several: bool = False,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
 
@@ -84,32 +86,43 @@ def modes_of(
     known : Modes, optional
         Modes found before, which are among the result.
     options : PosteriorOptions
+    of_several : bool
+        Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
     """
     kept = [] if known is None else _Mode.every(known)
+    enough = 0.0 if of_several else math.inf
+    """Log-odds from which a mode counts, however much better others are."""
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
     if len(proposals.assignments):
         checkpoint()
         each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
         proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
-        assignments, found, at = _possible(model, proposals, floor, options)
+        assignments, found, at = _possible(model, proposals, floor, enough, options=options)
         found, at = settled(model, assignments, found, at)
         order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
         for k in order[np.isfinite(found.log_odds[order])].tolist():
             mode = _Mode.of(assignments[k], found, poses, k)
-            if kept and (mode.log_odds < kept[0].log_mass - 2.0 * options.negligible or in_force().passed()):
+            behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
+            if kept and (behind or in_force().passed()):
                 break
-            kept = _with(kept, mode, model, at.take(np.array([k])), options=options)
+            kept = _with(kept, mode, model, at.take(np.array([k])), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
 
 
 def _with(
-    kept: list[_Mode], mode: _Mode, model: DetectionModel, at: Linearised, *, options: PosteriorOptions
+    kept: list[_Mode],
+    mode: _Mode,
+    model: DetectionModel,
+    at: Linearised,
+    *,
+    enough: float,
+    options: PosteriorOptions,
 ) -> list[_Mode]:
     """Modes with another one, grown if it may count, unless it is one of them; ``at`` is linearised about its pose."""
     if _is_known(mode, kept, options):
         return kept
-    if len(kept) < options.grown and (not kept or mode.log_odds > kept[0].log_mass - options.negligible):
+    if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
         mode = _grown(model, mode, at, options)
         if _is_known(mode, kept, options):
             return kept
@@ -123,7 +136,7 @@ def _is_known(mode: _Mode, kept: list[_Mode], options: PosteriorOptions) -> bool
 
 
 def _possible(
-    model: DetectionModel, proposals: Proposals, floor: float, options: PosteriorOptions
+    model: DetectionModel, proposals: Proposals, floor: float, enough: float, *, options: PosteriorOptions
 ) -> tuple[Integers, Evidence, Linearised]:
     """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
     assignments, at = proposals.assignments, model.linearised(proposals.rotation, proposals.position)
@@ -131,7 +144,7 @@ def _possible(
         assignments = of_blobs(assignments, at.blob)
     rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
-    (worth,) = np.nonzero(rough.log_odds > best - options.hopeless)
+    (worth,) = np.nonzero(rough.log_odds > min(best - options.hopeless, enough))
     return assignments[worth], rough.take(worth), at.take(worth)
 
 

@@ -31,6 +31,7 @@ from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
+from rootmatch.tracking.identical_bodies import Pairs, identical_pairs, keep_apart
 from rootmatch.tracking.noise_scale import NoiseScale
 from rootmatch.tracking.search_turns import next_part
 
@@ -142,7 +143,9 @@ max_evaluations
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
+        self._identical: Pairs = []
         if self.labels is not None:
+            self._identical = identical_pairs(self.labels, points, normals)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
@@ -302,6 +305,7 @@ max_evaluations
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame)
             self._noise.take(part)
+        keep_apart(self._identical, self._bodies, parts)
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})

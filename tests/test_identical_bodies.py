@@ -1,0 +1,88 @@
+"""Bodies that no image tells apart: all of them are found, ambiguous by name, and keep their names from then on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.explain.body_labels import check_bodies
+from rootmatch.tracking.identical_bodies import identical_pairs
+
+Floats = NDArray[np.float64]
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+LEDS = 9
+
+
+def flight(seed: int, bodies: int, frames: int) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
+    """Detections of some bodies that turn and drift side by side, and the owner of each; −1 for clutter."""
+    rng = np.random.default_rng(seed)
+    shape = rng.uniform(-0.06, 0.06, (LEDS, 3))
+    first, rate = rng.uniform(0.0, 6.0, (bodies, 3)), rng.uniform(-0.5, 0.5, (bodies, 3))
+    place = np.stack([np.linspace(-0.3, 0.3, bodies), np.zeros(bodies), np.full(bodies, 0.9)], axis=1)
+    yield shape, np.arange(LEDS)
+    for k in range(frames):
+        pixels, owner = [rng.uniform((0, 0), (1280, 960), (4, 2))], [np.full(4, -1)]
+        for body in range(bodies):
+            R = Rotation.from_rotvec(first[body] + rate[body] * k / 60.0).as_matrix()
+            seen = np.flatnonzero(rng.random(LEDS) < 0.95)
+            image = CAMERA.project(shape[seen] @ R.T + place[body] + (0.0, 0.001 * k, 0.0))
+            pixels.append(image + rng.normal(0.0, 0.3, image.shape))
+            owner.append(np.full(len(seen), body))
+        order = rng.permutation(sum(map(len, owner)))
+        yield np.concatenate(pixels)[order], np.concatenate(owner)[order]
+
+
+def owners(match: rm.Match, owner: NDArray[np.int64]) -> list[set[int]]:
+    """For each body that was given, which bodies its detections are of."""
+    assert match.bodies is not None
+    return [set(owner[body.assignment[body.assignment >= 0]].tolist()) for body in match.bodies.values()]
+
+
+@pytest.mark.parametrize("bodies", [2, 3])
+def test_an_image_shows_all_of_them_and_cannot_tell_which_is_which(bodies: int) -> None:
+    frames = flight(1, bodies, 1)
+    shape, _ = next(frames)
+    target, owner = next(frames)
+    labels = np.repeat(np.arange(bodies), LEDS)
+    match = rm.match(np.tile(shape, (bodies, 1)), target, rm.P3P(CAMERA), noise=0.3, bodies=labels)
+    assert match.bodies is not None
+    for body in match.bodies.values():
+        assert body.status is rm.Status.AMBIGUOUS
+        assert body.probability == pytest.approx(1.0 / bodies, abs=0.05)
+        assert len(body.alternatives) >= bodies - 1
+    assert sorted(owners(match, owner), key=min) == [{k} for k in range(bodies)]
+
+
+@pytest.mark.parametrize("bodies", [2, 3])
+def test_a_tracker_keeps_the_names_that_it_gave_them(bodies: int) -> None:
+    frames = flight(2, bodies, 12)
+    shape, _ = next(frames)
+    labels = np.repeat(np.arange(bodies), LEDS)
+    tracker = rm.Tracker(np.tile(shape, (bodies, 1)), rm.P3P(CAMERA), noise=0.3, bodies=labels)
+    names = []
+    for k, (target, owner) in enumerate(frames):
+        match = tracker.update(target, time=k / 60.0)
+        names.append(owners(match, owner))
+        if k > 1:
+            assert all(match.bodies.values()), k
+    assert sorted(names[0], key=min) == [{k} for k in range(bodies)]
+    assert all(one == names[0] for one in names)
+
+
+def test_what_is_identical() -> None:
+    rng = np.random.default_rng(3)
+    one, normals = rng.uniform(-1.0, 1.0, (6, 3)), rng.normal(size=(6, 3))
+    order = rng.permutation(6)
+    turned = Rotation.from_rotvec([0.3, 0.0, 0.0]).as_matrix()
+    points = np.concatenate([one, one[order], one * (-1.0, 1.0, 1.0), one @ turned.T])
+    labels = check_bodies(np.repeat(["a", "b", "mirror", "turned"], 6), points, 4)
+    assert identical_pairs(labels, points, None) == [("a", "b")]
+    facing = np.concatenate([normals, normals[order], normals, normals])
+    assert identical_pairs(labels, points, facing) == [("a", "b")]
+    facing[6] *= -1.0
+    assert identical_pairs(labels, points, facing) == []
