@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
 from rootmatch.explain.body_labels import check_bodies
-from rootmatch.tracking.identical_bodies import identical_pairs
+from rootmatch.tracking.identical_bodies import identical_bodies
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
@@ -74,6 +74,40 @@ def test_a_tracker_keeps_the_names_that_it_gave_them(bodies: int) -> None:
     assert all(one == names[0] for one in names)
 
 
+def test_of_more_bodies_than_are_in_view_some_are_named() -> None:
+    frames = flight(4, 2, 12)
+    shape, _ = next(frames)
+    tracker = rm.Tracker(np.tile(shape, (4, 1)), rm.P3P(CAMERA), noise=0.3, bodies=np.repeat(np.arange(4), LEDS))
+    for k, (target, owner) in enumerate(frames):
+        match = tracker.update(target, time=k / 60.0)
+        assert match.bodies is not None
+        named = [label for label, body in match.bodies.items() if body]
+        assert len(named) == (2 if k > 1 else len(named))
+        assert sorted(one for one in owners(match, owner) if one) in ([{0}, {1}], [{1}, {0}]) or k < 2
+
+
+@pytest.mark.parametrize("given", [2, 3])
+def test_tools_in_space(given: int) -> None:
+    """Two tools of five markers among strays; of three given ones two are named."""
+    rng = np.random.default_rng(5)
+    shape = rng.uniform(-0.05, 0.05, (5, 3))
+    labels = np.repeat(np.arange(given), 5)
+    tracker = rm.Tracker(np.tile(shape, (given, 1)), rm.Rigid(3), noise=0.0003, bodies=labels)
+    for k in range(8):
+        turn = Rotation.from_rotvec([0.1 * k, 0.05 * k, 0.3]).as_matrix()
+        target = np.concatenate(
+            [shape @ turn.T + (-0.2, 0.002 * k, 1.0), shape @ turn + (0.2, 0.0, 1.1), rng.uniform(-0.5, 1.5, (3, 3))]
+        )
+        target[:10] += rng.normal(0.0, 0.0003, (10, 3))
+        match = tracker.update(target, time=k / 60.0)
+        assert match.bodies is not None
+        matched = [body for body in match.bodies.values() if body]
+        if k > 1:
+            assert len(matched) == 2
+            assert sorted(body.assignment.min() // 5 for body in matched) == [0, 1]
+            assert all((body.assignment >= 0).all() for body in matched)
+
+
 def test_what_is_identical() -> None:
     rng = np.random.default_rng(3)
     one, normals = rng.uniform(-1.0, 1.0, (6, 3)), rng.normal(size=(6, 3))
@@ -81,8 +115,8 @@ def test_what_is_identical() -> None:
     turned = Rotation.from_rotvec([0.3, 0.0, 0.0]).as_matrix()
     points = np.concatenate([one, one[order], one * (-1.0, 1.0, 1.0), one @ turned.T])
     labels = check_bodies(np.repeat(["a", "b", "mirror", "turned"], 6), points, 4)
-    assert identical_pairs(labels, points, None) == [("a", "b")]
+    assert identical_bodies(labels, points, None) == [["a", "b"]]
     facing = np.concatenate([normals, normals[order], normals, normals])
-    assert identical_pairs(labels, points, facing) == [("a", "b")]
+    assert identical_bodies(labels, points, facing) == [["a", "b"]]
     facing[6] *= -1.0
-    assert identical_pairs(labels, points, facing) == []
+    assert identical_bodies(labels, points, facing) == []

@@ -13,8 +13,8 @@ from scipy.special import logsumexp
 import rootmatch as rm
 from rootmatch.explain.point_set_decision import model_of
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.point_set_model import NOISE_FREEDOM, PointSetModel
-from rootmatch.model.point_set_posterior import PRESENT, posterior
+from rootmatch.model.point_set_model import NOISE_FREEDOM, PRESENT, PointSetModel
+from rootmatch.model.point_set_posterior import posterior
 from rootmatch.model.self_motion import exactly_symmetric
 from rootmatch.problems.point_clouds import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES

@@ -188,6 +188,7 @@ max_hyperedges, max_evaluations
         deadline: Deadline = NEVER,
         budget: int | None = None,
         rivals: Mapping[Label | None, Rivals] | None = None,
+        present: Mapping[Label | None, float] | None = None,
         searching: bool | Choice = True,
         more_images: bool = False,
     ) -> Finding:
@@ -204,6 +205,8 @@ max_hyperedges, max_evaluations
             Evaluations of a guided search.
         rivals : dict, optional
             By the label of a body, None for a single one: predicted poses beside that of ``prior``.
+        present : dict, optional
+            By label as well: probability that a body is in view, before the frame is seen.
         searching : bool or callable
             False: nothing is looked for elsewhere than about the predicted poses. Of several bodies in images, a
             function of the finding about those that says what to look for.
@@ -234,6 +237,9 @@ max_hyperedges, max_evaluations
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
             task = replace(task, rival_poses=rivals.get(None, ()), prior_rivals=others, prior_freedom=FREEDOM)
+        if present:
+            of_bodies = {label: chance for label, chance in present.items() if label is not None}
+            task = replace(task, present=present.get(None), present_of=of_bodies)
         if searching and self._sweeps(task):
             task = replace(task, options=replace(options, sampler=self._sweep))
         elif budget is not None and options.scheduler is None:

@@ -21,7 +21,7 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.model.detection_model import HIGHEST_RATE
 from rootmatch.model.motion_prior import MotionPrior, fused
-from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.point_set_model import PRESENT, PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
@@ -56,6 +56,7 @@ def model_of(task: MatchingTask) -> PointSetModel | None:
         weights=task.weights,
         detection_rate=None if rate is None else min(rate, HIGHEST_RATE),
         prior=_prior_of(task),
+        present=PRESENT if task.present is None else task.present,
     )
 
 

@@ -73,6 +73,10 @@ class MatchingTask:
         Those of several bodies, by label.
     prior_freedom : float
         Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_prior.Gaussian`.
+    present : float, optional
+        Probability that the body is among the targets in space, before they are seen; that of the model if not given.
+    present_of : dict
+        That of several bodies, by label.
     known : PosePrior, optional
         Partial knowledge of the pose.
     known_of : dict
@@ -101,6 +105,8 @@ class MatchingTask:
     prior_poses: dict[Label, Pose] = field(default_factory=dict)
     prior_rivals: dict[Label, Rivals] = field(default_factory=dict)
     prior_freedom: float = math.inf
+    present: float | None = None
+    present_of: dict[Label, float] = field(default_factory=dict)
     known: PosePrior | None = None
     known_of: dict[Label, PosePrior] = field(default_factory=dict)
     budget: int | None = None
@@ -311,7 +317,8 @@ class MatchingTask:
         for k, name in enumerate(self.bodies.names):
             one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
             predicted, rivals = self.prior_poses.get(name), self.prior_rivals.get(name, ())
-            every.append(replace(one, prior_pose=predicted, rival_poses=rivals, known=self.known_of.get(name)))
+            known, present = self.known_of.get(name), self.present_of.get(name)
+            every.append(replace(one, prior_pose=predicted, rival_poses=rivals, known=known, present=present))
         return every
 
     def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:

@@ -35,6 +35,8 @@ from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+PRESENT = 0.5
+"""Prior probability that the object is among the targets. A round value."""
 NOISE_FREEDOM = 20.0
 """Degrees of freedom for which the given σ counts: it is known to a sixth. A round value, as
 `rootmatch.model.evidence`."""
@@ -57,6 +59,8 @@ class PointSetModel:
         Probability that a point of the source is among the targets; unknown by default.
     prior : MotionPrior, optional
         What is known of the motion.
+    present : float
+        Probability that the targets show the source, before they are seen.
     """
 
     clouds: PointClouds
@@ -65,6 +69,7 @@ class PointSetModel:
     weights: Floats | None = None
     detection_rate: float | None = None
     prior: MotionPrior | None = None
+    present: float = PRESENT
 
     @cached_property
     def log_volume(self) -> float:

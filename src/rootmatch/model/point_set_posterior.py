@@ -18,8 +18,6 @@ from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PRESENT = 0.5
-"""Prior probability that the object is among the targets. A round value."""
 MIRRORED = 0.01
 """Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
 left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
@@ -171,7 +169,7 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
         fit, odds = fit.joined(more), np.concatenate([odds, model.log_odds(more)])
     fit, odds = _best(fit, odds)
     assignments = fit.assignments
-    absent = math.log(1.0 / PRESENT - 1.0)
+    absent = math.log(1.0 / model.present - 1.0)
     top = max(float(odds[0]), absent)
     known = model.log_prior(fit)  # it tells symmetric motions from each other
     most = float((odds - known).max())
@@ -212,7 +210,7 @@ def _mirrored(model: PointSetModel, mirrored: Integers | None, assignments: Inte
     weight = image.log_odds(image.fit(mirrored)) + math.log(MIRRORED)
     for one, value in zip(assignments, odds, strict=True):
         weight[(mirrored == one).all(axis=1) & (weight < value + NEGLIGIBLE)] = -np.inf
-    return math.exp(min(float(weight.max()) - max(float(odds[0]), math.log(1.0 / PRESENT - 1.0)), 700.0))
+    return math.exp(min(float(weight.max()) - max(float(odds[0]), math.log(1.0 / model.present - 1.0)), 700.0))
 
 
 def _exchanged(model: PointSetModel, assignments: Integers, weights: Floats) -> Floats:

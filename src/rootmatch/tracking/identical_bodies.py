@@ -1,14 +1,13 @@
-"""Identical bodies keep the names that they got when they were first seen together.
+"""Identical bodies keep the names that they got when they were first seen.
 
-Which of two identical tools is the first one is a convention that no image tells: a frame is ambiguous, with as much
-for either. From frame to frame they differ, as each has a motion. So once both are in view, each gives up the pose
-that the other one was given.
+Which of two identical tools is the first one is a convention that no image tells: a frame shows a tool here and a tool
+there, and is ambiguous for either. From frame to frame they differ, as each has a motion. So each place that a frame
+shows for certain is given to one body of the group, and no other body of the group follows it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,43 +16,105 @@ from rootmatch.explain.body_labels import BodyLabels, Label, twin_points
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.image_decision import pose_of_mode
+from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.tracking.belief import ALIKE
+from rootmatch.tracking.belief import ALIKE, Belief, FollowedPose
 from rootmatch.tracking.followed_body import FollowedBody
 from rootmatch.tracking.motion_filter import MotionFilter
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Pairs = Sequence[tuple[Label, Label]]
+Groups = Sequence[Sequence[Label]]
 
-NEARER = 0.2
-"""Distance from the other body's place, over that between the bodies, up to which a pose is there. A round value."""
+DECIDED = 0.9
+"""Share of a followed pose from which it is where the body is. A round value."""
 
 
-def identical_pairs(labels: BodyLabels, points: Floats, normals: Floats | None) -> Pairs:
-    """Pairs of bodies with the same points, of (n, 3) of all, in any order, and the same normals if those are given."""
-    every = {name: labels.points_of(k) for k, name in enumerate(labels.names)}
-    return [
-        (first, second)
-        for first, second in combinations(every, 2)
-        if _is_same(points, normals, every[first], every[second])
+def identical_bodies(labels: BodyLabels, points: Floats, normals: Floats | None) -> Groups:
+    """Groups of bodies with the same points, in any order, and the same normals; of all points (n, 3)."""
+    groups: list[list[Label]] = []
+    of: dict[Label, Integers] = {name: labels.points_of(k) for k, name in enumerate(labels.names)}
+    for name in labels.names:
+        for group in groups:
+            if _is_same(points, normals, of[group[0]], of[name]):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return [group for group in groups if len(group) > 1]
+
+
+def name_places(
+    groups: Groups,
+    bodies: Mapping[Label | None, FollowedBody],
+    parts: Mapping[Label | None, Finding],
+    time: float,
+) -> None:
+    """Let bodies of each group follow the places that a frame shows for certain, one each.
+
+    Parameters
+    ----------
+    groups : sequence of sequences of labels
+        Of `identical_bodies`.
+    bodies, parts : dict
+        The bodies with what they follow after the frame, and its findings.
+    time : float
+        Of the frame.
+    """
+    for group in groups:
+        beliefs = {label: bodies[label].belief for label in group}
+        radius = body_radius(beliefs[group[0]].source)
+        free = {label: one for label, one in beliefs.items() if not one or one.shares[0] < DECIDED}
+        taken = [_now(one.best) for label, one in beliefs.items() if label not in free]
+        for place in _places([parts[label] for label in group], radius):
+            if not free or any(_is_same_place(place, other, radius) for other in taken):
+                continue
+            # the one that the frame has there, so that nobody sees the names change
+            there = [label for label in free if (pose := parts[label].pose) and _is_same_place(pose, place, radius)]
+            belief = free.pop(there[0] if there else next(iter(free)))
+            known = [one for one in belief.poses if _is_same_place(_now(one.filter), place, radius)]
+            belief.poses = known or [FollowedPose(MotionFilter(belief.source, place, time, belief.motion))]
+            taken.append(place)
+        for belief in free.values():
+            _leave(belief, taken, radius)
+
+
+def _places(found: Sequence[Finding], radius: float) -> Iterator[Pose]:
+    """Poses that one body or another of a group has for certain, the most certain ones first."""
+    least, every = found[0].facts.min_probability, list[tuple[float, Pose]]()
+    for one in found:
+        if one.posterior is not None and one.model is not None:
+            modes = one.posterior.modes
+            every += [(float(p), pose_of_mode(one.model, modes, k)) for k, p in enumerate(one.posterior.probabilities)]
+        elif one.status is not Status.UNTRUSTED:  # in space, where bodies share no target
+            (pose,) = one.task.problem.poses(one.task.points, one.assignment[None])
+            every += [] if pose is None else [(1.0, pose)]
+    sums: list[tuple[float, Pose]] = []
+    for chance, pose in sorted(every, key=lambda one: -one[0]):
+        same = [k for k, (_, other) in enumerate(sums) if _is_same_place(pose, other, radius)]
+        if same:
+            sums[same[0]] = sums[same[0]][0] + chance, sums[same[0]][1]
+        else:
+            sums.append((chance, pose))
+    return (pose for chance, pose in sorted(sums, key=lambda one: -one[0]) if chance >= least)
+
+
+def _leave(belief: Belief, taken: Sequence[Pose], radius: float) -> None:
+    """Give up what other bodies of the group follow."""
+    belief.poses = [
+        one for one in belief.poses if not any(_is_same_place(_now(one.filter), other, radius) for other in taken)
     ]
 
 
-def keep_apart(
-    pairs: Pairs, bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding]
-) -> None:
-    """Let each of two identical bodies that a frame shows give up the pose of the other one."""
-    for pair in pairs:
-        found = [parts[label] for label in pair]
-        poses = [one.pose for one in found if one.pose is not None and one.status is not Status.UNTRUSTED]
-        if len(poses) < 2:
-            continue
-        for label, own, other in zip(pair, poses, poses[::-1], strict=True):
-            belief = bodies[label].belief
-            kept = [one for one in belief.poses if not _is_there(one.filter, own, other)]
-            if kept:
-                belief.poses = kept
+def _now(followed: MotionFilter) -> Pose:
+    """The pose that is followed, at the time of the last frame that showed it."""
+    return followed.predicted(followed.time)
+
+
+def _is_same_place(first: Pose, second: Pose, radius: float) -> bool:
+    """Whether two poses are of one body: no two are so near each other."""
+    return bool((first.R * second.R).sum() > ALIKE) and float(np.linalg.norm(first.t - second.t)) <= radius
 
 
 def _is_same(points: Floats, normals: Floats | None, first: Integers, second: Integers) -> bool:
@@ -62,16 +123,8 @@ def _is_same(points: Floats, normals: Floats | None, first: Integers, second: In
     if order is None:
         return False
     second = second[order]
-    radius = float(np.linalg.norm(points[first] - points[first].mean(axis=0), axis=1).max())
-    same = bool(np.abs(points[first] - points[second]).max() <= OPTIONS.alike * radius)
+    same = bool(np.abs(points[first] - points[second]).max() <= OPTIONS.alike * body_radius(points[first]))
     if normals is not None:
         unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         same &= bool(np.abs(unit[first] - unit[second]).max() <= OPTIONS.alike)
     return same
-
-
-def _is_there(followed: MotionFilter, own: Pose, other: Pose) -> bool:
-    """Whether a followed pose is that of the other body."""
-    pose = followed.predicted(followed.time)
-    alike = float((pose.R * other.R).sum()) > ALIKE
-    return alike and float(np.linalg.norm(pose.t - other.t)) <= NEARER * float(np.linalg.norm(own.t - other.t))

@@ -31,7 +31,7 @@ from rootmatch.samplers.base import Sampler
 from rootmatch.solvers import Solver
 from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, TrackingState
 from rootmatch.tracking.frame_steps import FrameSteps
-from rootmatch.tracking.identical_bodies import Pairs, identical_pairs, keep_apart
+from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.noise_scale import NoiseScale
 from rootmatch.tracking.search_turns import next_part
 
@@ -143,9 +143,9 @@ max_evaluations
         self._bodies: dict[Label | None, FollowedBody] = {}
         points, normals = self.matcher.source, self.matcher.normals
         each: dict[Label | None, NDArray[np.int64]] = {None: np.arange(len(points))}
-        self._identical: Pairs = []
+        self._identical: Groups = []
         if self.labels is not None:
-            self._identical = identical_pairs(self.labels, points, normals)
+            self._identical = identical_bodies(self.labels, points, normals)
             each = {label: self.labels.points_of(k) for k, label in enumerate(self.labels.names)}
         for label, own in each.items():
             turns = near_symmetries(points[own], None if normals is None else normals[own], TURNS)
@@ -276,6 +276,8 @@ max_evaluations
             elif told is not None:
                 poses[label] = told
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
+        chances = {label: body.present(when) for label, body in self._bodies.items()}
+        present = {label: chance for label, chance in chances.items() if chance is not None}
         if of_images and self.noise_factor > 1.0:
             noise = np.asarray(self.matcher.noise if noise is None else noise, float) * self.noise_factor
 
@@ -283,7 +285,7 @@ max_evaluations
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
                 target, noise=noise, candidates=candidates, prior=prior, deadline=deadline, budget=self._budget,
-                rivals=rivals, searching=searching, more_images=True,
+                rivals=rivals, present=present, searching=searching, more_images=True,
             )  # fmt: skip
 
         searched = set(self._bodies)
@@ -303,9 +305,9 @@ max_evaluations
             for label, part in self._parts(found).items()
         }
         for label, part in parts.items():
-            self._bodies[label].take(part, when, self._frame)
+            self._bodies[label].take(part, when, self._frame, label in searched)
             self._noise.take(part)
-        keep_apart(self._identical, self._bodies, parts)
+        name_places(self._identical, self._bodies, parts, when)
         if found.parts is None:
             return parts[None]
         return replace(found, parts={label: part for label, part in parts.items() if label is not None})
