@@ -11,8 +11,8 @@ from rootmatch.model.point_set_model import PRESENT
 from rootmatch.tracking.followed_body import RETURN, FollowedBody, TrackingOptions
 
 Floats = NDArray[np.float64]
-TOOL = np.random.default_rng(11).uniform(-0.08, 0.08, (5, 3))
-SIGMA = 0.001
+TOOL = np.random.default_rng(13).uniform(-0.08, 0.08, (5, 3))
+SIGMA = 0.0006
 
 
 def targets(seed: int, shown: int) -> Floats:
