@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,9 @@ from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
 from rootmatch.problems.noise import parse_noise
-from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.points import PointSets
+from rootmatch.problems.points import PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.source_noise import check_source_noise, mean_deviation, split_noise, with_model_noise
-from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
 """Largest plausible angular noise; beyond it, pixels were probably meant. A round value."""
@@ -58,8 +56,6 @@ class Problem(ABC):
     """Whether the motion between two sets of points in space can be predicted."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
-    fits_groups: ClassVar[bool] = False
-    """Whether `group_chi2`, `group_grown` and `group_extended` are implemented."""
     least_for_pose: ClassVar[int] = 0
     """Minimum number of matches for `poses`; 0 if the problem fits none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
@@ -255,22 +251,25 @@ class Problem(ABC):
         """
         raise NotImplementedError(f"{self.name} fits no poses")
 
-    def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
-        """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.
+    def groups(self, points: PointSets, allowed: NDArray[np.bool_] | None) -> Groups | None:
+        """Fits of groups of the points by one motion each; None if the problem has none."""
+        return None
 
-        ``groups`` (G, n) holds the image of each point, −1 outside of the group. The best motion is eliminated: of m
-        points ``2 (m − minimal)`` degrees of freedom are left.
+
+class Groups(Protocol):
+    """Fits of whole groups by one motion each. Groups (G, n) hold the image of each point, −1 outside of the group."""
+
+    def chi2(self, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² (G,) of all points of each group about their best common motion.
+
+        Of m points ``2 (m − minimal)`` degrees of freedom are left.
         """
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+        ...
 
-    def group_grown(
-        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups (G, n) with what their common motion predicts, where `fits_groups` says so."""
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+    def grown(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Groups (G, n) with what their common motion predicts."""
+        ...
 
-    def group_extended(
-        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups (E, n), each with one of the correspondences more that it may predict, where `fits_groups` says so."""
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+    def extended(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Groups (E, n), each with one of the correspondences more that it may predict."""
+        ...

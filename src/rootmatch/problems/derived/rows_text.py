@@ -37,12 +37,12 @@ def base_dimensions(shape: Shape, merged: tuple[int, ...]) -> list[Dimension]:
     return own + [(place, "r", 0) for place in merged]
 
 
-def merge_lines(shape: Shape, merged: tuple[int, ...], prefix: str = "") -> list[str]:
+def merge_lines(shape: Shape, merged: tuple[int, ...]) -> list[str]:
     """Statements for the root's response to the noise of merged places."""
     lines = []
     for place in merged:
-        squares = " + ".join(f"{prefix}x_{label(d)} * {prefix}x_{label(d)}" for d in shape.dimensions([place]))
-        lines.append(f"{prefix}x_{label((place, 'r', 0))} = math.sqrt({squares})")
+        squares = " + ".join(f"x_{label(d)} * x_{label(d)}" for d in shape.dimensions([place]))
+        lines.append(f"x_{label((place, 'r', 0))} = math.sqrt({squares})")
     return lines
 
 
