@@ -15,6 +15,7 @@ from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import (
+    KEPT,
     ROUGH_STEPS,
     Floats,
     State,
@@ -25,17 +26,14 @@ from rootmatch.problems.pose_fit.descent import (
 )
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.prior import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
-from rootmatch.problems.pose_fit.upright import Upright
 
 Integers = NDArray[np.int64]
 
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
-KEPT = 3
-"""How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
 
 
 def camera_poses(

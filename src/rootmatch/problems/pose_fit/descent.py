@@ -15,6 +15,8 @@ State = tuple[Floats, ...]
 
 ROUGH_STEPS = 12
 """Steps after which fits from many starts are compared. Not tuned: most have arrived by then."""
+KEPT = 3
+"""How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
 STEPS = 100
 """Maximum number of steps. Not tuned: well-placed points take 5, points nearly on a line hundreds (`polished`)."""
 SETTLED = 1e-13

@@ -28,9 +28,6 @@ def fitted_pose(
     focal: float | None = None,
 ) -> Pose:
     """A pose with what its fit says; ``sigma`` (m,) of each of the residuals on one axis."""
-    if np.abs(R.T @ R - np.eye(len(R))).max() > 1e-12:  # hundreds of steps, and wide ones where points say little
-        u, _, vt = np.linalg.svd(R)
-        R = u @ vt
     return Pose(
         R,
         t,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.problems.pose_fit.descent import Floats, Model, State
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
-from rootmatch.problems.pose_fit.upright import Upright
+from rootmatch.problems.pose_fit.prior import Upright
 
 STARTS = 8
 """Starts of a fit, the best of all that are tried. Not tuned."""

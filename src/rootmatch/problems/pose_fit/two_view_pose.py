@@ -14,6 +14,7 @@ from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
 from rootmatch.problems.pose_fit.descent import (
     DELTA,
+    KEPT,
     ROUGH_STEPS,
     STEPS,
     Floats,
@@ -35,8 +36,6 @@ ANGLES = 240
 """Rotations about the common direction that are tried, 1.5° apart. Not tuned."""
 STARTS = 6
 """The best of them, from which an assignment is fitted. Not tuned."""
-KEPT = 3
-"""How many of these fits, the lowest, are continued to convergence. Not tuned."""
 OPEN = 1.0
 """σ in radians beforehand of a direction that the points leave open. By construction: about all of it."""
 

@@ -16,8 +16,8 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior import Upright
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
-from rootmatch.problems.pose_fit.upright import Upright
 
 if TYPE_CHECKING:
     from rootmatch.problems.up2p.group_fit import UprightGroups
@@ -142,4 +142,4 @@ class UP2P(Problem):
         rays = self.camera.bearings(target) @ camera.T
         points = np.asarray(source, dtype=float)
         difference = (points[:, 1] - points[:, 0]) @ world.T
-        return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
+        return np.array([quadratic(d, u, v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
