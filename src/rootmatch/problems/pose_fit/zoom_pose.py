@@ -26,7 +26,8 @@ class _ZoomModel(ProjectionModel):
 
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
-        return self._at(state[2]).residuals(state[:2])
+        known = np.isfinite(state[2])[:, None]  # some starts have no focal length
+        return np.where(known, self._at(state[2]).residuals(state[:2]), np.inf)
 
     def jacobian(self, state: State) -> Floats:
         """See `Model`."""
