@@ -16,6 +16,7 @@ import rootmatch as rm
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
+from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
 from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
@@ -28,7 +29,6 @@ from rootmatch.model.proposals import poses_of_few
 from rootmatch.model.views import frames_of, views_of
 from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
 from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
-from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
 Floats = NDArray[np.float64]
 
@@ -40,24 +40,24 @@ CHART = Stereographic.about(np.array([[0.0, 0.6, 0.8]]))
 SIZES = ((1280.0, 960.0), (640.0, 480.0))
 
 
-def rig(sizes: object = None) -> CopiesAsGiven:
-    """Two cameras, a fisheye among them, and the copies of six points."""
+def rig(sizes: object = None) -> RigImage:
+    """Two cameras, a fisheye among them, that see six points."""
     turn = Rotation.from_rotvec([0.1, -0.3, 0.05]).as_matrix()
     views = [(PINHOLE, np.eye(3), np.zeros(3)), (FISHEYE, turn, np.array([0.1, 0.02, -0.05]))]
     made = rm.Rig(views, sizes=sizes)  # type: ignore[arg-type]
-    points = np.random.default_rng(3).uniform(-0.06, 0.06, (6, 3))
-    owner = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1])
-    return CopiesAsGiven(made, points, np.array([[0.0, 0.0], [1300.0, -20.0]]), owner)
+    camera_of = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1])
+    return RigImage(made, 6, np.array([[0.0, 0.0], [1300.0, -20.0]]), camera_of)
 
 
 def scene(
     camera: CameraModel, seed: int = 1000, poses: int = 7, **more: object
 ) -> tuple[DetectionModel, Floats, Floats]:
-    """A model of six points, or of their copies, and poses, the last of them with points behind the camera."""
+    """A model of six points, or of their sightings, and poses, the last of them with points behind the camera."""
     rng = np.random.default_rng(seed)
-    points = camera.points if isinstance(camera, CopiesAsGiven) else rng.uniform(-0.06, 0.06, (6, 3))
-    copies = len(camera.offsets) if isinstance(camera, CopiesAsGiven) else 1
-    points = np.tile(points, (copies, 1))
+    if isinstance(camera, RigImage):
+        points = np.tile(np.random.default_rng(3).uniform(-0.06, 0.06, (6, 3)), (len(camera.offsets), 1))
+    else:
+        points = rng.uniform(-0.06, 0.06, (6, 3))
     n = len(points)
     R = Rotation.random(poses, random_state=seed).as_matrix()
     position = rng.uniform((-0.2, -0.1, 0.4), (0.2, 0.1, 0.9), (poses, 3))
@@ -366,8 +366,8 @@ def test_poses_of_few_matches(name: str, matched: int) -> None:
     pixels = model.linearised(R[None], position[None]).pixels[0]
     n, views = 6, len(pixels) // 6
     model = replace(model, target=pixels)
-    if isinstance(camera, CopiesAsGiven):
-        model = replace(model, camera=replace(camera, owner=np.repeat(np.arange(views), n)))
+    if isinstance(camera, RigImage):
+        model = replace(model, camera=replace(camera, camera_of=np.repeat(np.arange(views), n)))
     assignments = np.full((2, n * views), -1)
     assignments[1, :matched] = np.arange(matched)
     assignments[1, n : n + matched] = n + np.arange(matched if views == 2 else 0)

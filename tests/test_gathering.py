@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 import rootmatch as rm
 from rig_scenes import NOISE, VIEW, controllers, frame, headset
 from rootmatch.explain.image_hypotheses import Candidate, model_of
-from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
@@ -81,7 +80,7 @@ def compared(model: DetectionModel, sets: MinimalSets) -> int:
 def test_in_all_cameras_of_a_rig(seed: int) -> None:
     scene = frame(seed, 0, RIG, clutter=2)
     known: dict[str, Any] = {"noise": NOISE, "normals": NORMALS[:LEDS], "view_angle": np.radians(VIEW)}
-    model = model_of(copies_task(MatchingTask.of(rm.P3P(RIG), POINTS[:LEDS], scene.rows, **known)))
+    model = model_of(MatchingTask.of(rm.P3P(RIG), POINTS[:LEDS], scene.rows, **known))
     camera = int(np.argmax((scene.truth >= 0).sum(axis=1)))
     seen = np.random.default_rng(seed).permutation(np.flatnonzero(scene.truth[camera] >= 0))[:3]
     rows = np.full((2, *scene.truth.shape), -1)

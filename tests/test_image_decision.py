@@ -12,7 +12,6 @@ from posteriors import told_of
 from rootmatch.explain.finding import nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate, model_of
-from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.pose_prior import Broad, Doubted, Gaussian
 from rootmatch.model.posterior import Posterior
@@ -52,8 +51,6 @@ def test_a_body_in_view_is_believed(kind: str) -> None:
         target = np.column_stack([np.concatenate([target, pixels]), np.repeat([0, 1], [len(target), 5])])
         truth = np.concatenate([truth, [14, 15, 16, 17, 18, -1, -1, -1]])
     task = MatchingTask.of(problem, points, target, noise=0.4)
-    if kind == "rig":
-        task = copies_task(task)
     assert is_modelled(task)
     part = truth.copy()
     part[2] = -1

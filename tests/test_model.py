@@ -14,6 +14,7 @@ from scipy.special import gammaln, logsumexp
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
+from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.clutter import clutter_of
 from rootmatch.model.competition import joint_posterior
 from rootmatch.model.compiled.evidence import log_of_squared
@@ -25,7 +26,6 @@ from rootmatch.model.pose_prior import Broad, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.pose_fit.rig_fit import CopiesAsGiven
 
 Floats = NDArray[np.float64]
 CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
@@ -280,8 +280,8 @@ def test_noise_stated_too_small_costs_less_with_a_prior_on_its_scale() -> None:
 def test_a_rig_of_one_camera_is_that_camera() -> None:
     model, R, position, assignment = made(1005, 6)
     rig = Rig([(CAMERA, np.eye(3), np.zeros(3))])
-    copies = CopiesAsGiven(rig, model.points, np.zeros((1, 2)), np.zeros(len(model.target), np.int64))
-    one = DetectionModel(copies, model.points, model.target, model.sigma, model.normals, model.view_cosine)
+    image = RigImage(rig, len(model.points), np.zeros((1, 2)), np.zeros(len(model.target), np.int64))
+    one = DetectionModel(image, model.points, model.target, model.sigma, model.normals, model.view_cosine)
     alone = DetectionModel(CAMERA, model.points, model.target, model.sigma, model.normals, model.view_cosine)
     first, _, _ = best(one, R, position, assignment)
     second, _, _ = best(alone, R, position, assignment)

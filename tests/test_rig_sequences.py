@@ -22,7 +22,6 @@ from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.explain import image_bodies
 from rootmatch.explain.image_hypotheses import model_of
-from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
 from rootmatch.model.clutter import clutter_areas
@@ -169,7 +168,7 @@ def test_what_a_predicted_pose_projects() -> None:
     """Pixels, their derivatives and what is visible, each copy by itself."""
     scene = frame(3, 0, RIG)
     prior = predicted(scene, 3)
-    task = copies_task(MatchingTask.of(rm.P3P(RIG), scene.points, scene.rows, prior=prior, **KNOWN))
+    task = MatchingTask.of(rm.P3P(RIG), scene.points, scene.rows, prior=prior, **KNOWN)
     model = model_of(task)
     whole = model.linearised(*(one[None] for one in model.centred(prior.R, prior.t)))
     pixels, jacobian, shown_by = whole.pixels[0], whole.jacobian[0], model.visibility(whole, np.zeros(1))[0]

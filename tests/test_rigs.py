@@ -19,7 +19,6 @@ from rig_scenes import LENS, four_about
 from rootmatch.cli import app
 from rootmatch.errors import InputError
 from rootmatch.explain.image_hypotheses import model_of
-from rootmatch.explain.rig_copies import copies_task
 from rootmatch.explain.task import MatchingTask
 from rootmatch.io import Calibration, PointSet, read_camera, write_camera, write_points, write_table
 from rootmatch.model.proposals import fitted
@@ -77,7 +76,7 @@ def _rotation_vector(R: NDArray) -> NDArray:
 def test_the_fit_of_sightings_is_the_least_of_their_squared_deviations() -> None:
     """Of all cameras, from a minimal set of one: against SciPy, from the truth."""
     points, rows, rig, truth, ((R, t),) = four_about()
-    model = model_of(copies_task(MatchingTask.of(rm.P3P(rig), points, rows, noise=0.5)))
+    model = model_of(MatchingTask.of(rm.P3P(rig), points, rows, noise=0.5))
     none = np.full_like(truth, -1)
     none[0, :2], none[1, 2:4] = 0, 1  # two in each of two cameras
     both = np.array([none.ravel(), truth.ravel()])

@@ -22,7 +22,6 @@ from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
-from rootmatch.explain.rig_copies import copies_task, is_rig
 from rootmatch.explain.task import MatchingTask, Rivals
 from rootmatch.explain.validation import check_problem
 from rootmatch.hypergraph import enumeration
@@ -192,7 +191,7 @@ max_hyperedges, max_evaluations
         searching: bool | Choice = True,
         more_images: bool = False,
     ) -> Finding:
-        """The finding of a frame; for a rig, that of the copies of its points.
+        """The finding of a frame.
 
         Parameters
         ----------
@@ -264,8 +263,6 @@ max_hyperedges, max_evaluations
         task = MatchingTask(
             self.problem, points, self.options.affinity(self.problem), self.options, noise=noise, bodies=self.labels
         )
-        if is_rig(task):
-            task = copies_task(task)
         nothing = nothing_found(task, reason)
         if task.bodies is None:
             return nothing
@@ -274,7 +271,7 @@ max_hyperedges, max_evaluations
 
     def _sweeps(self, task: MatchingTask) -> bool:
         """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
-        if is_rig(task) or self.bodies is not None:
+        if task.rig is not None or self.bodies is not None:
             return False  # cameras are swept one by one, and so are bodies
         count = enumeration.exhaustive_count(*task.shape, self.problem.order)
         return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL

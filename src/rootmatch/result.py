@@ -20,13 +20,12 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions, other_poses
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_poses import polished_pose
-from rootmatch.explain.rig_copies import RigCopies, of_points
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.similarity import Similarity
-from rootmatch.sightings import Sightings
+from rootmatch.sightings import Sightings, of_first_cameras
 
 __all__ = ["Match", "Status", "report"]
 
@@ -188,13 +187,8 @@ class Match:
         """
         if self.sightings is not None:
             return self.sightings.confidence
-        if self.finding.confidence is not None:
-            return self.finding.confidence
-        if self.bodies is not None:
-            confidence = np.full(len(self.assignment), np.nan)
-            for k, body in enumerate(self.bodies.values()):
-                confidence[self.task.bodies.points_of(k)] = body.confidence  # type: ignore[union-attr]
-            return confidence
+        if (known := self.finding.every_confidence) is not None:
+            return known
         if self.task.options.packs_motions:
             return confidence_of_motions(self.task, self.assignment, self.motion_labels)
         return np.full(len(self.assignment), np.nan)
@@ -205,10 +199,9 @@ class Match:
         return self._told("log_odds", np.sum)
 
     def _told(self, name: str, of_bodies: Callable[[list[float]], Any]) -> float | None:
-        """A number of the finding, of that of a rig's sightings, or of all bodies together; None if there is none."""
-        if (own := getattr(self.finding, name)) is None and self.sightings is not None:
-            own = getattr(self.sightings.copies, name)
-        elif own is None and self.bodies:
+        """A number of the finding, or of all bodies together; None if there is none."""
+        own = getattr(self.finding, name)
+        if own is None and self.bodies:
             known = [getattr(body, name) for body in self.bodies.values()]
             own = None if None in known else of_bodies(known)
         return None if own is None else float(own)
@@ -278,7 +271,7 @@ class Match:
         Nearly flat objects have a second one with reversed depth. If none is certain, the match is ambiguous, even if
         its assignment is certain. Empty for problems without a pose of their camera.
         """
-        return other_poses(self.finding if self.sightings is None else self.sightings.copies.finding)
+        return other_poses(self.finding if self.sightings is None else self.sightings.finding)
 
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
         """Poses of any assignment (n,) between these points, −1 where unmatched.
@@ -333,17 +326,10 @@ def _score(value: float) -> float | None:
 def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:
     """The public result of what was found in so many seconds: the only place that makes a `Match`."""
 
-    def one(part: Finding, task: MatchingTask | None = None) -> Match:
-        copies = isinstance(part.task.problem, RigCopies)
-        shown = of_points(part, task) if copies else part
-        bodies = None
-        if part.parts is not None:
-            own: Callable[[int], MatchingTask | None] = shown.task.body if copies else lambda _: None
-            bodies = {label: one(body, own(k)) for k, (label, body) in enumerate(part.parts.items())}
-        sightings = None
-        if copies:
-            every = bodies and {k: body.sightings.copies for k, body in bodies.items() if body.sightings is not None}
-            sightings = Sightings(Match(finding=part, seconds=seconds, stopped_early=stopped_early, bodies=every))
+    def one(part: Finding) -> Match:
+        bodies = None if part.parts is None else {label: one(body) for label, body in part.parts.items()}
+        sightings = None if part.task.rig is None else Sightings(part)
+        shown = part if sightings is None else of_first_cameras(part)
         return Match(finding=shown, seconds=seconds, stopped_early=stopped_early, sightings=sightings, bodies=bodies)
 
     return one(finding)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.poses import poses_of
+from rootmatch.explain.predicted_poses import polished_pose
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.pose_fit.pose import Pose
-
-if TYPE_CHECKING:
-    from rootmatch.result import Match
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -35,29 +34,31 @@ class Sightings:
         Of each point: of its surest sighting, or the least of those that an unseen point lacks.
     """
 
-    copies: Match
+    finding: Finding
 
     @property
     def cameras(self) -> int:
         """Number of cameras."""
-        problem = self.copies.task.problem
-        assert isinstance(problem, RigCopies)
-        return len(problem.copies.offsets)
+        return self.finding.task.rows // self.finding.task.shape[0]
 
     @property
     def assignment(self) -> Integers:
         """Index into the target of each source point in each camera, (C, n); −1 where it is not seen."""
-        return self.copies.assignment.reshape(self.cameras, -1)
+        return self.finding.assignment.reshape(self.cameras, -1)
 
     @property
     def alternatives(self) -> list[Integers]:
         """The next most probable sightings."""
-        return [other.reshape(self.cameras, -1) for other, _ in self.copies.alternatives]
+        return [other.reshape(self.cameras, -1) for other in self.finding.others]
 
-    @property
+    @cached_property
     def poses(self) -> list[Pose | None]:
         """Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point."""
-        return self.copies.poses
+        found = self.finding
+        matched = np.count_nonzero(found.assignment >= 0)
+        if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
+            return [polished_pose(found)]
+        return poses_of(found.task, [found.assignment], found.motion_labels)[0]
 
     @property
     def pose(self) -> Pose | None:
@@ -67,6 +68,43 @@ class Sightings:
     @cached_property
     def confidence(self) -> Floats:
         """Confidence of each point (n,): that of its surest sighting; if unseen, the least over the cameras."""
-        each = self.copies.confidence.reshape(self.assignment.shape)
+        known = self.finding.every_confidence
+        each = np.full(self.assignment.shape, np.nan) if known is None else known.reshape(self.assignment.shape)
         surest = np.where(self.assignment >= 0, each, -1.0).max(axis=0)
         return np.asarray(np.where((self.assignment >= 0).any(axis=0), surest, each.min(axis=0)))
+
+
+def of_first_cameras(finding: Finding) -> Finding:
+    """The finding of a rig with one detection for each point: that of the first camera that sees it."""
+    task = finding.task
+    n, n_target = task.shape
+    first, camera = _first_of(finding.assignment.reshape(-1, n))
+    others, scores = [], [finding.every_score[0]]
+    for other, score in finding.alternatives:
+        seen = _first_of(other.reshape(-1, n))[0]
+        if not np.array_equal(seen, first):
+            others.append(seen)
+            scores.append(score)
+    points = np.flatnonzero(first >= 0)
+    rows = camera[points] * n + points
+    soft, labels = np.zeros((n, n_target)), np.full(n, -1, np.int64)
+    soft[points, first[points]] = finding.soft_assignment[rows, first[points]]
+    labels[points] = finding.motion_labels[rows]
+    i, j = np.divmod(finding.tensor.indices.astype(np.int64), max(n_target, 1))
+    indices = (i % n * n_target + j).astype(np.int32)
+    return replace(
+        finding,
+        assignment=first,
+        others=others,
+        scores=scores,
+        soft=soft,
+        tensor=AffinityTensor.unchecked(indices, np.asarray(finding.tensor.weights), (n, n_target), task.weights),
+        labels=labels,
+    )
+
+
+def _first_of(sightings: Integers) -> tuple[Integers, Integers]:
+    """The detection of each point in the first camera that has one, −1 for none, and that camera; of (C, n)."""
+    seen = sightings >= 0
+    camera = seen.argmax(axis=0)
+    return np.where(seen.any(axis=0), sightings[camera, np.arange(sightings.shape[1])], -1), camera

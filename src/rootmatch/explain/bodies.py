@@ -24,7 +24,6 @@ from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.decide import MIN_PROBABILITY, Status
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.point_set_decision import lead_over_others
-from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.samplers.guided.sampler import pays
 
@@ -162,7 +161,7 @@ def searched_among(
     if task.problem.takes_motion_prior:
         sub = replace(sub, prior_pose=part.prior_pose, rival_poses=part.rival_poses)
     try:
-        of_rig = isinstance(sub.problem, RigCopies)
+        of_rig = sub.rig is not None
         bounded = sub.budget is None and sub.options.chosen_sampler == "auto" and sub.options.scheduler is None
         bounded = bounded and (of_rig or pays(sub.sampling_task))
         if bounded:

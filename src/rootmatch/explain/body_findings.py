@@ -19,19 +19,19 @@ Integers = NDArray[np.int64]
 
 
 def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], evaluated: int) -> Finding:
-    """The finding of all bodies: the sum of their scores, the lead of the least sure one."""
-    n, n_target = task.shape
+    """The finding of all bodies by label, rows and finding: the sum of their scores, the lead of the least sure one."""
+    n, n_target = task.row_shape
     assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
     soft = np.zeros((n, n_target))
     indices, weights = [], []
     parts: dict[Label, Finding] = {}
-    for k, (label, points, found) in enumerate(bodies):
+    for k, (label, rows, found) in enumerate(bodies):
         parts[label] = found
-        assignment[points] = found.assignment
-        labels[points] = np.where(found.assignment >= 0, k, -1)
-        soft[points] = found.soft_assignment
+        assignment[rows] = found.assignment
+        labels[rows] = np.where(found.assignment >= 0, k, -1)
+        soft[rows] = found.soft_assignment
         i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
-        indices.append((points[i] * n_target + j).astype(np.int32))
+        indices.append((rows[i] * n_target + j).astype(np.int32))
         weights.append(np.asarray(found.tensor.weights))
     every = list(parts.values())
     return Finding(
@@ -39,7 +39,9 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
         assignment=assignment,
         others=[],
         facts=Facts(lead=min(found.margin for found in every)),
-        tensor=AffinityTensor.unchecked(np.concatenate(indices), np.concatenate(weights), task.shape, task.weights),
+        tensor=AffinityTensor.unchecked(
+            np.concatenate(indices), np.concatenate(weights), task.row_shape, task.row_weights
+        ),
         scores=[_total([found.every_score[0] for found in every])],
         soft=soft,
         labels=labels,
@@ -57,7 +59,7 @@ def _total(scores: list[float]) -> float:
 
 def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
     """A finding among some detections as one among all of them."""
-    n, n_target = task.shape
+    n, n_target = task.row_shape
     i, j = np.divmod(found.tensor.indices, np.int32(len(columns)))
     indices = (i * np.int32(n_target) + columns.astype(np.int32)[j]).astype(np.int32)
     soft = np.zeros((n, n_target))
@@ -81,5 +83,5 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
         others=[of_all(other) for other in found.others],
         scores=found.every_score,
         soft=soft,
-        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), (n, n_target), task.weights),
+        tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), task.row_shape, task.row_weights),
     )

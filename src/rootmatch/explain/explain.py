@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
-from rootmatch.errors import InputError
 from rootmatch.explain.assessment import assess
 from rootmatch.explain.bodies import match_bodies
 from rootmatch.explain.dense_image import match_dense
@@ -24,8 +23,7 @@ from rootmatch.explain.noise_estimation import solve_with_estimated_noise
 from rootmatch.explain.point_set_decision import decided_by_model, solution_by_model
 from rootmatch.explain.predicted_pose import UNCONFIRMED, match_predicted
 from rootmatch.explain.proposed_pairs import motions_of_pairs, pays
-from rootmatch.explain.rig_copies import RigCopies, copies_task, is_rig
-from rootmatch.explain.rig_search import match_copies
+from rootmatch.explain.rig_search import match_rig
 from rootmatch.explain.sampling import affordable, sample, swept
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.two_view_decision import assessed as judged_by_views
@@ -39,28 +37,23 @@ SOLVED = 0.6
 def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     """The finding of a task; its noise is estimated first if requested.
 
-    The finding of a rig is that of the copies of its points, see `rootmatch.explain.rig_copies`. Unless ``searching``,
-    nothing is looked for elsewhere than about predicted poses; of several bodies in images, it may choose what.
+    The assignments of a rig are of sightings, see `MatchingTask.rows`. Unless ``searching``, nothing is looked for
+    elsewhere than about predicted poses; of several bodies in images, it may choose what.
     """
     if not searching:
-        return _predicted(copies_task(task) if is_rig(task) else task)
+        return _predicted(task)
     if callable(searching):
         with task.deadline.with_grace().enforced():
-            every = copies_task(task) if is_rig(task) else task
-            if is_modelled(every.body(0)):
-                return match_bodies_in_image(every, _explained, choice=searching)
-            found = _predicted(every)
+            if is_modelled(task.body(0)):
+                return match_bodies_in_image(task, _explained, choice=searching)
+            found = _predicted(task)
             return found if searching(found) is None else _explained(task)
-    if task.estimates_noise and is_rig(task):
-        raise InputError("noise: it is not estimated for a rig; give a number of pixels")
     with task.deadline.with_grace().enforced():
         return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 
 
 def _explained(task: MatchingTask) -> Finding:
     """The finding of a task whose noise is known; an empty one if there is no time for anything."""
-    if is_rig(task):
-        task = copies_task(task)
     try:
         return _found(task)
     except OutOfTime:
@@ -84,8 +77,8 @@ def _found(task: MatchingTask) -> Finding:
         return match_known(task, _explained)
     if of_camera and task.prior_pose is not None:
         return match_predicted(task, _explained)
-    if isinstance(task.problem, RigCopies):
-        return match_copies(task)
+    if task.rig is not None:
+        return match_rig(task)
     if (decided := decided_by_model(task)) is not None:
         return decided
     if (dense := match_dense(task)) is not None:

@@ -35,6 +35,8 @@ Floats = NDArray[np.float64]
 class Finding:
     """An assignment and what is known about it; `rootmatch.Match` explains what the attributes mean to a caller.
 
+    The finding of a rig has a row for each sighting of a point, see `MatchingTask.rows`: n is their number.
+
     Attributes
     ----------
     task : MatchingTask
@@ -106,6 +108,18 @@ class Finding:
         return replace(self, facts=replace(self.facts, **facts))
 
     @property
+    def every_confidence(self) -> Floats | None:
+        """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""
+        if self.confidence is not None or self.parts is None:
+            return self.confidence
+        assert self.task.bodies is not None
+        out = np.full(self.task.rows, np.nan)
+        for k, part in enumerate(self.parts.values()):
+            own = part.every_confidence
+            out[self.task.sightings_of(self.task.bodies.points_of(k))] = np.nan if own is None else own
+        return out
+
+    @property
     def probability(self) -> float | None:
         """Probability of the assignment, if the status needed it."""
         return self.facts.probability
@@ -156,7 +170,7 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
     named += [] if sampled.consensus is None else [sampled.consensus]
     return named, Finding(
         task=task,
-        assignment=named[0] if named else np.full(task.shape[0], -1, np.int64),
+        assignment=named[0] if named else np.full(task.rows, -1, np.int64),
         others=named[1 : 1 + TRUST.alternatives],
         facts=Facts(confirmed=False),
         tensor=sampled.tensor,
@@ -168,19 +182,18 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
 
 def nothing_found(task: MatchingTask, reason: str) -> Finding:
     """The finding of a task that leaves nothing to match."""
-    n, n_target = task.shape
     return Finding(
         task=task,
-        assignment=np.full(n, -1, np.int64),
+        assignment=np.full(task.rows, -1, np.int64),
         others=[],
         facts=Facts(confirmed=False, lead=0.0),
         tensor=empty_tensor(task),
         scores=[0.0],
-        soft=np.zeros((n, n_target)),
+        soft=np.zeros(task.row_shape),
         reason=reason,
     )
 
 
 def empty_tensor(task: MatchingTask) -> AffinityTensor:
     """The tensor of a task of which no hyper-edge was evaluated."""
-    return AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.shape)
+    return AffinityTensor.unchecked(np.empty((0, task.problem.order), np.int32), np.empty(0), task.row_shape)

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.bodies import LATE, Solve, budgets_of, searched_among
 from rootmatch.explain.body_findings import joined
-from rootmatch.explain.body_labels import Label
+from rootmatch.explain.body_labels import Label, twin_points
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
 from rootmatch.explain.known_pose import proposals_by_knowledge
-from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
 from rootmatch.model.proposals import Proposals
@@ -56,7 +55,8 @@ class _Body:
     number: int
     task: MatchingTask
     """Of its points and all detections."""
-    points: Integers
+    rows: Integers
+    """Of an assignment of all bodies: its points or, of a rig, their sightings."""
     found: Finding
     """Of its last search, or of its prediction."""
     candidate: Candidate
@@ -135,7 +135,7 @@ def match_bodies_in_image(
     bodies = [_body(task, k) for k in range(len(task.bodies.names))]
     for body in bodies:
         others = (other for other in bodies if other is not body)
-        body.alike = [other.number for other in others if twin_of(body.task, other.task, options.alike) is not None]
+        body.alike = [other.number for other in others if _is_alike(body.task, other.task, options.alike)]
     with suppress(OutOfTime):
         free = _predict(task, bodies, options)
         if choice is None:
@@ -158,7 +158,7 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
         taken[one.assignment[one.assignment >= 0]] = True
         found[body.number] = replace(one, reason=None) if len(body.told.probabilities) else one
     names = task.bodies.names
-    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.points, found[k]) for k, body in enumerate(bodies)]
+    every: list[tuple[Label, Integers, Finding]] = [(names[k], body.rows, found[k]) for k, body in enumerate(bodies)]
     return joined(task, every, sum(body.evaluated for body in bodies))
 
 
@@ -167,7 +167,13 @@ def _body(task: MatchingTask, number: int) -> _Body:
     assert task.bodies is not None
     own = task.body(number)
     nothing = nothing_found(own, LATE)
-    return _Body(number, own, task.bodies.points_of(number), nothing, Candidate.of(own, []), told=unknown(own.shape[0]))
+    rows = task.sightings_of(task.bodies.points_of(number))
+    return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows))
+
+
+def _is_alike(first: MatchingTask, second: MatchingTask, tolerance: float) -> bool:
+    """Whether two bodies have the same or the mirrored shape."""
+    return twin_points(first.points.source, second.points.source, tolerance) is not None
 
 
 def _predict(task: MatchingTask, bodies: list[_Body], options: BodyOptions) -> NDArray[np.bool_]:

@@ -76,7 +76,7 @@ def told_by(
     taken : (n',) bool array, optional
         Detections of other bodies: the result is a mode without any of them, or nothing.
     """
-    n, modes, prior = base.task.shape[0], told.modes, body.model.prior
+    n, modes, prior = base.task.rows, told.modes, body.model.prior
     count = len(told.probabilities)
     used = [one[one >= 0] for one in modes.assignments]
     free = [k for k in range(count) if taken is None or not taken[used[k]].any()]
@@ -154,7 +154,7 @@ def without_hyperedges(found: Finding) -> Finding:
     """A finding without hyper-edges: it has no scores, and its lead follows from its odds."""
     probability = found.probability or 0.0
     lead = max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
-    matched, soft = np.flatnonzero(found.assignment >= 0), np.zeros(found.task.shape)
+    matched, soft = np.flatnonzero(found.assignment >= 0), np.zeros(found.tensor.shape)
     if found.confidence is not None:
         soft[matched, found.assignment[matched]] = found.confidence[matched]
     return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), soft=soft)

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.cameras.base import CameraModel
+from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.few_point_twins import twins_of_few
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
-from rootmatch.explain.rig_copies import RigCopies, twin_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
@@ -71,7 +72,7 @@ class Candidate:
     @classmethod
     def of(cls, task: MatchingTask, assignments: list[Integers], tensor: AffinityTensor | None = None) -> Candidate:
         """The candidate by the assignments that were found, and by the hyper-edges of a sweep."""
-        nothing = cls(task, model_of(task), no_modes(task.shape[0]))
+        nothing = cls(task, model_of(task), no_modes(task.rows))
         if tensor is not None:
             assignments = [*assignments, *nothing.gathered(tensor)]
         return nothing.proposed(assignments) if assignments else nothing
@@ -114,8 +115,10 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
     for body in bodies:
         more = []
         for other in bodies:
-            image = None if other is body else twin_of(other.task, body.task, OPTIONS.alike)
-            if image is not None and len(other.modes.log_odds):
+            sources = other.task.points.source, body.task.points.source
+            twin = None if other is body else twin_points(*sources, OPTIONS.alike)
+            if twin is not None and len(other.modes.log_odds):
+                image = body.task.sightings_of(twin)
                 more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
         every.append(modes_of(body.model, joined(more), body.modes) if more else body.modes)
     return joint_posterior([body.model for body in bodies], every)
@@ -162,19 +165,27 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
 
 def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
-    points, problem = task.points, task.problem
-    camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
+    points, problem, allowed = task.points, task.problem, task.allowed
+    log_weights = None if task.weights is None else candidate_log_odds(task)
+    camera: CameraModel
+    if task.rig is not None:
+        (camera, points), repeats = task.sightings, (len(task.rig.views), 1)
+        own = np.repeat(np.arange(len(task.rig.views)), task.shape[0])[:, None] == task.camera_of
+        allowed = own if allowed is None else own & np.tile(allowed, repeats)
+        log_weights = None if log_weights is None else np.tile(log_weights, repeats)
+        target, sigma = points.target, points.detection_noise
+    else:
+        camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
     centre, upright, known = points.source.mean(axis=0), vertical_of(problem), knowledge_of(task)
     prior: PoseDensity = ANY_POSE if upright is None else Known(upright, centre)
     if known is not None:
         prior = Doubted([Known(known, centre)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
         prior = _with_predictions(task, prior)
-    log_weights = None if task.weights is None else candidate_log_odds(task)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, rate=task.options.detection_rate, prior=prior,
-        allowed=task.allowed, log_weights=log_weights, resolution=task.options.resolution or 0.0,
+        allowed=allowed, log_weights=log_weights, resolution=task.options.resolution or 0.0,
     )  # fmt: skip
 
 
@@ -191,11 +202,10 @@ def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
     """Assignments with their fitted poses, and all poses of those with few matches."""
-    n = task.shape[0]
     enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
     every = list({one.tobytes(): one for one in enough}.values())
     if not every:
-        return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
+        return Proposals(np.empty((0, task.rows), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
     rows = np.array(every)
     return joined([rough_fits(model, rows), poses_of_few(model, rows)])
 
@@ -216,27 +226,20 @@ def _best(modes: Modes) -> Proposals:
 
 def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:
     """Poses in which a few other points of the body lie where the few that are matched do."""
-    images = max(len(model.images), 1)
-    n, parts = model.shape[0] // images, []
-    blocks = n * np.arange(images)[:, None]
+    parts = []
     for k, assignment in enumerate(found.assignments):
-        few = np.flatnonzero((assignment.reshape(images, n) >= 0).any(axis=0))
+        few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
         if not task.problem.minimal <= len(few) <= FEW:
             continue
-        twins = twins_of_few(model.points[:n], few)
-        if len(twins):
-            sightings = np.where(twins[:, None] >= 0, blocks + twins[:, None], -1).reshape(len(twins), -1)
-            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, sightings))
+        images = [task.sightings_of(twin) for twin in twins_of_few(task.points.source, few)]
+        if images:
+            parts.append(look_alikes(found.take(np.array([k])), model.points, model.points, np.array(images)))
     return parts
 
 
 def _symmetries(task: MatchingTask) -> list[Integers]:
-    """Index of the point, or sighting, at the place of each in the near symmetries of a body."""
-    problem, points, normals = task.problem, task.points.source, task.points.normals
-    blocks = np.zeros((1, 1), np.int64)
-    if isinstance(problem, RigCopies):
-        points, blocks = problem.copies.points, np.arange(len(problem.copies.offsets))[:, None]
-        normals = None if normals is None else normals[: len(points)]
+    """Row of an assignment at the place of each in the near symmetries of a body."""
+    points, normals = task.points.source, task.points.normals
     found = [*symmetries_of(points, normals), *symmetries_of(points, normals, mirrored=True)]
     images = {one.image.tobytes(): one.image for one in found}.values()
-    return [np.where(image >= 0, blocks * len(points) + image, -1).ravel() for image in images]
+    return [task.sightings_of(image) for image in images]

@@ -18,13 +18,11 @@ from rootmatch.explain.image_decision import told_by
 from rootmatch.explain.image_hypotheses import PREDICTION, Candidate
 from rootmatch.explain.known_rotation import lines_of_sight, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
-from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.pose_prior import Gaussian
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals, joined
-from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.up2p import UP2P
@@ -32,7 +30,6 @@ from rootmatch.problems.up2p import UP2P
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NOT_TURNED = np.eye(3)
 SURE = 0.1
 """Standard deviation of a direction, in radians, up to which a search takes it for a vertical. A round value."""
 REACH = 4.0
@@ -114,19 +111,10 @@ def near_position(task: MatchingTask) -> Integers:
     return np.flatnonzero(off <= reach)
 
 
-def _upright(task: MatchingTask, known: PosePrior) -> P3P | UP2P | RigCopies | None:
-    """The problem of a search that takes a known direction for a vertical; None if none is known well enough."""
-    down, problem = known.down, task.problem
-    if down is None or down[2] > SURE or isinstance(problem, UP2P):
+def _upright(task: MatchingTask, known: PosePrior) -> UP2P | None:
+    """`UP2P` of the same camera with a known direction for its vertical; None if none is known well enough."""
+    problem = task.problem
+    if known.down is None or known.down[2] > SURE or isinstance(problem, UP2P):
         return None
-    if isinstance(problem, RigCopies):
-        return replace(problem, task=replace(problem.task, known=known))
-    return upright_problem(problem, known)  # type: ignore[arg-type]
-
-
-def upright_problem(problem: P3P, known: PosePrior, turn: Floats = NOT_TURNED) -> UP2P:
-    """`UP2P` of the same camera, with a known direction for its vertical; ``turn``: of the camera in its rig."""
-    assert known.down is not None
     source, vertical, noise = known.down
-    vertical = turn @ vertical
-    return UP2P(problem.camera, tuple(vertical.tolist()), tuple(source.tolist()), noise)
+    return UP2P(problem.camera, tuple(vertical.tolist()), tuple(source.tolist()), noise)  # type: ignore[attr-defined]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.deadline import checkpoint
-from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
@@ -86,34 +85,28 @@ def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionMode
 
 def lines_of_sight(task: MatchingTask) -> tuple[Floats, Floats, Floats]:
     """Origins (n', 3) and unit directions (n', 3) of the detections' lines of sight, and their σ (n',) in radians."""
-    points, problem = task.points, task.problem
-    if not isinstance(problem, RigCopies):
-        camera = problem.camera  # type: ignore[attr-defined]
-        rays = np.asarray(camera.bearings(points.target), np.float64)
-        return np.zeros_like(rays), rays, np.asarray(camera.angular_noise(points.target, points.target_noise))
-    copies = problem.copies
-    origins, rays, sigma = np.empty((len(points.target), 3)), np.empty((len(points.target), 3)), points.target_noise
-    angles = np.empty(len(points.target))
-    for k, (camera, own) in enumerate(zip(copies.rig.cameras, copies.images(), strict=True)):
-        pixels = points.target[own] - copies.offsets[k]
-        origins[own] = copies.rig.centres[k]
-        rays[own] = camera.bearings(pixels) @ copies.rig.rotations[k]
-        angles[own] = camera.angular_noise(pixels, sigma[own])
-    return origins, rays, angles
+    points, camera = task.points, task.problem.camera  # type: ignore[attr-defined]
+    rays = np.asarray(camera.bearings(points.target), np.float64)
+    origins = np.zeros_like(rays) if task.rig is None else task.rig.centres[task.camera_of]
+    return origins, rays, np.asarray(camera.angular_noise(points.target, points.target_noise))
 
 
 def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) -> tuple[Integers, Floats]:
-    """Pairs of matches (K, 2, 2) that agree with the rotation, points before detections, and the origin by each."""
+    """Pairs of matches (K, 2, 2) that agree with the rotation, and the origin (K, 3) by each.
+
+    Rows of an assignment come before detections.
+    """
     assert known.turn is not None
     (R, covariance), (origins, rays, angles) = known.turn, lines_of_sight(task)
     sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
     turned = task.points.source @ R.T
     i, j = np.nonzero(_possible(task, known, turned, rays, origins=origins, sigma=sigma))
+    row = task.camera_of[j] * task.shape[0] + i
     first, second = np.triu_indices(len(i), 1)
     if len(first) > MOST_PAIRS:
         some = np.sort(rng.choice(len(first), MOST_PAIRS, replace=False))
         first, second = first[some], second[some]
-    different = (j[first] != j[second]) & (i[first] != i[second])
+    different = (j[first] != j[second]) & (row[first] != row[second])
     first, second = first[different], second[different]
     a, b = rays[j[first]], rays[j[second]]
     apart = turned[i[first]] - turned[i[second]] + origins[j[second]] - origins[j[first]]
@@ -133,7 +126,7 @@ def _agreeing(task: MatchingTask, known: PosePrior, rng: np.random.Generator) ->
     first, second = first[agrees], second[agrees]
     one = origins[j[first]] + depth_a[agrees, None] * a[agrees] - turned[i[first]]
     other = origins[j[second]] + depth_b[agrees, None] * b[agrees] - turned[i[second]]
-    pairs = np.stack([np.stack([i[first], i[second]], axis=1), np.stack([j[first], j[second]], axis=1)], axis=1)
+    pairs = np.stack([np.stack([row[first], row[second]], axis=1), np.stack([j[first], j[second]], axis=1)], axis=1)
     return pairs, 0.5 * (one + other)
 
 

@@ -20,6 +20,7 @@ from rootmatch.explain.validation import (
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Affinity, Residual, affinity
 from rootmatch.problems.base import Problem
 from rootmatch.samplers.base import Sampler
+from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.solvers import MultiStartAscent, Solver, get_solver
 
 SamplerName = Literal["auto", "exhaustive", "random", "guided"]
@@ -86,6 +87,27 @@ class MatchOptions:
         if self.residual is not None and not isinstance(self.residual, str | Residual):
             raise InputError(f"residual: {self.residual!r} given; give its name or a Residual")
         get_solver("ascent" if self.solver is None else self.solver)
+
+    def check_rig(self) -> None:
+        """Refuse options that rigs do not support.
+
+        Raises
+        ------
+        InputError
+            If one of them is given.
+        """
+        searches = self.sampler in (None, "auto", "guided") or isinstance(self.sampler, Guided)
+        given = {
+            "motions": self.motions != 1,
+            "preset": self.preset is not None,
+            "solver": self.solver is not None,
+            "scheduler": self.scheduler is not None,
+            "samples": self.samples is not None,
+            "sampler": not searches,
+        }
+        for name, is_given in given.items():
+            if is_given:
+                raise InputError(f"{name}: not supported for a rig; leave it out")
 
     def least_probability(self, default: float) -> float:
         """Probability from which a match is trusted: as given, or this default."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.pose_prior import Gaussian, Known
@@ -26,8 +25,6 @@ Integers = NDArray[np.int64]
 
 def vertical_of(problem: Problem) -> PosePrior | None:
     """The vertical that a problem has by itself."""
-    if isinstance(problem, RigCopies):
-        problem = problem.task.problem
     if not isinstance(problem, UP2P):
         return None
     return PosePrior(vertical=(problem.vertical_world, problem.vertical_camera, float(problem.vertical_noise)))
@@ -57,7 +54,8 @@ def polished_pose(found: Finding) -> Pose | None:
     assert pose is not None
     if task.problem.takes_motion_prior:
         return pose  # what is known is part of it, in closed form
-    points, problem, known = task.points, task.problem, knowledge_of(task)
+    problem, known = task.problem, knowledge_of(task)
+    points = task.points if task.rig is None else task.sightings[1]
     if found.model is not None:
         points = resolved(found.model, points, assignment, pose)
     prior = None
@@ -65,10 +63,10 @@ def polished_pose(found: Finding) -> Pose | None:
         prior = Known(known, points.source.mean(axis=0)).about(pose)
     elif prior_holds:
         prior = _with_tails(task, predictions_of(task)[0][0], pose)
-    elif isinstance(problem, RigCopies) and (upright := vertical_of(problem)) is not None:
+    elif task.rig is not None and (upright := vertical_of(problem)) is not None:
         prior = Known(upright, points.source.mean(axis=0)).about(pose)
-    if isinstance(problem, RigCopies):
-        return rig_pose(problem.copies, points, assignment, prior, start=pose)
+    if task.rig is not None:
+        return rig_pose(task.sightings[0], points, assignment, prior, start=pose)
     if isinstance(problem, UP2P) and prior is None:
         return problem.poses(points, assignment[None])[0]  # the vertical may be exact
     return camera_poses(points, problem.camera, assignment[None], prior=prior, start=pose)[0]  # type: ignore[attr-defined]

@@ -1,14 +1,12 @@
 """Matches of a rig: several cameras see one body at once.
 
 Hypotheses come from minimal sets within one camera. Each is a pose of the rig, which predicts the detections of all
-cameras; those that it gathers there are what the model of all images judges. All of this works on copies of the points
-(`rootmatch.explain.rig_copies`), as do predictions and bodies; `rig_copies.of_points` makes the finding of the points.
+cameras; those that it gathers there are what the model of all images judges.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +14,6 @@ from numpy.typing import NDArray
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
 from rootmatch.explain.image_hypotheses import model_of
-from rootmatch.explain.known_pose import upright_problem
-from rootmatch.explain.rig_copies import RigCopies
 from rootmatch.explain.rig_triples import assignments_of_triples
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -57,53 +53,46 @@ SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
 
-def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
-    """The match of a task of copies, searched without a prediction.
+def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
+    """The match of a task of a rig, searched without a prediction.
 
     `Finding.converged` says whether each camera's search ended before its budget.
     """
-    problem = task.problem
-    assert isinstance(problem, RigCopies)
     if task.budget is not None:
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
-    sampled, hypotheses, whole = _searched(task, problem, model, options)
+    sampled, hypotheses, whole = _searched(task, model, options)
     found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)))
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
 def _searched(
-    task: MatchingTask, problem: RigCopies, model: DetectionModel, options: RigOptions
+    task: MatchingTask, model: DetectionModel, options: RigOptions
 ) -> tuple[SampledTensor, list[Integers], bool]:
-    """Hyper-edges within the cameras, and assignments of copies that hypotheses of single cameras name.
+    """Hyper-edges within the cameras, and assignments of sightings that hypotheses of single cameras name.
 
     The last value says whether every camera's search ended before its budget. A pose that one camera's search would
     have met was not missed.
     """
-    copies, points = problem.copies, problem.task
-    n, n_target = points.shape
+    assert task.rig is not None
+    n, n_target = task.shape
     guided = task.options.sampler
     if not isinstance(guided, Guided):
         guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     searching = task.deadline.part(SEARCHED)
-    for k, camera in enumerate(copies.rig.cameras):
-        own = np.flatnonzero(copies.owner == k)
-        if len(own) < problem.order - 1 or searching.passed() or task.search_camera not in (None, k):
+    for k, camera in enumerate(task.rig.cameras):
+        own = np.flatnonzero(task.camera_of == k)
+        if len(own) < P3P.minimal or searching.passed() or task.search_camera not in (None, k):
             continue
-        part = points.subset(np.arange(n), own)
-        turn = copies.rig.rotations[k]
-        alone: Any = points.problem.of_view(camera, turn)  # type: ignore[attr-defined]
-        if points.known is not None:
-            alone = upright_problem(alone, points.known, turn)
+        part = task.subset(np.arange(n), own)
         part = replace(
             part,
-            problem=alone,
-            known=None,
+            problem=task.problem.of_view(camera, task.rig.rotations[k]),  # type: ignore[attr-defined]
             points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
             options=replace(part.options, sampler=guided),
-            deadline=searching.part(1.0 / (len(copies.rig.cameras) - k)),
+            deadline=searching.part(1.0 / (len(task.rig.cameras) - k)),
         )
         of_triples = replace(part, problem=P3P(camera))  # a measured vertical has its say in the model
         hypotheses += assignments_of_triples(of_triples, model, k, own, guided)
@@ -117,12 +106,12 @@ def _searched(
         weights.append(np.asarray(sampled.tensor.weights))
         for assignment in sampled.assignments if sampled.assignments is not None else []:
             if (assignment >= 0).sum() >= LEAST:
-                one = np.full(len(task.points.source), -1, np.int64)
+                one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
-    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.shape, task.weights)
+    tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.row_shape, task.row_weights)
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
 
 

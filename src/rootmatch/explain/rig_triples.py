@@ -29,14 +29,14 @@ camera are detected, 256 find as many as 1,024: 2,843 for 2,847 of 3,084 bodies 
 def assignments_of_triples(
     part: MatchingTask, model: DetectionModel, camera: int, own: Integers, options: GuidedOptions
 ) -> list[Integers]:
-    """Assignments of copies that triples of one camera lead to in all cameras, the most likely first.
+    """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
 
     Parameters
     ----------
     part : MatchingTask
         Of that camera and its detections.
     model : DetectionModel
-        Of the copies and all detections.
+        Of the sightings and all detections.
     camera : int
     own : (m,) int64 array
         The detections of that camera among all.

@@ -11,6 +11,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.cameras.rig import Rig, rig_of
+from rootmatch.cameras.rig_image import RigImage
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import BodyLabels, Label, check_bodies
@@ -25,6 +27,7 @@ from rootmatch.problems.noise import parse_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
+from rootmatch.problems.pose_fit.rig_fit import sightings_in
 from rootmatch.problems.residual_dispatch import kinds_of
 from rootmatch.samplers.base import SamplingTask
 
@@ -41,6 +44,8 @@ SAMPLED, RESERVE = 0.7, 0.5
 @dataclass(frozen=True, eq=False)
 class MatchingTask:
     """Points, problem and options, validated.
+
+    Detections of a rig have a camera each, and an assignment has a row for each sighting: every point in every camera.
 
     Attributes
     ----------
@@ -130,6 +135,8 @@ class MatchingTask:
         """
         check_problem(problem)
         options = options or MatchOptions()
+        if rig_of(problem) is not None:
+            options.check_rig()
         if prior is not None:
             Capability.PRIOR.require(problem.takes_prior or problem.takes_motion_prior, problem.name)
         if options.resolution is not None:
@@ -140,6 +147,8 @@ class MatchingTask:
             check_choice("noise", noise, ("auto",))
             if source_noise is not None:
                 raise InputError('noise: "auto" is not estimated beside source_noise=; give a number')
+            if rig_of(problem) is not None:
+                raise InputError("noise: it is not estimated for a rig; give a number of pixels")
             noise = 0.0  # until it is estimated
         problem = problem.for_points(source)
         least = 1 if prior is not None and problem.takes_prior else None
@@ -182,6 +191,44 @@ class MatchingTask:
     def shape(self) -> tuple[int, int]:
         """Number of source and target points, (n, n')."""
         return self.points.shape
+
+    @property
+    def rig(self) -> Rig | None:
+        """The rig of cameras that see the target; None for one camera, or none."""
+        return rig_of(self.problem)
+
+    @property
+    def rows(self) -> int:
+        """Rows of an assignment: points or, of a rig, their sightings in all cameras."""
+        return self.shape[0] * (1 if self.rig is None else len(self.rig.views))
+
+    @property
+    def row_shape(self) -> tuple[int, int]:
+        """Numbers of an assignment's rows and of target points."""
+        return self.rows, self.shape[1]
+
+    @cached_property
+    def camera_of(self) -> NDArray[np.int64]:
+        """Camera (n',) of each detection; 0 without a rig."""
+        if self.rig is None:
+            return np.zeros(self.shape[1], np.int64)
+        return np.asarray(self.points.target[:, 2].astype(np.int64))
+
+    @cached_property
+    def sightings(self) -> tuple[RigImage, PointSets]:
+        """The images of a rig in one plane, and its sightings; see `sightings_in`."""
+        assert self.rig is not None
+        return sightings_in(self.rig, self.points)
+
+    @cached_property
+    def row_weights(self) -> NDArray[np.float64] | None:
+        """Prior weights of each row of an assignment and each detection, (rows, n')."""
+        return None if self.weights is None else np.tile(self.weights, (self.rows // self.shape[0], 1))
+
+    def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows of an assignment for some points, those of the first camera first; −1 for a point −1."""
+        first = np.arange(0, self.rows, self.shape[0])[:, None]
+        return np.where(points >= 0, first + points, -1).ravel()
 
     @property
     def has_prior(self) -> bool:
@@ -276,11 +323,9 @@ class MatchingTask:
         """
         some = np.ix_(source, target)
         allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
-        problem = self.problem.of_some(source, target)
         return replace(
             self,
-            problem=problem,
-            points=problem.in_image(self.points.subset(source, target)),
+            points=self.problem.in_image(self.points.subset(source, target)),
             options=self.options.in_process,
             allowed=allowed,
             weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),

@@ -13,10 +13,10 @@ from rootmatch.cameras.brown import Brown
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import RIM, Rig
+from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
 from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
-from rootmatch.problems.pose_fit.rig_fit import Copies
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def views_of(camera: CameraModel) -> Views | None:
         return _views(((STEREOGRAPHIC, (1.0, 1.0, 0.0, 0.0, *camera.basis.ravel().tolist(), ANTIPODE)),))
     if isinstance(camera, Camera):
         return _of_camera(camera)
-    if isinstance(camera, Copies):
+    if isinstance(camera, RigImage):
         known = _of_rig(camera.rig)
         if known is not None:
             shifts = known.translations if camera.unit == 1.0 else known.translations / camera.unit
@@ -49,7 +49,7 @@ def views_of(camera: CameraModel) -> Views | None:
 
 def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
     """Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras of a rig; no motion for a camera."""
-    if not isinstance(camera, Copies):
+    if not isinstance(camera, RigImage):
         return np.eye(3)[None], np.zeros((1, 3))
     return camera.rig.rotations, camera.rig.translations / camera.unit
 
@@ -57,17 +57,18 @@ def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
 def rays_of(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras, found once for all bodies of an image."""
     target = np.array(target, float)
-    if not isinstance(camera, Copies):
+    if not isinstance(camera, RigImage):
         return _rays(camera, target)
-    return _rays_of_rig(camera.rig, target.tobytes(), np.array(camera.offsets, float).tobytes(), camera.owner.tobytes())
+    arrays = target, np.array(camera.offsets, float), camera.camera_of
+    return _rays_of_rig(camera.rig, *(one.tobytes() for one in arrays))
 
 
 @lru_cache(maxsize=4)
-def _rays_of_rig(rig: Rig, target_bytes: bytes, offset_bytes: bytes, owner_bytes: bytes) -> Floats:
-    target, owner = np.frombuffer(target_bytes).reshape(-1, 2), np.frombuffer(owner_bytes, np.int64)
+def _rays_of_rig(rig: Rig, target_bytes: bytes, offset_bytes: bytes, camera_bytes: bytes) -> Floats:
+    target, camera_of = np.frombuffer(target_bytes).reshape(-1, 2), np.frombuffer(camera_bytes, np.int64)
     rays = np.empty((len(target), 3))
     for k, (camera, offset) in enumerate(zip(rig.cameras, np.frombuffer(offset_bytes).reshape(-1, 2), strict=True)):
-        rays[owner == k] = _rays(camera, target[owner == k] - offset)
+        rays[camera_of == k] = _rays(camera, target[camera_of == k] - offset)
     return rays
 
 

@@ -211,10 +211,6 @@ class Problem(ABC):
         """
         return self
 
-    def of_some(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Problem:
-        """The problem of some of the points: itself, unless it knows which they are."""
-        return self
-
     def prepare(
         self, source: ArrayLike, target: ArrayLike, noise: ArrayLike = 1.0, normals: ArrayLike | None = None
     ) -> Any:

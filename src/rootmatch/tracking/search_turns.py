@@ -9,7 +9,7 @@ import numpy as np
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart
-from rootmatch.explain.rig_copies import RigCopies
+from rootmatch.problems.p3p import P3P
 from rootmatch.tracking.followed_body import FollowedBody
 
 
@@ -35,8 +35,7 @@ def next_part(
 
 def images_of(found: Finding) -> list[int | None]:
     """The images in which a body can be searched for: cameras of a rig that show enough, those that show most first."""
-    problem = found.task.problem
-    if not isinstance(problem, RigCopies):
+    if found.task.rig is None:
         return [None]
-    shown = np.bincount(problem.copies.owner)
-    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= problem.minimal]
+    shown = np.bincount(found.task.camera_of)
+    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= P3P.minimal]
