@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol
@@ -15,10 +16,16 @@ from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
-from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.limits import MOST_PAIRS
+from rootmatch.problems.noise import (
+    check_source_noise,
+    mean_deviation,
+    parse_noise,
+    split_noise,
+    with_model_noise,
+)
 from rootmatch.problems.points import PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.source_noise import check_source_noise, mean_deviation, split_noise, with_model_noise
 
 MOST_RADIANS = 0.5
 """Largest plausible angular noise; beyond it, pixels were probably meant. A round value."""
@@ -33,16 +40,12 @@ class Problem(ABC):
 
     name: ClassVar[str]
     """Short name, also on the command line."""
-    order: ClassVar[int]
-    """Correspondences of a hyper-edge."""
     minimal: ClassVar[int]
     """Correspondences of a minimal set."""
     degree: ClassVar[int]
     """Degree of the univariate polynomial."""
     constraints: ClassVar[int]
     """Independent constraints of a hyper-edge: the degrees of freedom of the ``joint`` residual."""
-    pair_count: ClassVar[int]
-    """Pairs of minimal sets of one hyper-edge that can be compared."""
     source_dimension: ClassVar[int]
     """3 if the source is points in space, 2 if it is an image."""
     target_dimension: ClassVar[int] = 2
@@ -69,6 +72,22 @@ class Problem(ABC):
     The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
     paper_rho_of_exact_data: ClassVar[float] = 1e-12
     """ρ of the paper's preset for exact data, whose residuals are rounding errors (docs/reproduction/rho-scan.csv)."""
+
+    @property
+    def order(self) -> int:
+        """Correspondences of a hyper-edge: one more than those of a minimal set."""
+        return self.minimal + 1
+
+    @property
+    def pair_count(self) -> int:
+        """Pairs of minimal sets of one hyper-edge that can be compared."""
+        return min(math.comb(self.minimal + 1, 2), MOST_PAIRS)
+
+    @property
+    def sensor(self) -> CameraModel | None:
+        """The camera that the target is seen by; None if there is none, or it is part of a measurement."""
+        camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
+        return camera if isinstance(camera, CameraModel) else None
 
     def validated(
         self,
@@ -100,7 +119,7 @@ class Problem(ABC):
         view_angle : float or (n,) array, optional
             Radians from its normal within which a point is visible. Default: π/2.
         source_noise : float, (n,), (n, k) or (n, k, k) array, optional
-            Of the source alone, see `rootmatch.problems.source_noise.check_source_noise`.
+            Of the source alone, see `rootmatch.problems.noise.check_source_noise`.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool
@@ -158,18 +177,14 @@ class Problem(ABC):
             if not alike and self.source_is_image:
                 raise InputError(f"source_noise: {self.name} takes one σ for both axes; give a number or one a point")
             return replace(points, source_noise=sigma, source_covariance=None if alike else covariance)
-        camera = getattr(self, "camera", None)
-        if not (self.takes_prior and isinstance(camera, CameraModel)):
+        if not self.takes_prior or self.sensor is None:
             raise InputError(f"source_noise: {self.name} has exact source points; leave it out")
         covariance = check_source_noise(noise, points.source)
         return self.in_image(replace(points, source_covariance=covariance)) if covariance.any() else points
 
     def in_image(self, points: PointSets) -> PointSets:
         """Points whose detections have the noise of the source in theirs, as far as that shows in the image."""
-        camera = getattr(self, "camera", None)
-        if self.noisy_source or not isinstance(camera, CameraModel):
-            return points
-        return with_model_noise(points, camera)
+        return points if self.noisy_source or self.sensor is None else with_model_noise(points, self.sensor)
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
@@ -179,7 +194,7 @@ class Problem(ABC):
     @property
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
-        return isinstance(getattr(self, "camera", None), UnitRays)
+        return isinstance(self.sensor, UnitRays)
 
     def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
         """Length that counts as a pixel of either set when noise is compared with one; see `checks.LEAST_NOISE`."""
@@ -190,10 +205,9 @@ class Problem(ABC):
 
         Unit rays are mapped to a plane (`rootmatch.cameras.base.CameraModel.chart`).
         """
-        camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
-        if not isinstance(camera, CameraModel):
+        if self.sensor is None:
             return points.target, points.target_noise
-        return camera.chart(points.target, points.target_noise)[1:]
+        return self.sensor.chart(points.target, points.target_noise)[1:]
 
     def _take_dimensions(self, camera: CameraModel, camera2: CameraModel | None = None) -> None:
         """The numbers of a point are those of its camera's detections: in the image, or in both images."""

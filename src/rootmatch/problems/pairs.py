@@ -12,10 +12,8 @@ from typing import Any
 
 from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
 from rootmatch.jit.decorators import kernel
+from rootmatch.problems.limits import MOST_PAIRS
 from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
-
-MOST_PAIRS = 6
-"""Most pairs that can be chosen: those of a hyper-edge of four."""
 
 
 def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:

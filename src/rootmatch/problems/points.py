@@ -35,7 +35,7 @@ class PointSets:
     source_noise, target_noise : (n,), (n',) float64
         Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used. That of
         detections includes what ``source_covariance`` may add in the image
-        (`rootmatch.problems.source_noise.with_model_noise`); `detection_noise` does not.
+        (`rootmatch.problems.noise.with_model_noise`); `detection_noise` does not.
     normals : (n, 3) float64, optional
         Outward normals of the source points, zero where unknown.
     view_cosine : (n,) float64, optional

@@ -13,8 +13,8 @@ from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.vertical import IN_BOTH_IMAGES, Vector, given_direction, rotation_to_vertical
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, TwoViews
+from rootmatch.problems.pose_fit.epipolar_lines import Views
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.relative import Views
 from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
 
 

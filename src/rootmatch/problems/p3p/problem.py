@@ -50,11 +50,9 @@ class P3P(Problem):
 
     camera: CameraModel
     name: ClassVar[str] = "p3p"
-    order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
     to_check: ClassVar[str] = "units and camera"
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"

@@ -51,11 +51,9 @@ class PlanarMotion(TwoImageProblem):
 
     planar: ClassVar[bool] = True
     name: ClassVar[str] = "planar"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 2
     constraints: ClassVar[int] = 1
-    pair_count: ClassVar[int] = 3
     least_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:

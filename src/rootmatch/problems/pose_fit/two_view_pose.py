@@ -24,10 +24,10 @@ from rootmatch.problems.pose_fit.descent import (
     descended,
     lowest_of,
 )
+from rootmatch.problems.pose_fit.epipolar_lines import Views, behind
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.moments import moments
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.relative import Views, behind
 from rootmatch.problems.pose_fit.starts import DOUBTED
 
 Integers = NDArray[np.int64]

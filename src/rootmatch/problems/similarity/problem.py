@@ -63,11 +63,9 @@ class Similarity(Problem):
     dimension: int | None = None
     mirror: bool = False
     name: ClassVar[str] = "similarity"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 3
     to_check: ClassVar[str] = "the units of points and noise"
     least_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True

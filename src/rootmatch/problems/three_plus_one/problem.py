@@ -61,11 +61,9 @@ class ThreePlusOne(TwoImageProblem):
     small_baseline: float = 0.0
     unknown: Unknown = "tan"
     name: ClassVar[str] = "3p1"
-    order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 1
-    pair_count: ClassVar[int] = 6
     least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:

@@ -61,11 +61,9 @@ class UP2P(Problem):
     vertical_world: Vector = ()
     vertical_noise: float = 0.0
     name: ClassVar[str] = "up2p"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 2
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
     to_check: ClassVar[str] = "units, camera and both verticals"
     to_tell: ClassVar[str] = "give normals"

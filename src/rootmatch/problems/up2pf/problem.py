@@ -57,11 +57,9 @@ class UP2PF(Problem):
     vertical_camera: Vector = ()
     vertical_world: Vector = ()
     name: ClassVar[str] = "up2pf"
-    order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 3
-    pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
     least_for_pose: ClassVar[int] = 4
     to_check: ClassVar[str] = "units, centre and both verticals"
