@@ -22,7 +22,6 @@ from rootmatch.problems.pose_fit.descent import (
     covariance_of,
     descended,
     lowest_of,
-    polished,
 )
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
@@ -103,13 +102,12 @@ def camera_poses(
         )
         kept += 1
     state, chi2 = lowest_of(*descended(model.repeated(kept), state), count)
-    state, chi2 = polished(model.repeated, state, chi2, len(axes) + 3)
     if points.source_covariance is not None:
         known = points.source_covariance[packed] / unit**2
         alone = np.where(weight > 0.0, 1.0 / points.detection_noise[target], 0.0)
         for _ in range(REWEIGHTED):
             model = replace(model, white=whitening(camera, places, known, alone, state))
-            state, chi2 = polished(model.repeated, *descended(model, state), len(axes) + 3)
+            state, chi2 = descended(model, state)
     found = _Found(state, chi2, covariance_of(model, state), axes=axes, centre=centre, unit=unit)
     measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
     return [
