@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,6 @@ DELTA = 1e-5
 """Step of central differences, in radians and in the unit of the fit. Not tuned."""
 MOST_DAMPING = 1e12
 """Damping at which a fit that no step improves ends. Not tuned."""
-
-S = TypeVar("S", bound=State)
 
 
 class Model(Protocol):
