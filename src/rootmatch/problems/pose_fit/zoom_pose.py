@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_about_y
+from rootmatch.algebra.rotation import rotation_about_y
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
@@ -78,21 +78,33 @@ def zoom_poses(
     best = (np.arange(count)[:, None] * GRID + np.argsort(cost, axis=1, kind="stable")[:, :STARTS]).ravel()
     state, chi2 = lowest_of(*descended(model.repeated(STARTS), tuple(part[best] for part in starts)), count)
     covariance = covariance_of(model, state)
-    return [
-        _pose(
-            tuple(part[k] for part in state),
-            float(chi2[k]),
-            covariance[k],
-            points,
-            assignments[k],
-            frame=(unit, middle),
-            centre=centre,
-            axis=upright.camera[1],
+    poses: list[Pose | None] = []
+    for k, assignment in enumerate(assignments):
+        if not np.isfinite(chi2[k]):
+            poses.append(None)
+            continue
+        rotation, focal = state[0][k], float(np.exp(state[2][k]))
+        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], model.axes, middle, unit)
+        own[-1] *= focal  # of log f
+        own[:, -1] *= focal
+        members = np.flatnonzero(assignment >= 0)
+        positions = points.source[members] @ rotation.T + translation
+        predicted = centre + focal * positions[:, :2] / positions[:, 2:]
+        poses.append(
+            fitted_pose(
+                rotation,
+                translation,
+                own,
+                chi2=float(chi2[k]),
+                dof=2 * len(members) - 5,
+                points=members,
+                predicted=predicted,
+                residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),
+                sigma=points.target_noise[assignment[members]],
+                focal=focal,
+            )
         )
-        if np.isfinite(chi2[k])
-        else None
-        for k in range(count)
-    ]
+    return poses
 
 
 def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:
@@ -118,39 +130,3 @@ def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> 
         log = np.log(np.where(f > 0.0, f, np.nan))
     count = len(points)
     return np.tile(rotation, (count, 1, 1)), translation.reshape(-1, 3), log.ravel()
-
-
-def _pose(
-    state: State,
-    chi2: float,
-    covariance: Floats,
-    points: PointSets,
-    assignment: Integers,
-    *,
-    frame: tuple[float, Floats],
-    centre: Floats,
-    axis: Floats,
-) -> Pose:
-    """The pose of one fit, in the caller's frame and unit."""
-    unit, middle = frame
-    rotation, focal = state[0], float(np.exp(state[2]))
-    turned = rotation @ middle
-    change = np.zeros((7, 5))
-    change[:3, 0], change[3:6, 1:4], change[6, 4] = axis, unit * np.eye(3), focal
-    change[3:6, 0] = cross_matrix(turned) @ axis
-    members = np.flatnonzero(assignment >= 0)
-    translation = unit * state[1] - turned
-    positions = points.source[members] @ rotation.T + translation
-    predicted = centre + focal * positions[:, :2] / positions[:, 2:]
-    return fitted_pose(
-        rotation,
-        translation,
-        change @ covariance @ change.T,
-        chi2=chi2,
-        dof=2 * len(members) - 5,
-        points=members,
-        predicted=predicted,
-        residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),
-        sigma=points.target_noise[assignment[members]],
-        focal=focal,
-    )
