@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import rootmatch as rm
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 
 K = np.array([[500.0, 0.0, 640.0], [0.0, 500.0, 480.0], [0.0, 0.0, 1.0]])
 CAMERAS = {

@@ -28,7 +28,7 @@ from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, 
 from rootmatch.model.proposals import poses_of_few
 from rootmatch.model.views import frames_of, views_of
 from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
-from rootmatch.problems.pose_fit.initial_poses import poses_of_triples, triples
+from rootmatch.problems.pose_fit.starts import poses_of_triples, triples
 
 Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import chunk_bounds, in_chunks, in_threads
 from rootmatch.model.gathering import gathered_by_each
 from rootmatch.model.proposals import poses_of_sets
-from rootmatch.problems.similarity.problem import distances
+from rootmatch.problems.points import distances
 from rootmatch.result import report
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import search

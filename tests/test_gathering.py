@@ -17,7 +17,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.gathering import HIDDEN, RATE, gathered, gathered_by_each
 from rootmatch.model.proposals import MinimalSets, poses_of_sets
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 from rootmatch.simulation import p3p_scene
 
 RIG = headset()

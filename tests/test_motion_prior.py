@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 import rootmatch as rm
 from rootmatch.model.motion_prior import MotionPrior
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 
 TOOL = np.array([[40.0, 25, 0], [-40, 25, 0], [-40, -25, 0], [40, -25, 0], [0, 0, 20]])
 """A half turn about z maps it onto itself."""

@@ -53,7 +53,7 @@ def test_script_points_to_a_function() -> None:
 
 def test_import_brings_no_heavy_library() -> None:
     heavy = ["matplotlib", "typer", "rich", "dask", "plotly", "sympy", "cv2", "numba.cuda", "rootmatch.cli"]
-    heavy += ["rootmatch.derivation.derive", "rootmatch.hypergraph.invariants", "rootmatch.problems.derived.shipped"]
+    heavy += ["rootmatch.derivation.derive", "rootmatch.hypergraph.invariants", "rootmatch.problems.derived.store"]
     code = f"import sys, rootmatch; print(*[name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
     assert done.stdout.split() == []

@@ -16,7 +16,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.point_set_model import NOISE_FREEDOM, PRESENT, PointSetModel
 from rootmatch.model.point_set_posterior import posterior
 from rootmatch.model.self_motion import exactly_symmetric
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import DECADES
 from rootmatch.samplers.point_sets.congruent import congruent_labellings
 

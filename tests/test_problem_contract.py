@@ -22,8 +22,8 @@ from rootmatch.hypergraph.affinity import KINDS, NOISE_KINDS
 from rootmatch.problems import PROBLEMS, problem_class
 from rootmatch.problems.derived.problem import DerivedProblem
 from rootmatch.problems.kernels import ProblemKernels, kernels_of
+from rootmatch.problems.points import TwoViews
 from rootmatch.problems.residual_kinds import Joint
-from rootmatch.problems.two_views import TwoViews
 from rootmatch.report.json_record import match_record
 from rootmatch.report.pictures import match_figure
 from rootmatch.samplers.completion import Completion

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from rootmatch.algebra import bezout
+from rootmatch.algebra.any_degree import lesser_last_entry_of
 from rootmatch.algebra.sylvester import (
     smallest_singular_value_quadratic,
     smallest_singular_value_quartic,
@@ -22,7 +23,7 @@ from rootmatch.algebra.sylvester import (
 
 Pair = tuple[np.ndarray, np.ndarray]
 UNIT = {4: bezout.unit_last_entry_quartic, 2: bezout.unit_last_entry_quadratic}
-LESSER = {4: bezout.lesser_unit_last_entry_quartic, 2: bezout.lesser_unit_last_entry_quadratic}
+LESSER = {degree: lesser_last_entry_of(degree) for degree in (4, 2)}
 LEAST = {4: smallest_singular_value_quartic, 2: smallest_singular_value_quadratic}
 
 

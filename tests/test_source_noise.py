@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.problems.source_noise import check_source_noise
+from rootmatch.problems.noise import check_source_noise
 
 Floats = NDArray[np.float64]
 CAMERA = rm.Camera(1500.0, 1500.0, 640.0, 480.0)

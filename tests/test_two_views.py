@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 import rootmatch as rm
 from rootmatch.deadline import Deadline, OutOfTime
 from rootmatch.hypergraph.affinity import Affinity, Residual
+from rootmatch.problems.points import TwoViews
 from rootmatch.problems.residual_kinds import Joint
-from rootmatch.problems.two_views import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS

@@ -29,8 +29,8 @@ from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import as_points, check_normals, check_points, check_view_angle, repeated
+from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.points import PointSets
-from rootmatch.problems.source_noise import check_source_noise
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
 from rootmatch.samplers.small_sweep import SMALL, SmallSweep

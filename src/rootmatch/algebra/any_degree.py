@@ -16,8 +16,6 @@ import numpy as np
 
 from rootmatch.algebra.bezout import (
     NO_INFORMATION,
-    lesser_unit_last_entry_quadratic,
-    lesser_unit_last_entry_quartic,
     unit_last_entry_quadratic,
     unit_last_entry_quartic,
 )
@@ -150,11 +148,11 @@ def last_entry_of(degree: int) -> Any:
 
 @cache
 def lesser_last_entry_of(degree: int) -> Any:
-    """Kernel ``(p_k, …, p_0, q_k, …, q_0) →`` the lesser |R_2k,2k| over the polynomials in x and in 1/x."""
-    if degree == 2:
-        return lesser_unit_last_entry_quadratic
-    if degree == 4:
-        return lesser_unit_last_entry_quartic
+    """Kernel ``(p_k, …, p_0, q_k, …, q_0) →`` the lesser |R_2k,2k| over the polynomials in x and in 1/x.
+
+    |R_2k,2k| = σ_min ‖y‖ / |y_last| with y the null vector (x^{2k−1}, …, 1), so the one-sided value blows up when the
+    common root has |x| > 1; the lesser of the two stays within a factor √(2k) of σ_min at a common root.
+    """
     p, q = _names("p", degree), _names("q", degree)
     text = (
         f"def lesser({', '.join(p + q)}):\n"

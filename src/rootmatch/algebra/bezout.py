@@ -95,30 +95,6 @@ def unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ig
 
 
 @scalar
-def lesser_unit_last_entry_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """The lesser |R₈₈| over both orders of the coefficients, x and 1/x, of quartics scaled to unit 2-norm ("qr-both").
-
-    |R₈₈| = σ_min ‖y‖ / |y_last| with y the null vector (x⁷, …, 1), so the one-sided value blows up when the common root
-    has |x| > 1; the lesser of the two stays within a factor √8 of σ_min at a common root.
-    """
-    b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = bezout_quartic(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-    c0, c1, c2, c3, det = first_adjugate_column(b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
-    # Reversing the coefficients turns the Bézout matrix about its other diagonal (and changes its sign).
-    e0, e1, e2, e3, _ = first_adjugate_column(b33, b23, b13, b03, b22, b12, b02, b11, b01, b00)
-    norm_p = p4 * p4 + p3 * p3 + p2 * p2 + p1 * p1 + p0 * p0
-    norm_q = q4 * q4 + q3 * q3 + q2 * q2 + q1 * q1 + q0 * q0
-    forward = norm_q * cofactor_norm_quartic(c0, c1, c2, c3, p4, p3, p2, p1) + norm_p * cofactor_norm_quartic(
-        c0, c1, c2, c3, q4, q3, q2, q1
-    )
-    backward = norm_q * cofactor_norm_quartic(e0, e1, e2, e3, p0, p1, p2, p3) + norm_p * cofactor_norm_quartic(
-        e0, e1, e2, e3, q0, q1, q2, q3
-    )
-    square = max(forward, backward)
-    value = abs(det) / math.sqrt(square if square > 0.0 else 1.0)
-    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
-
-
-@scalar
 def unshifted_cubic_norm(a3, a2, a1, a0):  # type: ignore[no-untyped-def]
     """Squared 2-norm of the coefficients in x of a cubic given in z = x − 1."""
     b0 = a0 - a1 + a2 - a3
@@ -175,7 +151,7 @@ def reversed_about_one(a4, a3, a2, a1, a0):  # type: ignore[no-untyped-def]
 
 @scalar
 def lesser_unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """`lesser_unit_last_entry_quartic` of quartics in x whose coefficients are given in z = x − 1."""
+    """The lesser of both entries, see `any_degree.lesser_last_entry_of`, of quartics given in z = x − 1."""
     f4, f3, f2, f1, f0 = reversed_about_one(p4, p3, p2, p1, p0)
     g4, g3, g2, g1, g0 = reversed_about_one(q4, q3, q2, q1, q0)
     return min(
@@ -197,28 +173,5 @@ def unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untype
     t0 = b11 * p1 - b01 * p2
     t1 = b11 * p2
     square = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
-    value = abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
-    return value if norm_p * norm_q > 0.0 else NO_INFORMATION
-
-
-@scalar
-def lesser_unit_last_entry_quadratic(p2, p1, p0, q2, q1, q0):  # type: ignore[no-untyped-def]
-    """The lesser |R₄₄| over x and 1/x of quadratics scaled to unit 2-norm; see `lesser_unit_last_entry_quartic`."""
-    b00 = p1 * q0 - p0 * q1
-    b01 = p2 * q0 - p0 * q2
-    b11 = p2 * q1 - p1 * q2
-    norm_p = p2 * p2 + p1 * p1 + p0 * p0
-    norm_q = q2 * q2 + q1 * q1 + q0 * q0
-    s0 = b11 * q1 - b01 * q2
-    s1 = b11 * q2
-    t0 = b11 * p1 - b01 * p2
-    t1 = b11 * p2
-    forward = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
-    s0 = b00 * q1 - b01 * q0
-    s1 = b00 * q0
-    t0 = b00 * p1 - b01 * p0
-    t1 = b00 * p0
-    backward = norm_p * (s0 * s0 + s1 * s1) + norm_q * (t0 * t0 + t1 * t1)
-    square = max(forward, backward)
     value = abs(b00 * b11 - b01 * b01) / math.sqrt(square if square > 0.0 else 1.0)
     return value if norm_p * norm_q > 0.0 else NO_INFORMATION

@@ -29,6 +29,13 @@ def cross_matrix(vectors: Floats) -> Floats:
     return out
 
 
+def turn_jacobian(points: Floats) -> Floats:
+    """Derivative (…, k, angles) of turned points (…, k) by the turn, which is small: ω × x, one angle in a plane."""
+    if points.shape[-1] == 2:
+        return np.stack([-points[..., 1], points[..., 0]], axis=-1)[..., None]
+    return -cross_matrix(points)
+
+
 def rotation_from_vector(vectors: Floats) -> Floats:
     """Rotation matrices (K, 3, 3) of rotation vectors (K, 3), whose length is the angle in radians (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=-1)[:, None, None]

@@ -1,4 +1,4 @@
-"""Vectors in space, component by component for scalar kernels, which have no arrays."""
+"""Vectors in space as tuples of three numbers, for scalar kernels, which have no arrays."""
 
 from __future__ import annotations
 
@@ -7,20 +7,38 @@ from rootmatch.jit.decorators import scalar
 
 
 @scalar
-def dot(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
-    """The scalar product of two vectors."""
-    return ax * bx + ay * by + az * bz
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """The scalar product of two vectors; a fourth number of either does not count."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @scalar
-def cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def cross(a, b):  # type: ignore[no-untyped-def]
     """The vector product of two vectors."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@scalar
+def scaled(f, a):  # type: ignore[no-untyped-def]
+    """The vector f a."""
+    return f * a[0], f * a[1], f * a[2]
+
+
+@scalar
+def added(a, b):  # type: ignore[no-untyped-def]
+    """The vector a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@scalar
+def difference(a, b):  # type: ignore[no-untyped-def]
+    """The vector a − b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @scalar
 def combination(f, a, g, b):  # type: ignore[no-untyped-def]
-    """The vector f a + g b of two vectors (x, y, z)."""
+    """The vector f a + g b."""
     return f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2]
 
 
@@ -37,9 +55,31 @@ def column4(array, i):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rotated_about_y(c, s, x, y, z):  # type: ignore[no-untyped-def]
+def rotated_about_y(c, s, a):  # type: ignore[no-untyped-def]
     """A vector rotated about the y axis by the angle with cosine c and sine s."""
-    return c * x + s * z, y, c * z - s * x
+    return c * a[0] + s * a[2], a[1], c * a[2] - s * a[0]
+
+
+@scalar
+def slope_about_y(a):  # type: ignore[no-untyped-def]
+    """Derivative of a vector that is rotated about the y axis, by the angle."""
+    return a[2], 0.0, -a[0]
+
+
+@scalar
+def adjugate_of(symmetric):  # type: ignore[no-untyped-def]
+    """Adjugate of a symmetric matrix [[a b c] [b d e] [c e f]], given as (a, b, c, d, e, f), and its determinant."""
+    a, b, c, d, e, f = symmetric
+    adjugate = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    return adjugate, a * adjugate[0] + b * adjugate[1] + c * adjugate[2]
+
+
+@scalar
+def symmetric_times(symmetric, v):  # type: ignore[no-untyped-def]
+    """Product of such a symmetric matrix and a vector."""
+    a, b, c, d, e, f = symmetric
+    x, y, z = v
+    return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
 
 
 tangent_basis = scalar(tangent_basis_of)

@@ -74,7 +74,7 @@ class Brown(Lens):
 
     def image(self, points: Floats) -> Floats:
         """See `Lens.image`."""
-        return self._tilted(self._distorted(points[..., :2] / points[..., 2:])[0])
+        return self.by_plane(points[..., :2] / points[..., 2:])[0]
 
     def jacobian(self, points: Floats) -> Floats:
         """See `Lens.jacobian`."""
@@ -147,12 +147,10 @@ class Brown(Lens):
 
     def _distorted(self, plane: Floats) -> tuple[Floats, Floats]:
         """Points of the plane z = 1 (…, 2) distorted, but for the tilt, and the derivatives (…, 2, 2)."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._all[:12]
+        _, _, p1, p2, _, _, _, _, s1, s2, s3, s4 = self._all[:12]
         u, v = plane[..., 0], plane[..., 1]
         r2 = u * u + v * v
-        above, below = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = above / below
-        fall = (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3) - radial * (k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6))) / below
+        radial, fall = self._factor(r2)
         value = np.stack(
             [
                 u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u) + r2 * (s1 + r2 * s2),
@@ -169,20 +167,18 @@ class Brown(Lens):
         slope[..., 1, 1] = radial + v * fall * dv + 6.0 * p1 * v + 2.0 * p2 * u + y * dv
         return value, slope
 
-    def _radial(self, r: Floats) -> tuple[Floats, Floats]:
-        """The radial part alone of distances (m,) from the axis, and its derivative."""
+    def _factor(self, s: Floats) -> tuple[Floats, Floats]:
+        """The radial factor at squared distances s from the axis, and its derivative by s."""
         k1, k2, _, _, k3, k4, k5, k6 = self._all[:8]
-        s = r * r
         above, below = 1.0 + s * (k1 + s * (k2 + s * k3)), 1.0 + s * (k4 + s * (k5 + s * k6))
         radial = above / below
-        fall = (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) / below
-        return r * radial, radial + 2.0 * s * fall
+        return radial, (k1 + s * (2.0 * k2 + s * 3.0 * k3) - radial * (k4 + s * (2.0 * k5 + s * 3.0 * k6))) / below
 
-    def _tilted(self, image: Floats) -> Floats:
-        if self._all[12:] == (0.0, 0.0):
-            return image
-        h = image @ self._tilt[:, :2].T + self._tilt[:, 2]
-        return np.asarray(h[..., :2] / h[..., 2:])
+    def _radial(self, r: Floats) -> tuple[Floats, Floats]:
+        """The radial part alone of distances (m,) from the axis, and its derivative."""
+        s = r * r
+        radial, fall = self._factor(s)
+        return r * radial, radial + 2.0 * s * fall
 
     def _untilted(self, image: Floats) -> Floats:
         if self._all[12:] == (0.0, 0.0):

@@ -12,6 +12,12 @@ from rootmatch.algebra.rotation import rotation_onto_y
 from rootmatch.errors import InputError
 
 Vector = Sequence[float] | NDArray[np.float64]
+IN_BOTH_FRAMES = "one direction, such as down, in the camera frame and in that of the points: 0,1,0 where y points down"
+IN_BOTH_IMAGES = (
+    "a direction that both images share, such as gravity from an accelerometer, (0, 1, 0) for level cameras, or a "
+    "vanishing point. Two images without one are not supported: match descriptors and use a five-point solver "
+    "(OpenCV's findEssentialMat, PoseLib)"
+)
 
 
 def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -36,49 +42,20 @@ def unit_direction(vector: ArrayLike, name: str) -> NDArray[np.float64]:
     return direction / length
 
 
-def plain_direction(vector: ArrayLike, name: str) -> tuple[float, ...]:
-    """A validated direction as a tuple of floats, not normalised, so that a problem that holds it is hashable.
+def given_direction(vector: ArrayLike, name: str, problem: str, needed: str = IN_BOTH_FRAMES) -> tuple[float, ...]:
+    """A direction that has no default, as a tuple of floats: not normalised, and a problem that holds it is hashable.
+
+    ``needed`` says in the message what the problem needs if nothing is given.
 
     Raises
     ------
     InputError
-        As `unit_direction`.
+        If none is given, or as `unit_direction`.
     """
+    if np.size(vector) == 0:
+        raise InputError(f"{name}: none given; {problem} needs {needed}")
     unit_direction(vector, name)
     return tuple(float(value) for value in np.asarray(vector, dtype=float))
-
-
-def common_direction(vector: ArrayLike, name: str, problem: str) -> tuple[float, ...]:
-    """The unit vector (3,) of a direction that two images share; it has no default.
-
-    Raises
-    ------
-    InputError
-        If none is given, or as `unit_direction`.
-    """
-    if np.size(vector) == 0:
-        raise InputError(
-            f"{name}: none given; {problem} needs a direction that both images share, such as gravity from an "
-            "accelerometer, (0, 1, 0) for level cameras, or a vanishing point. Two images without one are not "
-            "supported: match descriptors and use a five-point solver (OpenCV's findEssentialMat, PoseLib)"
-        )
-    return plain_direction(vector, name)
-
-
-def measured_vertical(vector: ArrayLike, name: str, problem: str) -> tuple[float, ...]:
-    """The vertical of a camera or of its points, as a tuple of floats; it has no default.
-
-    Raises
-    ------
-    InputError
-        If none is given, or as `unit_direction`.
-    """
-    if np.size(vector) == 0:
-        raise InputError(
-            f"{name}: none given; {problem} needs one direction, such as down, in the camera frame and in that of the "
-            "points: 0,1,0 where y points down"
-        )
-    return plain_direction(vector, name)
 
 
 def rotation_to_vertical(direction: ArrayLike, name: str = "direction") -> NDArray[np.float64]:

@@ -14,8 +14,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.derivation.derive import derive
 from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
 from rootmatch.problems.derived.problem import DerivedProblem
-from rootmatch.problems.planar_motion import problem as planar
-from rootmatch.problems.up2pf import problem as upright
+from rootmatch.problems.derived.store import shipped_file
 
 
 def planar_motion(camera: Camera) -> DerivedProblem:
@@ -83,8 +82,8 @@ def up2pf() -> DerivedProblem:
 def regenerate() -> None:
     """Write all shipped formulas from their equations."""
     camera = Camera(1000.0, 1000.0, 320.0, 240.0)
-    for path, derived in ((planar.FORMULAS, planar_motion(camera)), (upright.FORMULAS, up2pf())):
-        path.write_text(derived.code, encoding="utf-8")
+    for problem, derived in (("planar_motion", planar_motion(camera)), ("up2pf", up2pf())):
+        shipped_file(problem).write_text(derived.code, encoding="utf-8")
 
 
 if __name__ == "__main__":

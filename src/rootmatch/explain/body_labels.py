@@ -13,7 +13,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.problems.checks import repeated
-from rootmatch.problems.similarity.problem import distances
+from rootmatch.problems.points import distances
 
 Label = int | str
 

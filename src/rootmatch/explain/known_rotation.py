@@ -23,8 +23,8 @@ from rootmatch.model.evidence import stepped
 from rootmatch.model.pose_prior import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
 from rootmatch.model.proposals import Proposals, joined
+from rootmatch.problems.noise import mean_deviation
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
-from rootmatch.problems.source_noise import mean_deviation
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline
 from rootmatch.explain.sampling import affordable, sample
@@ -92,23 +91,13 @@ def _packed(task: MatchingTask, sampled: SampledTensor, deadline: Deadline) -> S
 
 def _group_fit(task: MatchingTask) -> GroupFit | None:
     """The fit of whole groups by one motion; None if the problem has none."""
-    if not task.problem.fits_groups:
+    groups = task.problem.groups(task.points, task.allowed)
+    if groups is None:
         return None
-    tables = task.tables_as_given
     image, noise = task.image
     sigma = float(np.median(noise))
     area = max(float(np.prod(np.ptp(image, axis=0))), 1e-300) / CROWDING
-
-    def chi2(groups: NDArray[np.int64]) -> NDArray[np.float64]:
-        return task.problem.group_chi2(tables, groups)
-
-    def grown(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-        return task.problem.group_grown(tables, groups, task.allowed)
-
-    def extended(groups: NDArray[np.int64]) -> NDArray[np.int64]:
-        return task.problem.group_extended(tables, groups, task.allowed)
-
-    return GroupFit(chi2, grown, extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
+    return GroupFit(groups.chi2, groups.grown, groups.extended, min(2.0 * math.pi * sigma**2 / area, 1.0))
 
 
 def _distinct(tensor: AffinityTensor) -> AffinityTensor:

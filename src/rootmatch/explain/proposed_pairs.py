@@ -21,8 +21,8 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.proposals import fitted
 from rootmatch.options import Options, option
-from rootmatch.problems.gate import GATE
-from rootmatch.problems.pose_fit.initial_poses import poses_of_triples
+from rootmatch.problems.limits import GATE
+from rootmatch.problems.pose_fit.starts import poses_of_triples
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 

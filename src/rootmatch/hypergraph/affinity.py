@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
 from rootmatch.problems import residual_kinds
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 
 KINDS: dict[str, type[residual_kinds.Kind]] = {
     "qr": residual_kinds.QR,

@@ -132,14 +132,12 @@ def _arrangements(n_target: int, length: int) -> NDArray[np.int32]:
     return every.reshape(-1, length)
 
 
-def shuffled_arrangements(
-    rng: np.random.Generator, n_target: int, length: int, most: int = MOST_SHUFFLED
-) -> NDArray[np.int32]:
-    """All ordered choices (P, length) of target points in random order; where they are more, ``most`` random ones."""
-    if math.perm(n_target, length) <= most:
+def shuffled_arrangements(rng: np.random.Generator, n_target: int, length: int) -> NDArray[np.int32]:
+    """All ordered choices (P, length) of target points in random order, or `MOST_SHUFFLED` random ones of more."""
+    if math.perm(n_target, length) <= MOST_SHUFFLED:
         every: NDArray[np.int32] = rng.permutation(target_arrangements(n_target, length))
         return every
-    return distinct_tuples(rng, most, n_target, length, np.int32)
+    return distinct_tuples(rng, MOST_SHUFFLED, n_target, length, np.int32)
 
 
 def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:

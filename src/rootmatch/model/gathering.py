@@ -12,7 +12,7 @@ from rootmatch.jit.threads import in_pieces
 from rootmatch.model.compiled.gathering import gather
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

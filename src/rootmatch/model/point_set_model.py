@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.model.motion_prior import MotionPrior
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit, fitted_point_sets
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.model.point_set_model import NOISE_FREEDOM, student
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.point_sets.motions import fitted_motions
 
 Floats = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """The model of two images with a known common direction: where a point of the first is seen in the second.
 
-Frames are those of `rootmatch.problems.two_views.TwoViews`: bearings q of the first and p of the second image, y along
+Frames are those of `rootmatch.problems.points.TwoViews`: bearings q of the first and p of the second image, y along
 the common direction. A point fulfils λ' p = λ R q + b t, so with u = R q and β the angle between u and t it is seen at
 
 - an angle e from the plane of t and u, N(0, s² (σ'² + σ² (sin(p, t) / sin β)²)): both detections are noisy;

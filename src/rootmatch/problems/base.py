@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +16,16 @@ from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.checks import LEAST_NOISE, check_normals, check_points, check_view_angle
-from rootmatch.problems.noise import parse_noise
-from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.points import PointSets
+from rootmatch.problems.limits import MOST_PAIRS
+from rootmatch.problems.noise import (
+    check_source_noise,
+    mean_deviation,
+    parse_noise,
+    split_noise,
+    with_model_noise,
+)
+from rootmatch.problems.points import PointClouds, PointSets, TwoViews
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.source_noise import check_source_noise, mean_deviation, split_noise, with_model_noise
-from rootmatch.problems.two_views import TwoViews
 
 MOST_RADIANS = 0.5
 """Largest plausible angular noise; beyond it, pixels were probably meant. A round value."""
@@ -35,16 +40,12 @@ class Problem(ABC):
 
     name: ClassVar[str]
     """Short name, also on the command line."""
-    order: ClassVar[int]
-    """Correspondences of a hyper-edge."""
     minimal: ClassVar[int]
     """Correspondences of a minimal set."""
     degree: ClassVar[int]
     """Degree of the univariate polynomial."""
     constraints: ClassVar[int]
     """Independent constraints of a hyper-edge: the degrees of freedom of the ``joint`` residual."""
-    pair_count: ClassVar[int]
-    """Pairs of minimal sets of one hyper-edge that can be compared."""
     source_dimension: ClassVar[int]
     """3 if the source is points in space, 2 if it is an image."""
     target_dimension: ClassVar[int] = 2
@@ -58,8 +59,6 @@ class Problem(ABC):
     """Whether the motion between two sets of points in space can be predicted."""
     noisy_source: ClassVar[bool] = False
     """Whether source points carry noise of their own, as those of an image do."""
-    fits_groups: ClassVar[bool] = False
-    """Whether `group_chi2`, `group_grown` and `group_extended` are implemented."""
     least_for_pose: ClassVar[int] = 0
     """Minimum number of matches for `poses`; 0 if the problem fits none."""
     to_check: ClassVar[str] = "units and the arguments of the problem"
@@ -73,6 +72,22 @@ class Problem(ABC):
     The scale of ∣R₂ₙ,₂ₙ∣ differs by problem: medians of false hyper-edges are 3e-7 (P3P), 4e-5 (3P1) and 0.5 (up2p)."""
     paper_rho_of_exact_data: ClassVar[float] = 1e-12
     """ρ of the paper's preset for exact data, whose residuals are rounding errors (docs/reproduction/rho-scan.csv)."""
+
+    @property
+    def order(self) -> int:
+        """Correspondences of a hyper-edge: one more than those of a minimal set."""
+        return self.minimal + 1
+
+    @property
+    def pair_count(self) -> int:
+        """Pairs of minimal sets of one hyper-edge that can be compared."""
+        return min(math.comb(self.minimal + 1, 2), MOST_PAIRS)
+
+    @property
+    def sensor(self) -> CameraModel | None:
+        """The camera that the target is seen by; None if there is none, or it is part of a measurement."""
+        camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
+        return camera if isinstance(camera, CameraModel) else None
 
     def validated(
         self,
@@ -104,7 +119,7 @@ class Problem(ABC):
         view_angle : float or (n,) array, optional
             Radians from its normal within which a point is visible. Default: π/2.
         source_noise : float, (n,), (n, k) or (n, k, k) array, optional
-            Of the source alone, see `rootmatch.problems.source_noise.check_source_noise`.
+            Of the source alone, see `rootmatch.problems.noise.check_source_noise`.
         least_target : int, optional
             Least number of target points; that of a hyper-edge by default.
         distinct : bool
@@ -162,18 +177,14 @@ class Problem(ABC):
             if not alike and self.source_is_image:
                 raise InputError(f"source_noise: {self.name} takes one σ for both axes; give a number or one a point")
             return replace(points, source_noise=sigma, source_covariance=None if alike else covariance)
-        camera = getattr(self, "camera", None)
-        if not (self.takes_prior and isinstance(camera, CameraModel)):
+        if not self.takes_prior or self.sensor is None:
             raise InputError(f"source_noise: {self.name} has exact source points; leave it out")
         covariance = check_source_noise(noise, points.source)
         return self.in_image(replace(points, source_covariance=covariance)) if covariance.any() else points
 
     def in_image(self, points: PointSets) -> PointSets:
         """Points whose detections have the noise of the source in theirs, as far as that shows in the image."""
-        camera = getattr(self, "camera", None)
-        if self.noisy_source or not isinstance(camera, CameraModel):
-            return points
-        return with_model_noise(points, camera)
+        return points if self.noisy_source or self.sensor is None else with_model_noise(points, self.sensor)
 
     def joined(self, target: ArrayLike) -> ArrayLike:
         """Detections as rows of one array: those of a rig may be given as a pair ``(pixels, index of the camera)``."""
@@ -183,7 +194,7 @@ class Problem(ABC):
     @property
     def noise_is_angular(self) -> bool:
         """Whether the noise is in radians: detections are unit rays."""
-        return isinstance(getattr(self, "camera", None), UnitRays)
+        return isinstance(self.sensor, UnitRays)
 
     def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
         """Length that counts as a pixel of either set when noise is compared with one; see `checks.LEAST_NOISE`."""
@@ -194,10 +205,9 @@ class Problem(ABC):
 
         Unit rays are mapped to a plane (`rootmatch.cameras.base.CameraModel.chart`).
         """
-        camera = getattr(self, "camera2", None) or getattr(self, "camera", None)
-        if not isinstance(camera, CameraModel):
+        if self.sensor is None:
             return points.target, points.target_noise
-        return camera.chart(points.target, points.target_noise)[1:]
+        return self.sensor.chart(points.target, points.target_noise)[1:]
 
     def _take_dimensions(self, camera: CameraModel, camera2: CameraModel | None = None) -> None:
         """The numbers of a point are those of its camera's detections: in the image, or in both images."""
@@ -251,22 +261,25 @@ class Problem(ABC):
         """
         raise NotImplementedError(f"{self.name} fits no poses")
 
-    def group_chi2(self, tables: Any, groups: NDArray[np.int64]) -> NDArray[np.float64]:
-        """χ² (G,) of all points of each group about their common motion, where `fits_groups` says so.
+    def groups(self, points: PointSets, allowed: NDArray[np.bool_] | None) -> Groups | None:
+        """Fits of groups of the points by one motion each; None if the problem has none."""
+        return None
 
-        ``groups`` (G, n) holds the image of each point, −1 outside of the group. The best motion is eliminated: of m
-        points ``2 (m − minimal)`` degrees of freedom are left.
+
+class Groups(Protocol):
+    """Fits of whole groups by one motion each. Groups (G, n) hold the image of each point, −1 outside of the group."""
+
+    def chi2(self, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """χ² (G,) of all points of each group about their best common motion.
+
+        Of m points ``2 (m − minimal)`` degrees of freedom are left.
         """
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+        ...
 
-    def group_grown(
-        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups (G, n) with what their common motion predicts, where `fits_groups` says so."""
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+    def grown(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Groups (G, n) with what their common motion predicts."""
+        ...
 
-    def group_extended(
-        self, tables: Any, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups (E, n), each with one of the correspondences more that it may predict, where `fits_groups` says so."""
-        raise NotImplementedError(f"{self.name} cannot fit whole groups")
+    def extended(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Groups (E, n), each with one of the correspondences more that it may predict."""
+        ...

@@ -78,7 +78,7 @@ class HypothesisKernels:
         end with their normals and the cosines of their view angles, and those of the set's own points. Not jitted.
     solve : ``(tables, i, j, scratch)``
         Solve the set ``i`` with the first m − 1 images ``j`` and every last one; ``scratch`` (2 · solutions, n').
-    known : ``(tables, grid, i, j)`` → tuple of numbers
+    known : ``(tables, grid, i, j)`` → tuple of numbers and vectors
         What ``frame`` takes from the set before its last image is known.
     frame : ``(tables, grid, known, last, scratch, root)`` → (bool, origin, three axes: 12 numbers)
         The frame of the set in the grid's basis at one root; a point with coordinates α, β, γ lies at

@@ -10,10 +10,10 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Any
 
+from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
 from rootmatch.jit.decorators import kernel
-
-MOST_PAIRS = 6
-"""Most pairs that can be chosen: those of a hyper-edge of four."""
+from rootmatch.problems.limits import MOST_PAIRS
+from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
 
 
 def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
@@ -21,6 +21,11 @@ def pair_orders(minimal: int) -> tuple[tuple[int, ...], ...]:
     every = range(minimal + 1)
     orders = [(*shared, *(k for k in every if k not in shared)) for shared in combinations(every, minimal - 1)]
     return tuple(orders[:MOST_PAIRS])
+
+
+def comparisons(degree: int) -> dict[type, Any]:
+    """Kernels that compare two polynomials of a degree, by the kind of residual; see `rootmatch.algebra.any_degree`."""
+    return {QR: last_entry_of(degree), QRBoth: lesser_last_entry_of(degree), SVD: singular_value_of(degree)}
 
 
 def edge_of_pairs(residual: Any, minimal: int) -> Any:
@@ -47,10 +52,10 @@ def edge_of_pairs(residual: Any, minimal: int) -> Any:
     return edge
 
 
-def slab_of_edges(edge: Any, squares: bool = False) -> Any:
+def slab_of_edges(edge: Any) -> Any:
     """Kernel ``(tables, kind, i, j, first, out)`` that fills a slab by an edge kernel, one hyper-edge after the other.
 
-    For several pairs at once, which share nothing. ``squares``: of the residuals.
+    For several pairs at once, which share nothing.
     """
 
     @kernel
@@ -60,24 +65,21 @@ def slab_of_edges(edge: Any, squares: bool = False) -> Any:
             i[last] = first + r
             for k in range(out.shape[1]):
                 j[last] = k
-                value = edge(tables, kind, i, j)
-                out[r, k] = value * value if squares else value
+                out[r, k] = edge(tables, kind, i, j)
 
     return fill
 
 
-def slab_of_rows(row: Any, edge: Any, squares: bool = False) -> Any:
+def slab_of_rows(row: Any, edge: Any) -> Any:
     """Slab kernel: of the first pair alone row by row, of others by the edge kernel.
 
     Parameters
     ----------
     row : kernel ``(tables, i, j, last, line)``
-        Residuals of the first pair, of the minimal set with source point ``last`` and every target point. Their squares
-        where ``squares`` says so.
+        Residuals of the first pair, of the minimal set with source point ``last`` and every target point.
     edge : kernel
-    squares : bool
     """
-    several = slab_of_edges(edge, squares)
+    several = slab_of_edges(edge)
 
     @kernel
     def slab(tables, kind, i, j, first, scratch, out):  # type: ignore[no-untyped-def]

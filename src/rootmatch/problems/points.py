@@ -1,18 +1,25 @@
-"""The two validated point sets of a task, with the noise of every point."""
+"""The points of a task: validated, with their noise, and as a search between two clouds or two views reads them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rootmatch.deadline import checkpoint
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 SLACK = math.radians(10.0)
 """Added to a view angle where a pose is known from a minimal set alone: the headset of benchmarks/constellations.py at
 2.5 m, where three points tell a direction to that. A round value."""
+
+
+ROWS = 64
+"""Rows of a table of distances that are worked out together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +35,7 @@ class PointSets:
     source_noise, target_noise : (n,), (n',) float64
         Standard deviation of each coordinate, in the unit of its set. That of an exact source is not used. That of
         detections includes what ``source_covariance`` may add in the image
-        (`rootmatch.problems.source_noise.with_model_noise`); `detection_noise` does not.
+        (`rootmatch.problems.noise.with_model_noise`); `detection_noise` does not.
     normals : (n, 3) float64, optional
         Outward normals of the source points, zero where unknown.
     view_cosine : (n,) float64, optional
@@ -81,6 +88,42 @@ class PointSets:
         return replace(self, source_noise=source, target_noise=target)
 
 
+class PointClouds(NamedTuple):
+    """Two point sets of one space: points x and x' = scale · R x + t, both noisy."""
+
+    source: Floats
+    """(n, k) points, k = 2 or 3."""
+    target: Floats
+    """(n', k) points."""
+    source_variance: Floats
+    """(n,) variance of a coordinate."""
+    target_variance: Floats
+    """(n',) variance of a coordinate."""
+    scaled: bool
+    """Whether the scale is unknown; 1 otherwise."""
+    mirror: bool
+    """Whether R may be a reflection: in a plane, where that is asked for."""
+
+
+class TwoViews(NamedTuple):
+    """Bearings of two calibrated images, each rotated so that their common direction is y.
+
+    A bearing q of the first and p of the second image of one point fulfil λ' p = λ R(θ) q + b t, with distances
+    λ, λ' > 0, a rotation about y and a baseline of length b along the unit vector t.
+    """
+
+    source: Floats
+    """(3, n) unit bearings of the first image."""
+    target: Floats
+    """(3, n') unit bearings of the second image."""
+    source_variance: Floats
+    """(n,) variance of a bearing, radians² on each axis across it; that of the direction is part of it."""
+    target_variance: Floats
+    """(n',) variance of a bearing on each axis, without that of the direction."""
+    planar: bool
+    """Whether the baseline is known to be across the common direction."""
+
+
 def known_normals(points: PointSets, rotation: Floats | None = None) -> Floats:
     """Normals and least cosines (4, n) for the kernels, the normals rotated if asked; zero where none are known.
 
@@ -95,3 +138,23 @@ def known_normals(points: PointSets, rotation: Floats | None = None) -> Floats:
             widened = np.minimum(np.arccos(points.view_cosine) + SLACK, np.pi)
             rows[3] = np.where(length > 0.0, np.cos(widened), 0.0)
     return rows
+
+
+def squared_distances(points: Floats) -> Floats:
+    """(n, n) squared distances of points (n, k), each from its own difference, so that close points lose nothing."""
+    squared: Floats = np.zeros((len(points), len(points)))
+    coordinates = np.ascontiguousarray(points.T)
+    for first in range(0, len(points), ROWS):  # some at a time, which stay in the processor's cache
+        checkpoint()
+        rows = squared[first : first + ROWS]
+        for coordinate in coordinates:  # one by one: no array of n × n × k
+            difference = coordinate[first : first + ROWS, None] - coordinate
+            difference *= difference
+            rows += difference
+    return squared
+
+
+def distances(points: Floats) -> Floats:
+    """(n, n) distances of points (n, k)."""
+    squared = squared_distances(points)
+    return np.sqrt(squared, out=squared)

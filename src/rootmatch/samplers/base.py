@@ -15,8 +15,7 @@ from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems import residual_kinds
-from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.two_views import TwoViews
+from rootmatch.problems.points import PointClouds, TwoViews
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,9 @@ class Zoom(Problem):
     """Points of a plane up to translation and a scale x: a pair gives |d|² x = d · e of its differences d and e."""
 
     name: ClassVar[str] = "zoom"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 3
-    pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 2
 
     def tables(self, points: PointSets) -> ZoomTables:

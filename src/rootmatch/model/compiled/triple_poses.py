@@ -1,4 +1,4 @@
-"""Poses of three points and their rays, compiled; in NumPy: `rootmatch.problems.pose_fit.initial_poses`."""
+"""Poses of three points and their rays, compiled; in NumPy: `rootmatch.problems.pose_fit.starts`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rootmatch.problems.p3p.roots import ratio_pairs
 
 @part
 def wide_triple(image, target, left_out, out):  # type: ignore[no-untyped-def]
-    """A wide triple of the matched points but one, into ``out``; see `initial_poses.triples`."""
+    """A wide triple of the matched points but one, into ``out``; see `starts.triples`."""
     count, u, v = 0, 0.0, 0.0
     for i in range(image.shape[0]):
         if image[i] >= 0 and i != left_out:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from rootmatch.problems.derived.rows_text import (
     Rows,
+    Swept,
     base_dimensions,
     passive,
-    row_gradient,
-    row_names,
-    sign_lines,
-    slope_text,
 )
 from rootmatch.problems.derived.text import (
     Dimension,
@@ -56,8 +53,9 @@ class Constraints:
         shared = bool(shape.plan["shared"])
         self.merged_near = passive(shape, [self.swept], False)
         self.merged = passive(shape, orders, shared)
-        self.near_base = base_dimensions(shape, self.merged_near)
         self.base = base_dimensions(shape, self.merged)
+        self.near = Swept(shape, self.swept, base_dimensions(shape, self.merged_near))
+        self.each = {o: Swept(shape, o, self.base, f"c{c}_") for c, o in enumerate(orders) if o in self.sweeping}
 
     def root_order(self, order: tuple[int, ...]) -> tuple[int, ...]:
         """Order of the first correspondences whose root belongs to a constraint.
@@ -72,48 +70,45 @@ class Constraints:
     def _root_orders(self) -> list[tuple[int, ...]]:
         return list(dict.fromkeys([self.first, *(self.root_order(order) for order in self.orders)]))
 
-    def gradient(
-        self, order: tuple[int, ...], prefix: str, rows: Rows, base: list[Dimension], last: list[str]
-    ) -> dict[Dimension, str]:
+    def gradient(self, swept: Swept, rows: Rows, last: list[str]) -> dict[Dimension, str]:
         """Total derivative at the last target point, one expression for each noise dimension.
 
-        ``prefix`` begins the names of hoisted coefficients and monomials; ``last`` names quantities of the last target
-        point.
+        ``last`` names quantities of the last target point.
         """
-        shape = self.shape
+        shape, prefix = self.shape, swept.prefix
         found: dict[Dimension, list[str]] = {}
-        for dimension, m in row_gradient(shape, order, base):
+        for dimension, m in swept.gradient:
             found.setdefault(dimension, []).append(f"{prefix}g_{label(dimension)}_{m} * {prefix}m{m}")
         own = [(self.m, "t", axis) for axis in range(shape.target_noise)]
-        for dimension in [*base, *own]:
+        for dimension in [*swept.base, *own]:
             for v, use in enumerate(shape.plan["last"]):
-                noise = noise_load(shape, use, order, dimension)
-                if noise is not None and slope_text(shape, v, prefix, last) != "0.0":
+                noise = noise_load(shape, use, swept.order, dimension)
+                if noise is not None and swept.slope(v, last) != "0.0":
                     found.setdefault(dimension, []).append(f"{prefix}q{v}_slope * {rows.at(noise)}")
         return {dimension: " + ".join(terms) for dimension, terms in found.items()}
 
-    def value_lines(self, order: tuple[int, ...], prefix: str, rows: Rows) -> tuple[list[str], list[str]]:
+    def value_lines(self, swept: Swept, rows: Rows) -> tuple[list[str], list[str]]:
         """Statements for monomials, value and slopes in the last quantities; names of these."""
-        plan = self.shape.plan
-        variables = [rows.at(load(self.shape, use, order)) for use in plan["last"]]
+        plan, prefix = self.shape.plan, swept.prefix
+        variables = [rows.at(load(self.shape, use, swept.order)) for use in plan["last"]]
         lines = [f"{prefix}m{m} = {monomial_text(p, variables)}" for m, p in enumerate(plan["monomials"])]
         total = " + ".join(f"{prefix}v{m} * {prefix}m{m}" for m in value_monomials(self.shape))
         lines.append(f"{prefix}f = {total}")
         for v in range(len(variables)):
-            lines.append(f"{prefix}q{v}_slope = {slope_text(self.shape, v, prefix, variables)}")
+            lines.append(f"{prefix}q{v}_slope = {swept.slope(v, variables)}")
         return lines, variables
 
     def _direct(self) -> list[Dimension]:
         """Noise dimensions of the minimal set that the last target's quantities depend on themselves."""
         uses = self.shape.plan["last"]
         return [
-            d for d in self.near_base if any(noise_load(self.shape, use, self.swept, d) is not None for use in uses)
+            d for d in self.near.base if any(noise_load(self.shape, use, self.swept, d) is not None for use in uses)
         ]
 
     def _form(self) -> tuple[list[Dimension], list[tuple[int, int]]]:
         """Dimensions whose squares are summed before the loop as one form in the monomials, and its entries."""
         direct = self._direct()
-        found = dict.fromkeys(d for d, _ in row_gradient(self.shape, self.swept, self.near_base))
+        found = dict.fromkeys(d for d, _ in self.near.gradient)
         rest = [d for d in found if d not in direct]
         used = value_monomials(self.shape)
         count = len(used)
@@ -124,10 +119,10 @@ class Constraints:
     def near_text(self) -> str:
         """``form(h…) → f…`` and ``near(h…, f…, r…) → squared residual`` of the first constraint alone."""
         rows = Rows(self.shape)
-        lines, variables = self.value_lines(self.swept, "", rows)
-        gradient = self.gradient(self.swept, "", rows, self.near_base, variables)
+        lines, variables = self.value_lines(self.near, rows)
+        gradient = self.gradient(self.near, rows, variables)
         rest, entries = self._form()
-        terms = row_gradient(self.shape, self.swept, self.near_base)
+        terms = self.near.gradient
         forms = []
         for a, b in entries:
             products = [f"g_{label(d)}_{a} * g_{label(d)}_{b}" for d in rest if (d, a) in terms and (d, b) in terms]
@@ -144,12 +139,12 @@ class Constraints:
         parts += [f"w_{label(d)} * w_{label(d)}" for d in summed]
         lines.append(f"variance = own + {' + '.join(parts) or '0.0'}")
         lines.append("ratio = f * f / variance")
-        lines += sign_lines(self.shape)
+        lines += self.near.sign_lines
         clear = "ratio >= 0.0 and ratio < BIG" + (" and variance < VAGUE * own" if own else "")
         clear += "".join(f" and o{r} > 0.0" for r in range(conditions(self.shape)))
         lines.append(f"return ratio if {clear} else BIG")
         self.near_rows = rows
-        hoisted = ", ".join(row_names(self.shape, self.swept, self.near_base))
+        hoisted = ", ".join(self.near.names)
         arguments = ", ".join([hoisted, *names("f", len(entries)), *names("r", len(rows.views))])
         made = f"@scalar\ndef form({hoisted}):\n    return ({', '.join(forms)},)\n\n\n" if entries else ""
         return made + f"@scalar\ndef near({arguments}):\n    " + "\n    ".join(lines) + "\n"
@@ -190,14 +185,15 @@ class Constraints:
                 arguments += [f"{prefix}f", *(f"{prefix}w_{label(d)}" for d in dimensions)]
                 gradients.append({d: f"{prefix}w_{label(d)}" for d in dimensions})
                 continue
-            made, variables = self.value_lines(order, prefix, rows)
+            swept = self.each[order]
+            made, variables = self.value_lines(swept, rows)
             lines += made
-            arguments += row_names(self.shape, order, self.base, prefix)
-            gradient = self.gradient(order, prefix, rows, self.base, variables)
+            arguments += swept.names
+            gradient = self.gradient(swept, rows, variables)
             lines += [f"{prefix}w_{label(d)} = {text}" for d, text in gradient.items()]
             gradients.append({d: f"{prefix}w_{label(d)}" for d in gradient})
             own = [f"{name} * {name}" for d, name in gradients[-1].items() if d[0] == self.m and d[1] == "t"]
-            lines += sign_lines(self.shape, prefix)
+            lines += swept.sign_lines
             vague += [f"{prefix}o{r} > 0.0" for r in range(conditions(self.shape))]
             if own:
                 vague.append(f"s{c}_{c} < VAGUE * ({' + '.join(own)})")

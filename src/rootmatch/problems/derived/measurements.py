@@ -235,6 +235,11 @@ class Uncalibrated(Measurement):
         return pixels
 
 
+def nested(matrix: Floats) -> tuple[tuple[float, ...], ...]:
+    """A matrix as nested tuples, which frozen options can hold."""
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
 def measurement(given: Any, name: str) -> Measurement:
     """Check an argument that must be a measurement.
 

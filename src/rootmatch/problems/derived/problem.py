@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch._version import __version__
-from rootmatch.cameras.unit_rays import UnitRays
+from rootmatch.cameras.base import CameraModel
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.derived.compile import register_residuals, tag_name
@@ -21,7 +21,6 @@ from rootmatch.problems.derived.store import Generated
 from rootmatch.problems.derived.tables import DerivedTables, tag_of
 from rootmatch.problems.derived.text import Shape
 from rootmatch.problems.noise import thousandth
-from rootmatch.problems.pairs import pair_orders
 from rootmatch.problems.points import PointSets
 
 
@@ -57,15 +56,12 @@ class DerivedProblem(Problem):
                 f"{self.title}: derived for {plan['source']} and {plan['target']}, {self.source.key} and "
                 f"{self.target.key} given; measure the same quantities"
             )
-        m = int(plan["minimal"])
         # what other problems say once for their class differs from one derived problem to the next
         self.__dict__.update(
             name=self.title,
-            minimal=m,
-            order=m + 1,
+            minimal=int(plan["minimal"]),
             degree=int(plan["degree"]),
             constraints=len(plan["orders"]),
-            pair_count=len(pair_orders(m)),
             source_dimension=self.source.dimension,
             target_dimension=self.target.dimension,
             noisy_source=self.source.noise_dimensions > 0,
@@ -74,9 +70,9 @@ class DerivedProblem(Problem):
         self.__dict__.update(residuals=residuals, tag=tag)
 
     @property
-    def noise_is_angular(self) -> bool:
-        """See `Problem.noise_is_angular`."""
-        return isinstance(self.target, Bearings) and self.target.camera is None
+    def sensor(self) -> CameraModel | None:
+        """See `Problem.sensor`: the target, if it is unit rays as they are given."""
+        return self.target if isinstance(self.target, Bearings) and self.target.camera is None else None
 
     def noise_pixels(self, source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float]:
         """See `Problem.noise_pixels`: coordinates given as they are have the caller's unit."""
@@ -84,12 +80,6 @@ class DerivedProblem(Problem):
             thousandth(source) if isinstance(self.source, Points) else 1.0,
             thousandth(target) if isinstance(self.target, Points) else 1.0,
         )
-
-    def image(self, points: PointSets) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """See `Problem.image`."""
-        if self.noise_is_angular:
-            return UnitRays().chart(points.target, points.target_noise)[1:]
-        return super().image(points)
 
     def __repr__(self) -> str:
         return f"DerivedProblem({self.title!r}, source={self.source!r}, target={self.target!r})"

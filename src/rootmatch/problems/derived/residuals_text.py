@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 from rootmatch.problems.derived.constraints_text import Constraints
-from rootmatch.problems.derived.rows_text import Rows, merge_lines, row_lines, row_names, stem_names, stem_text
+from rootmatch.problems.derived.rows_text import Rows, merge_lines
 from rootmatch.problems.derived.templates import ALONE, JOINT, NORMALISED, RESULTANT, resolve
 from rootmatch.problems.derived.text import (
     bases,
@@ -29,9 +29,9 @@ class Residuals(Constraints):
         parts = [polynomial_text(self.shape, order) for order in self._root_orders()]
         parts += [state_text(self.shape, order, self.interval) for order in self._root_orders()]
         parts += [self.distance_text(order) for order in self._root_orders()[1:]]
-        parts += [stem_text(self.shape, "near", self.swept, self.near_base), self.near_text(), self.normalised_text()]
+        parts += [self.near.stem_text("near"), self.near_text(), self.normalised_text()]
         if len(self.orders) > 1:
-            parts += [stem_text(self.shape, suffix(order)[1:], order, self.base) for order in self.sweeping]
+            parts += [self.each[order].stem_text(suffix(order)[1:]) for order in self.sweeping]
             parts += [self.bound_text(order) for order in self.bound]
             parts += [self.together_text(), self.joint_text()]
         else:
@@ -43,20 +43,20 @@ class Residuals(Constraints):
         """Edge and slab kernels of `Normalised`."""
         base = bases(self.shape)
         order = suffix(self.first)
-        hoisted = ", ".join(row_names(self.shape, self.swept, self.near_base))
+        hoisted = ", ".join(self.near.names)
         _, entries = self._form()
         forms = names("f", len(entries))
         views = self.near_rows.lines
         near = ", ".join([hoisted, *forms, *(f"r{k}[k]" for k in range(len(views)))])
-        stem = ", ".join(stem_names(self.shape, self.swept, self.near_base))
-        responses = ", ".join(f"x_{label(d)}" for d in self.near_base)
+        stem = ", ".join(self.near.stem_names)
+        responses = ", ".join(f"x_{label(d)}" for d in self.near.base)
         core = [
             f"good, {', '.join(self.moved)} = state{order}(t, {base}, {coefficient_names(self.shape.degree)}, x)",
             "if not good:",
             "    continue",
             *merge_lines(self.shape, self.merged_near),
         ]
-        hoist = row_lines(self.shape, self.swept, self.near_base)
+        hoist = self.near.lines
         (hoist if self._stem_in_row() else core).insert(
             0 if self._stem_in_row() else len(core), f"({stem},) = stem_near(t, {base}, d, x, {responses})"
         )
@@ -71,7 +71,8 @@ class Residuals(Constraints):
                 "VIEWS": views,
                 "CORE": core,
                 "HOIST": hoist,
-                "NEAR": near,
+                "KIND": "normalised",
+                "SQUARE": f"near({near})",
                 "UNPACK": self._unpack(),
                 "PERMUTED": self._permuted(),
             },
@@ -133,11 +134,12 @@ class Residuals(Constraints):
                 core.append(f"({', '.join(results)},) = bound{suffix(order)}(t, {base}, {x_of[at]}, {responses})")
                 arguments += results
                 continue
-            stem = ", ".join(stem_names(self.shape, order, self.base, f"c{c}_"))
+            swept = self.each[order]
+            stem = ", ".join(swept.stem_names)
             line = f"({stem},) = stem{suffix(order)}(t, {base}, d, {x_of[at]}, {responses})"
             (hoist if self._stem_in_row() else core).append(line)
-            hoist += row_lines(self.shape, order, self.base, f"c{c}_")
-            arguments += row_names(self.shape, order, self.base, f"c{c}_")
+            hoist += swept.lines
+            arguments += swept.names
         views = self.together_rows.lines
         together = ", ".join([*arguments, *(f"r{k}[k]" for k in range(len(views)))])
         return resolve(
@@ -150,7 +152,7 @@ class Residuals(Constraints):
                 "VIEWS": views,
                 "CORE": core,
                 "HOIST": hoist,
-                "TOGETHER": together,
+                "SQUARE": f"together({together})",
                 "UNPACK": self._unpack(),
                 "LAST": str(self.m),
             },

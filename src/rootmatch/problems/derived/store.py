@@ -16,6 +16,7 @@ import stat
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,20 @@ def _check_arithmetic(node: ast.AST, known: set[str], where: str) -> None:
             continue
         elif not (isinstance(part, ast.Name) and part.id in known):
             raise _refusal(where, part)
+
+
+def shipped_file(problem: str) -> Path:
+    """The file of the formulas that come with the package, in the folder of their problem.
+
+    `rootmatch.derivation.shipped` wrote it from the equations, so that a match needs no SymPy.
+    """
+    return Path(__file__).parents[1] / problem / "formulas.txt"
+
+
+@cache
+def shipped(problem: str) -> Generated:
+    """The formulas of such a file, vetted like any generated text."""
+    return vetted(shipped_file(problem).read_text(encoding="utf-8"), problem)
 
 
 def folder() -> Path:

@@ -20,120 +20,7 @@ def resolve(template: str, parts: dict[str, str | list[str]]) -> str:
     return "\n".join(out) + "\n"
 
 
-NORMALISED = """
-@kernel
-def pair_normalised(t, <BASES>, d, k):
-    <VIEWS>
-    least = BIG
-    <C> = polynomial<FIRST>(t, <BASES>)
-    for x in find_roots(<C>):
-        <CORE>
-        <HOIST>
-        least = min(least, near(<NEAR>))
-    return math.sqrt(least)
-
-
-@kernel
-def edge_normalised(t, kind, i, j):
-    worst = 0.0
-    for pair in range(len(ORDERS)):
-        if kind.pairs >> pair & 1:
-            o = ORDERS[pair]
-            worst = max(worst, pair_normalised(t, <PERMUTED>))
-    return worst
-
-
-@kernel
-def slab_normalised(t, kind, i, j, first, scratch, out):
-    rows, targets = out.shape
-    if kind.pairs != 1:
-        for row in range(rows):
-            i[-1] = first + row
-            for k in range(targets):
-                j[-1] = k
-                out[row, k] = edge_normalised(t, kind, i, j)
-        return
-    <UNPACK>
-    <VIEWS>
-    out[:] = BIG
-    d = first
-    <C> = polynomial<FIRST>(t, <BASES>)
-    for x in find_roots(<C>):
-        <CORE>
-        for row in range(rows):
-            d = first + row
-            line = out[row]
-            <HOIST>
-            for k in range(targets):
-                line[k] = min(line[k], near(<NEAR>))
-    for row in range(rows):
-        line = out[row]
-        for k in range(targets):
-            line[k] = math.sqrt(line[k])
-"""
-
-JOINT = """
-@kernel
-def edge_joint(t, kind, i, j):
-    <UNPACK>
-    d = i[<LAST>]
-    k = j[<LAST>]
-    <FIND>
-    <VIEWS>
-    least = BIG
-    <C> = polynomial<FIRST>(t, <BASES>)
-    for x in find_roots(<C>):
-        <CORE>
-        <HOIST>
-        least = min(least, together(<TOGETHER>))
-    return math.sqrt(least)
-
-
-@kernel
-def slab_joint(t, kind, i, j, first, scratch, out):
-    rows, targets = out.shape
-    <UNPACK>
-    <FIND>
-    <VIEWS>
-    out[:] = BIG
-    d = first
-    <C> = polynomial<FIRST>(t, <BASES>)
-    for x in find_roots(<C>):
-        <CORE>
-        for row in range(rows):
-            d = first + row
-            line = out[row]
-            <HOIST>
-            for k in range(targets):
-                line[k] = min(line[k], together(<TOGETHER>))
-    for row in range(rows):
-        line = out[row]
-        for k in range(targets):
-            line[k] = math.sqrt(line[k])
-"""
-
-ALONE = """
-@kernel
-def edge_joint(t, kind, i, j):
-    return edge_normalised(t, ONE, i, j)
-
-
-@kernel
-def slab_joint(t, kind, i, j, first, scratch, out):
-    slab_normalised(t, ONE, i, j, first, scratch, out)
-"""
-
-RESULTANT = """
-@kernel
-def pair_<KIND>(t, <BASES>, d, k):
-    <P> = polynomial(<FIRST>)
-    <Q> = polynomial(<SECOND>)
-    one = ordinary(<LARGEST>)
-    <UNITS>
-    <UNITS_OF_BOTH>
-    return compare_<KIND>(<P>, <Q>)
-
-
+EDGE = """
 @kernel
 def edge_<KIND>(t, kind, i, j):
     worst = 0.0
@@ -154,7 +41,79 @@ def slab_<KIND>(t, kind, i, j, first, scratch, out):
                 j[-1] = k
                 out[r, k] = edge_<KIND>(t, kind, i, j)
         return
+"""
+
+ROOTS = """
+    <VIEWS>
+    least = BIG
+    <C> = polynomial<FIRST>(t, <BASES>)
+    for x in find_roots(<C>):
+        <CORE>
+        <HOIST>
+        least = min(least, <SQUARE>)
+    return math.sqrt(least)
+"""
+
+SWEEP = """
+    <VIEWS>
+    out[:] = BIG
+    d = first
+    <C> = polynomial<FIRST>(t, <BASES>)
+    for x in find_roots(<C>):
+        <CORE>
+        for row in range(rows):
+            d = first + row
+            line = out[row]
+            <HOIST>
+            for k in range(targets):
+                line[k] = min(line[k], <SQUARE>)
+    for row in range(rows):
+        line = out[row]
+        for k in range(targets):
+            line[k] = math.sqrt(line[k])
+"""
+
+NORMALISED = f"""
+@kernel
+def pair_<KIND>(t, <BASES>, d, k):{ROOTS}
+{EDGE}    <UNPACK>{SWEEP}"""
+
+JOINT = f"""
+@kernel
+def edge_joint(t, kind, i, j):
     <UNPACK>
+    d = i[<LAST>]
+    k = j[<LAST>]
+    <FIND>{ROOTS}
+
+@kernel
+def slab_joint(t, kind, i, j, first, scratch, out):
+    rows, targets = out.shape
+    <UNPACK>
+    <FIND>{SWEEP}"""
+
+ALONE = """
+@kernel
+def edge_joint(t, kind, i, j):
+    return edge_normalised(t, ONE, i, j)
+
+
+@kernel
+def slab_joint(t, kind, i, j, first, scratch, out):
+    slab_normalised(t, ONE, i, j, first, scratch, out)
+"""
+
+RESULTANT = f"""
+@kernel
+def pair_<KIND>(t, <BASES>, d, k):
+    <P> = polynomial(<FIRST>)
+    <Q> = polynomial(<SECOND>)
+    one = ordinary(<LARGEST>)
+    <UNITS>
+    <UNITS_OF_BOTH>
+    return compare_<KIND>(<P>, <Q>)
+
+{EDGE}    <UNPACK>
     <P> = polynomial(<FIRST>)
     one = ordinary(<LARGEST>)
     <UNITS>

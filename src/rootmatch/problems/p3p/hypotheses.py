@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rootmatch.algebra.vector import column, column4, cross
+from rootmatch.algebra.vector import column, column4, cross, scaled
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
 from rootmatch.problems.p3p.prediction import (
@@ -55,36 +55,34 @@ def solve(t, i, j, scratch):  # type: ignore[no-untyped-def]
 
 
 @scalar
+def frame_of(ab2, hab, x, y, rays):  # type: ignore[no-untyped-def]
+    """The triple in the camera at one root: point a, the vectors to b and to c, and their product; if it is a root."""
+    depths, e, f = camera_triangle(ab2, hab, x, y, rays)
+    return (x > 0.0) & (y > 0.0), scaled(depths[0], rays[0]) + e + f + cross(e, f)
+
+
+@scalar
 def known(t, grid, i, j):  # type: ignore[no-untyped-def]
     """|ab|², the versine between the bearings of a and b, and these bearings in the grid's basis."""
     u = grid.rays  # a solution does not depend on how the camera is rotated
-    return (
-        t.distance2[i[0], i[1]], t.versine[j[0], j[1]],
-        u[0, j[0]], u[1, j[0]], u[2, j[0]], u[0, j[1]], u[1, j[1]], u[2, j[1]],
-    )  # fmt: skip
+    return t.distance2[i[0], i[1]], t.versine[j[0], j[1]], column(u, j[0]), column(u, j[1])
 
 
 @scalar
 def hypothesis(t, grid, before, last, scratch, root):  # type: ignore[no-untyped-def]
-    """The triple in the camera at one root: point a, the vectors to b and to c, and their product."""
-    ab2, hab, ax, ay, az, bx, by, bz = before
+    """See `HypothesisKernels.frame`, of `frame_of`."""
+    ab2, hab, a, b = before
     x, y = scratch[2 * root, last], scratch[2 * root + 1, last]
-    depth, _, _, (ex, ey, ez), (fx, fy, fz) = camera_triangle(
-        ab2, hab, x, y, (ax, ay, az), (bx, by, bz), column(grid.rays, last)
-    )
-    gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
-    return (x > 0.0) & (y > 0.0), (
-        depth * ax, depth * ay, depth * az, ex, ey, ez, fx, fy, fz, gx, gy, gz,
-    )  # fmt: skip
+    return frame_of(ab2, hab, x, y, (a, b, column(grid.rays, last)))
 
 
 @scalar
 def gather(t, grid, a, b, c, block, k):  # type: ignore[no-untyped-def]
     """Bearings of an image triple in the grid's basis, and the versines between them, into column k."""
     u, h = grid.rays, t.versine
-    block[0, k], block[1, k], block[2, k] = u[0, a], u[1, a], u[2, a]
-    block[3, k], block[4, k], block[5, k] = u[0, b], u[1, b], u[2, b]
-    block[6, k], block[7, k], block[8, k] = u[0, c], u[1, c], u[2, c]
+    block[0, k], block[1, k], block[2, k] = column(u, a)
+    block[3, k], block[4, k], block[5, k] = column(u, b)
+    block[6, k], block[7, k], block[8, k] = column(u, c)
     block[9, k], block[10, k], block[11, k] = h[a, b], h[b, c], h[a, c]
 
 
@@ -103,16 +101,10 @@ def solve_gathered(t, i, block, count, scratch):  # type: ignore[no-untyped-def]
 @scalar
 def gathered_frame(t, i, block, k, scratch, root):  # type: ignore[no-untyped-def]
     """The triple of a gathered image triple in the camera at one root, as from `hypothesis`."""
+    a, b = (block[0, k], block[1, k], block[2, k]), (block[3, k], block[4, k], block[5, k])
+    rays = a, b, (block[6, k], block[7, k], block[8, k])
     x, y = scratch[2 * root, k], scratch[2 * root + 1, k]
-    ax, ay, az = block[0, k], block[1, k], block[2, k]
-    depth, _, _, (ex, ey, ez), (fx, fy, fz) = camera_triangle(
-        t.distance2[i[0], i[1]], block[9, k], x, y,
-        (ax, ay, az), (block[3, k], block[4, k], block[5, k]), (block[6, k], block[7, k], block[8, k]),
-    )  # fmt: skip
-    gx, gy, gz = cross(ex, ey, ez, fx, fy, fz)
-    return (x > 0.0) & (y > 0.0), (
-        depth * ax, depth * ay, depth * az, ex, ey, ez, fx, fy, fz, gx, gy, gz,
-    )  # fmt: skip
+    return frame_of(t.distance2[i[0], i[1]], block[9, k], x, y, rays)
 
 
 @part
@@ -132,6 +124,6 @@ def predictions(t, i, j, root, out):  # type: ignore[no-untyped-def]
         return False
     for d in range(out.shape[1]):
         stored(prediction(source, frame, rays, variances, column(t.points, d)), out, d)
-        hidden = facing_away(source, frame, column4(t.normals, d), out[0, d], out[1, d], out[2, d]) > 0.0
+        hidden = facing_away(source, frame, column4(t.normals, d), column(out, d)) > 0.0
         out[12, d] = 1.0 if out[9, d] + out[11, d] < VAGUE2 and not hidden else 0.0
     return True

@@ -20,6 +20,7 @@ from rootmatch.problems.limits import UNINFORMATIVE
 from rootmatch.problems.p3p.prediction import (
     camera_frame,
     facing_away,
+    loaded,
     prediction,
     squared_deviation,
     stored,
@@ -49,17 +50,13 @@ def slab(t, kind, i, j, first, panel, scratch, out):  # type: ignore[no-untyped-
         for r in range(rows):
             predicted = prediction(source, frame, rays, variances, (px[r], py[r], pz[r]))
             stored(predicted, scratch, r)
-            normal = column4(t.normals, first + r)
-            if facing_away(source, frame, normal, predicted[0], predicted[1], predicted[2]) > 0.0:
+            if facing_away(source, frame, column4(t.normals, first + r), predicted[0]) > 0.0:
                 scratch[9, r] = inf  # a prediction without meaning
         for r in range(rows):
-            predicted = (
-                scratch[0, r], scratch[1, r], scratch[2, r], scratch[3, r], scratch[4, r], scratch[5, r],
-                scratch[6, r], scratch[7, r], scratch[8, r], scratch[9, r], scratch[10, r], scratch[11, r],
-            )  # fmt: skip
+            predicted = loaded(scratch, r)
             line = out[r]
             for m in range(columns):
-                line[m] = min(line[m], squared_deviation(predicted, rx[m], ry[m], rz[m], v[m]))
+                line[m] = min(line[m], squared_deviation(predicted, (rx[m], ry[m], rz[m]), v[m]))
 
 
 @kernel
@@ -77,10 +74,9 @@ def edge(t, kind, i, j):  # type: ignore[no-untyped-def]
             if not triple_visible(source, frame, normals, rays):
                 continue
             predicted = prediction(source, frame, rays, variances, column(t.points, d))
-            normal = column4(t.normals, d)
-            if facing_away(source, frame, normal, predicted[0], predicted[1], predicted[2]) > 0.0:
+            if facing_away(source, frame, column4(t.normals, d), predicted[0]) > 0.0:
                 continue
-            least = min(least, squared_deviation(predicted, t.rays[0, k], t.rays[1, k], t.rays[2, k], t.variance[k]))
+            least = min(least, squared_deviation(predicted, column(t.rays, k), t.variance[k]))
     return np.sqrt(least)
 
 

@@ -67,9 +67,8 @@ def squared_at(x, y, block, k):  # type: ignore[no-untyped-def]
     source = source_frame(three(block, POINTS, k), three(block, POINTS + 3, k), three(block, POINTS + 6, k))
     frame = camera_frame(block[DISTANCES, k], block[ANGLES, k], x, y, rays)
     predicted = prediction(source, frame, rays, three(block, VARIANCES, k), three(block, POINTS + 9, k))
-    dx, dy, dz = three(block, RAYS + 9, k)
-    chi2 = squared_deviation(predicted, dx, dy, dz, block[VARIANCES + 3, k])
-    away = facing_away(source, frame, four(block, NORMALS + 12, k), predicted[0], predicted[1], predicted[2])
+    chi2 = squared_deviation(predicted, three(block, RAYS + 9, k), block[VARIANCES + 3, k])
+    away = facing_away(source, frame, four(block, NORMALS + 12, k), predicted[0])
     visible = triple_visible(source, frame, normals, rays) & (away <= 0.0)
     return chi2 if (x > 0.0) & (y > 0.0) & visible else UNINFORMATIVE * UNINFORMATIVE
 

@@ -10,19 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
-from rootmatch.deadline import checkpoint
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
-from rootmatch.problems.points import PointSets, known_normals
+from rootmatch.problems.points import PointSets, known_normals, squared_distances
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:
     from rootmatch.problems.p3p.tables import P3PTables
-
-ROWS = 64
-"""Rows of a table that are worked out together."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +50,9 @@ class P3P(Problem):
 
     camera: CameraModel
     name: ClassVar[str] = "p3p"
-    order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 6
     source_dimension: ClassVar[int] = 3
     to_check: ClassVar[str] = "units and camera"
     to_tell: ClassVar[str] = "give normals, or the vertical to `UP2P`"
@@ -110,17 +104,3 @@ class P3P(Problem):
         versine = [0.5 * ((rays[:, (k + 1) % 3] - rays[:, k]) ** 2).sum(axis=1) for k in range(3)]
         # the scalar kernel is plain arithmetic, so its Python form takes whole arrays
         return np.array([quartic_in_ratio(*values) for values in zip(*side, *versine, strict=True)])
-
-
-def squared_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, n) squared distances of points (n, k), each from its own difference, so that close points lose nothing."""
-    squared: NDArray[np.float64] = np.zeros((len(points), len(points)))
-    coordinates = np.ascontiguousarray(points.T)
-    for first in range(0, len(points), ROWS):  # some at a time, which stay in the processor's cache
-        checkpoint()
-        rows = squared[first : first + ROWS]
-        for coordinate in coordinates:  # one by one: no array of n × n × k
-            difference = coordinate[first : first + ROWS, None] - coordinate
-            difference *= difference
-            rows += difference
-    return squared

@@ -30,22 +30,21 @@ def distinct(hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
     return min(min(hab, hbc, hca), min(hbd, hda)) > COINCIDENT
 
 
-@scalar
-def last_entry(A, B, C, B2, C2, hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
-    """|R_88| of the two quartics in x, as in the paper."""
-    p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
-    q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
-    entry = unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-    return entry if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
+def entry_of(compare: Any) -> Any:
+    """A residual of the two quartics in x, as in the paper, from a kernel that compares their forms about x = 1."""
+
+    @scalar
+    def entry(A, B, C, B2, C2, hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
+        p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
+        q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
+        value = compare(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
+        return value if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
+
+    return entry
 
 
-@scalar
-def lesser_last_entry(A, B, C, B2, C2, hab, hbc, hca, hbd, hda):  # type: ignore[no-untyped-def]
-    """The lesser |R_88| of the quartics in x and in 1/x."""
-    p4, p3, p2, p1, p0 = quartic_about_one(A, B, C, hab, hbc, hca)
-    q4, q3, q2, q1, q0 = quartic_about_one(A, B2, C2, hab, hbd, hda)
-    entry = lesser_unit_last_entry_quartic_about_one(p4, p3, p2, p1, p0, q4, q3, q2, q1, q0)
-    return entry if distinct(hab, hbc, hca, hbd, hda) else NO_INFORMATION
+last_entry = entry_of(unit_last_entry_quartic_about_one)
+lesser_last_entry = entry_of(lesser_unit_last_entry_quartic_about_one)
 
 
 @scalar

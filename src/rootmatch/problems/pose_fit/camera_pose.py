@@ -6,36 +6,32 @@ fitted to the bottom: from many starts, as a plane seen from afar has two valley
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import (
+    KEPT,
     ROUGH_STEPS,
     Floats,
     State,
     covariance_of,
     descended,
     lowest_of,
-    polished,
 )
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.prior import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
-from rootmatch.problems.pose_fit.upright import Upright
 
 Integers = NDArray[np.int64]
 
 REWEIGHTED = 2
 """How often covariances of projections are taken anew. Not tuned: the first fit has them to a few per cent."""
-KEPT = 3
-"""How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
 
 
 def camera_poses(
@@ -105,61 +101,42 @@ def camera_poses(
         )
         kept += 1
     state, chi2 = lowest_of(*descended(model.repeated(kept), state), count)
-    state, chi2 = polished(model.repeated, state, chi2, len(axes) + 3)
     if points.source_covariance is not None:
         known = points.source_covariance[packed] / unit**2
         alone = np.where(weight > 0.0, 1.0 / points.detection_noise[target], 0.0)
         for _ in range(REWEIGHTED):
             model = replace(model, white=whitening(camera, places, known, alone, state))
-            state, chi2 = polished(model.repeated, *descended(model, state), len(axes) + 3)
-    found = _Found(state, chi2, covariance_of(model, state), axes=axes, centre=centre, unit=unit)
-    measured = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
-    return [
-        _pose(found, k, points, camera, assignment=assignments[k], measured=measured) if np.isfinite(chi2[k]) else None
-        for k in range(count)
-    ]
+            state, chi2 = descended(model, state)
+    covariance = covariance_of(model, state)
+    dof = (2 if noisy else 0) + (6 if gaussian else 0) - len(axes) - 3
+    poses: list[Pose | None] = []
+    for k, assignment in enumerate(assignments):
+        if not np.isfinite(chi2[k]):
+            poses.append(None)
+            continue
+        rotation = state[0][k]
+        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], axes, centre, unit)
+        members = np.flatnonzero(assignment >= 0)
+        predicted = camera.project(points.source[members] @ rotation.T + translation)
+        detected = points.target[assignment[members]]
+        if detected.shape[1] == 3:
+            detected = camera.bearings(detected)
+        poses.append(
+            fitted_pose(
+                rotation,
+                translation,
+                own,
+                chi2=float(chi2[k]),
+                dof=2 * len(members) + dof,
+                points=members,
+                predicted=predicted,
+                residuals=np.linalg.norm(detected - predicted, axis=1),
+                sigma=points.target_noise[assignment[members]],
+            )
+        )
+    return poses
 
 
 def _flat(part: Floats) -> Floats:
     """(K, S, …) as (K S, …)."""
     return part.reshape(-1, *part.shape[2:])
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """The fits, in their own frame and unit."""
-
-    state: State
-    chi2: Floats
-    covariance: Floats
-    axes: Floats
-    centre: Floats
-    unit: float
-
-
-def _pose(
-    found: _Found, k: int, points: PointSets, camera: CameraModel, *, assignment: Integers, measured: int
-) -> Pose:
-    """The pose of one fit, in the caller's frame and unit."""
-    rotation, shift = found.state[0][k], found.unit * found.state[1][k]
-    turned = rotation @ found.centre
-    change = np.zeros((6, len(found.axes) + 3))
-    change[:3, : len(found.axes)], change[3:, len(found.axes) :] = found.axes.T, found.unit * np.eye(3)
-    # t = u t' − R c, so τ = u τ' − ω × R c
-    change[3:, : len(found.axes)] = cross_matrix(turned) @ found.axes.T
-    members = np.flatnonzero(assignment >= 0)
-    predicted = camera.project(points.source[members] @ rotation.T + shift - turned)
-    detected = points.target[assignment[members]]
-    if detected.shape[1] == 3:
-        detected = camera.bearings(detected)
-    return fitted_pose(
-        rotation,
-        shift - turned,
-        change @ found.covariance[k] @ change.T,
-        chi2=float(found.chi2[k]),
-        dof=2 * len(members) + measured,
-        points=members,
-        predicted=predicted,
-        residuals=np.linalg.norm(detected - predicted, axis=1),
-        sigma=points.target_noise[assignment[members]],
-    )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +14,16 @@ State = tuple[Floats, ...]
 
 ROUGH_STEPS = 12
 """Steps after which fits from many starts are compared. Not tuned: most have arrived by then."""
-STEPS = 100
-"""Maximum number of steps. Not tuned: well-placed points take 5, points nearly on a line hundreds (`polished`)."""
+KEPT = 3
+"""How many fits from many starts, the lowest, are continued to convergence. Not tuned."""
+STEPS = 300
+"""Maximum number of steps. Not tuned: well-placed points take 5, points nearly on a line hundreds."""
 SETTLED = 1e-13
 """Predicted relative decrease of χ² below which a fit has converged. Not tuned."""
-NEWTON_STEPS = 8
-"""Maximum number of final Newton steps. Not tuned: each doubles the correct digits."""
 DELTA = 1e-5
-"""Step of its central differences, in radians and in the unit of the fit. Not tuned."""
+"""Step of central differences, in radians and in the unit of the fit. Not tuned."""
 MOST_DAMPING = 1e12
 """Damping at which a fit that no step improves ends. Not tuned."""
-
-S = TypeVar("S", bound=State)
 
 
 class Model(Protocol):
@@ -83,54 +80,6 @@ def descended(model: Model, state: State, steps: int = STEPS) -> tuple[State, Fl
             damping = np.where(better, np.maximum(0.1 * damping, 1e-12), 10.0 * np.maximum(damping, 1e-6))
             done |= settled | (damping > MOST_DAMPING) | (chi2 == 0.0)
     return state, chi2
-
-
-def polished(model: Callable[[int], Model], state: State, chi2: Floats, size: int) -> tuple[State, Floats]:
-    """States near the bottom taken there by Newton's method, where Gauß and Newton's converges slowly.
-
-    That is where residuals are large and a direction hardly matters, as the rotation of points nearly on a line.
-
-    Parameters
-    ----------
-    model : callable
-        The model with each of its fits repeated so many times.
-    state, chi2
-        As `descended` left them.
-    size : int
-        Parameters p.
-    """
-    count, several = len(chi2), 2 * size
-    once, many = model(1), model(several)
-    signs = np.tile(DELTA * np.concatenate([np.eye(size), -np.eye(size)]), (count, 1))
-    with np.errstate(all="ignore"):
-        for _ in range(NEWTON_STEPS):
-            around = many.moved(tuple(np.repeat(part, several, axis=0) for part in state), signs)
-            slopes = _slope(many, around).reshape(count, 2, size, size)
-            hessian = (slopes[:, 0] - slopes[:, 1]) / (2.0 * DELTA)
-            hessian = 0.5 * (hessian + hessian.swapaxes(-1, -2))
-            usable = np.isfinite(chi2) & np.isfinite(hessian).all(axis=(1, 2))
-            hessian = np.where(usable[:, None, None], hessian, np.eye(size))
-            # only where it is a valley, beyond rounding: elsewhere Newton's method climbs
-            curvature = np.linalg.eigvalsh(hessian)
-            usable &= curvature[:, 0] > np.finfo(float).eps * curvature[:, -1]
-            hessian = np.where(usable[:, None, None], hessian, np.eye(size))
-            step = -np.linalg.solve(invertible(hessian), _slope(once, state)[..., None])[..., 0]
-            reached = once.moved(state, np.where(usable[:, None], step, 0.0))
-            chi22 = chi2_of(once.residuals(reached))
-            better = usable & (chi22 < chi2)
-            gained = np.where(better, chi2 - chi22, 0.0) > SETTLED * chi2
-            state = tuple(_where(better, new, old) for new, old in zip(reached, state, strict=True))
-            chi2 = np.where(better, chi22, chi2)
-            if not gained.any():
-                break
-    return state, chi2
-
-
-def _slope(model: Model, state: State) -> Floats:
-    """Half the gradients (B, p) of χ²."""
-    residuals = np.nan_to_num(model.residuals(state), nan=0.0, posinf=0.0, neginf=0.0)
-    jacobian = np.nan_to_num(model.jacobian(state), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.asarray((jacobian.swapaxes(-1, -2) @ residuals[..., None])[..., 0])
 
 
 def covariance_of(model: Model, state: State) -> Floats:

@@ -1,16 +1,32 @@
-"""A `Pose` of what a fit has found."""
+"""A `Pose` of what a fit has found, in the frame and unit of the caller."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.problems.gate import GATE
+from rootmatch.algebra.rotation import cross_matrix
+from rootmatch.problems.limits import GATE
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import nearest_covariance
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+def in_callers_frame(
+    rotation: Floats, translation: Floats, covariance: Floats, axes: Floats, centre: Floats, unit: float
+) -> tuple[Floats, Floats]:
+    """Translation and covariance of a fit whose points were taken about their centre and in a unit of their own.
+
+    ``covariance``: of rotations about the ``axes`` (a, 3), of the translation, and of what else was fitted; returned is
+    that of rotations about all three axes, of the translation, and of the rest.
+    """
+    a, size, turned = len(axes), len(covariance), rotation @ centre
+    change = np.zeros((size + 3 - a, size))
+    change[:3, :a], change[3:6, a : a + 3], change[6:, a + 3 :] = axes.T, unit * np.eye(3), np.eye(size - a - 3)
+    change[3:6, :a] = cross_matrix(turned) @ axes.T  # t = u t' − R c, so τ = u τ' − ω × R c
+    return unit * translation - turned, change @ covariance @ change.T
 
 
 def fitted_pose(
@@ -28,9 +44,6 @@ def fitted_pose(
     focal: float | None = None,
 ) -> Pose:
     """A pose with what its fit says; ``sigma`` (m,) of each of the residuals on one axis."""
-    if np.abs(R.T @ R - np.eye(len(R))).max() > 1e-12:  # hundreds of steps, and wide ones where points say little
-        u, _, vt = np.linalg.svd(R)
-        R = u @ vt
     return Pose(
         R,
         t,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 from rootmatch.problems.pose_fit.base import Floats
 
 Integers = NDArray[np.int64]
@@ -76,11 +76,11 @@ class PointSetFit:
         both = (self.scale**2)[:, None, None] * clouds.source_variance[:, None] + clouds.target_variance
         return np.maximum(squared, 0.0), both + own[:, :, None]
 
-    def densities(self, k: int, inflation: float = 1.0) -> Floats:
+    def densities(self, k: int) -> Floats:
         """Logarithm of the predictive density, per unit of volume, of each target as the image of each point, (n, n').
 
         The prediction is that of the other points of assignment k: a point's own match is left out. The motion's own
-        uncertainty enters as its mean over directions. ``inflation``: factor on all variances.
+        uncertainty enters as its mean over directions.
         """
         one = self.take(np.array([k]))
         squared, variance = (part[0] for part in one.squares())
@@ -92,7 +92,6 @@ class PointSetFit:
         leverage = np.clip((variance[places] - own) / own, 0.0, 0.95)
         squared[places] /= (1.0 - leverage) ** 2
         variance[places] = own / (1.0 - leverage)
-        variance = inflation * variance
         size = self.clouds.source.shape[1]
         return np.asarray(-0.5 * (squared / variance + size * np.log(2.0 * np.pi * variance)))
 

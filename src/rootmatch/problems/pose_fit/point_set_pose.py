@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
-from rootmatch.problems.points import PointSets
+from rootmatch.algebra.rotation import rotation_from_vector, turn_jacobian
+from rootmatch.problems.points import PointClouds, PointSets
 from rootmatch.problems.pose_fit.descent import Floats, State, covariance_of, descended
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
 from rootmatch.problems.pose_fit.pose import Pose
 
 Integers = NDArray[np.int64]
@@ -19,8 +20,6 @@ FLAT = 1e-6
 """Singular value, relative to the largest, below which points lie in a plane, or two on a line. A round value."""
 REWEIGHTED = 3
 """How often covariances of axes that differ are taken anew. A round value."""
-ROUNDS = 20
-"""Maximum number of closed-form fits, in which an unknown scale changes the weights. Not tuned: three are usual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +55,7 @@ class _MotionModel:
         """See `Model`."""
         off, sigma, moved = self._parts(state)
         size = self.dimension
-        if size == 3:
-            by_angle = -cross_matrix(moved)
-        else:
-            by_angle = np.stack([-moved[..., 1], moved[..., 0]], axis=-1)[..., None]
-        unit = np.broadcast_to(np.eye(size), (*moved.shape, size))
-        parts = [by_angle, unit]
+        parts = [turn_jacobian(moved), np.broadcast_to(np.eye(size), (*moved.shape, size))]
         if self.scaled:
             # the weights depend on the scale too
             share = np.exp(2.0 * state[2])[:, None] * self.variance / sigma**2
@@ -92,9 +86,8 @@ class _MotionModel:
 def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mirror: bool = False) -> Pose:
     """The most likely motion of the source points of an assignment (n,) onto their targets.
 
-    Minimises Σ |scale · R x + t − x'|² / (σ'² + scale² σ²): where the scale is known in closed form (Umeyama 1991, with
-    weights). Where axes differ in noise, deviations are weighted by the inverse of Σ' + scale² R Σ Rᵀ, taken at the
-    motion of the fit before.
+    Minimises Σ |scale · R x + t − x'|² / (σ'² + scale² σ²), from the motion of `fitted_point_sets`. If axes differ in
+    noise, deviations are weighted by the inverse of Σ' + scale² R Σ Rᵀ, taken at the motion of the fit before.
 
     Parameters
     ----------
@@ -112,14 +105,12 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     variance, variance2 = points.source_noise[members] ** 2, points.target_noise[assignment[members]] ** 2
     centre = source.mean(axis=0)
     source = source - centre
-    scale = 1.0
-    for _ in range(ROUNDS if scaled else 1):
-        rotation, translation, now = _closed(source, target, 1.0 / (variance2 + scale**2 * variance), scaled, mirror)
-        if abs(now - scale) <= 1e-12 * scale:
-            break
-        scale = now
+    # points in a plane fit a rotation as well as its reflection, which is then not meant
+    values = np.linalg.svd(source, compute_uv=False)
+    clouds = PointClouds(source, target, variance, variance2, scaled, mirror and bool(values[-1] > FLAT * values[0]))
+    start = fitted_point_sets(clouds, np.arange(len(members))[None], clouds.mirror)
     model = _MotionModel(source, target, variance, variance2, scaled)
-    state: State = rotation[None], translation[None], np.log(np.array([scale]))
+    state: State = start.rotation, start.shift, np.log(start.scale)
     if scaled:
         state, _ = descended(model, state)
     if points.source_covariance is not None or points.target_covariance is not None:
@@ -134,7 +125,7 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     angles = slice(0, 3) if size == 3 else slice(0, 1)
     shifts = slice(angles.stop, angles.stop + size)
     # t = t' − s R c
-    change[shifts, angles] = cross_matrix(turned) if size == 3 else np.array([[turned[1]], [-turned[0]]])
+    change[shifts, angles] = -turn_jacobian(turned)
     if scaled:
         change[shifts, -1], change[-1, -1] = -turned, scale
     off = model.residuals(state)[0]
@@ -166,19 +157,3 @@ def _whitening(points: PointSets, members: Integers, images: Integers, state: St
     both = turn @ of_source @ turn.T + of_target
     least = FLAT**2 * np.trace(both, axis1=1, axis2=2)[:, None, None]
     return np.asarray(np.linalg.inv(np.linalg.cholesky(both + least * np.eye(len(turn)))))
-
-
-def _closed(source: Floats, target: Floats, weight: Floats, scaled: bool, mirror: bool) -> tuple[Floats, Floats, float]:
-    """Weighted least squares: rotation, translation and scale."""
-    share = weight / weight.sum()
-    centre, centre2 = share @ source, share @ target
-    first, second = source - centre, target - centre2
-    u, values, vt = np.linalg.svd((second * share[:, None]).T @ first)
-    signs = np.ones(source.shape[1])
-    # points in a plane fit a rotation as well as its reflection, which is then not meant
-    flat = values[-1] <= FLAT * values[0]
-    if (flat or not mirror) and np.linalg.det(u) * np.linalg.det(vt) < 0.0:
-        signs[-1] = -1.0
-    rotation = (u * signs) @ vt
-    scale = float((values * signs).sum() / (share @ (first**2).sum(axis=1))) if scaled else 1.0
-    return rotation, centre2 - scale * rotation @ centre, scale

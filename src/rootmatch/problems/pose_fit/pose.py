@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.errors import InputError, quoted
 from rootmatch.problems.pose_fit.pose_checks import (
     ROUNDED,
@@ -20,7 +21,6 @@ from rootmatch.problems.pose_fit.pose_checks import (
 from rootmatch.problems.pose_fit.registration_error import (
     RegistrationError,
     registration_error,
-    turn_jacobian,
 )
 
 if TYPE_CHECKING:

@@ -23,15 +23,20 @@ def nearest_covariance(matrix: Floats) -> Floats | None:
     matrix = 0.5 * (matrix + matrix.T)
     if not np.all(np.isfinite(matrix)):
         return None
-    deviation = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.outer(deviation, deviation)
-    scaled = matrix / np.where(unit > 0.0, unit, 1.0)
+    scaled, unit = _in_deviations(matrix)
     if not np.all(np.isfinite(scaled)):
         return None
     values, vectors = np.linalg.eigh(scaled)
     if values[0] >= 0.0:
         return matrix
     return np.asarray(unit * ((vectors * np.maximum(values, 0.0)) @ vectors.T))
+
+
+def _in_deviations(covariance: Floats) -> tuple[Floats, Floats]:
+    """A covariance over the products of standard deviations, and these: angles and lengths have units of their own."""
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.outer(deviation, deviation)
+    return covariance / np.where(unit > 0.0, unit, 1.0), unit
 
 
 def numbers(value: ArrayLike, name: str, expected: str) -> Floats:
@@ -66,13 +71,11 @@ def checked_covariance(value: ArrayLike, dimension: int) -> Floats:
     covariance = numbers(value, "covariance", f"a matrix ({size}, {size})")
     if covariance.shape not in ((size, size), (size + 1, size + 1)):
         raise InputError(f"pose: covariance of shape {covariance.shape} given, ({size}, {size}) expected")
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    unit = np.outer(deviation, deviation)  # angles and lengths have units of their own
+    _, unit = _in_deviations(covariance)
     if np.any(np.abs(covariance - covariance.T) > ASYMMETRIC * np.maximum(unit, np.abs(covariance))):
         raise InputError("pose: the covariance is not symmetric; give cov(a, b) = cov(b, a)")
     covariance = 0.5 * (covariance + covariance.T)
-    scaled = covariance / np.where(unit > 0.0, unit, 1.0)
-    least = float(np.linalg.eigvalsh(scaled)[0])
+    least = float(np.linalg.eigvalsh(_in_deviations(covariance)[0])[0])
     if np.any(np.diag(covariance) < 0.0) or least < -ASYMMETRIC:
         raise InputError(
             "pose: the covariance is not positive: it has a negative eigenvalue; give a positive semidefinite one"

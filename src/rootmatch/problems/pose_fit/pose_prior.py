@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector, rotation_vector
+from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_checks import checked_rotation, numbers
@@ -63,14 +64,17 @@ class PosePrior:
                 raise InputError("prior: rotation in a plane given; give R (3, 3)")
         if self.position is not None:
             place, sigma = _parts("position", self.position, 2, "(t, σ)")
-            self.__dict__.update(position=(_vector("position", place), _covariance("position", sigma)))
+            t = numbers(place, "position", "3 numbers")
+            if t.size != 3:
+                raise InputError(f"prior: position of shape {t.shape} given, (3,) expected")
+            self.__dict__.update(position=(t.ravel(), _covariance("position", sigma)))
         if self.vertical is not None:
             source, camera, tilt = _parts("vertical", self.vertical, 3, "(in the points' frame, in the camera's, σ)")
-            first, second = (_direction(one) for one in (source, camera))
-            sigma = float(_numbers("vertical", tilt, ()))
-            if not 0.0 <= sigma <= WIDEST:
-                raise InputError(f"prior: vertical with σ {sigma:g} given; give radians from 0 to {WIDEST:g}")
-            self.__dict__.update(vertical=(first, second, sigma))
+            first, second = (unit_direction(np.ravel(one), "prior: vertical") for one in (source, camera))
+            sigma = numbers(tilt, "vertical", "a number")
+            if sigma.shape != () or not 0.0 <= sigma <= WIDEST:
+                raise InputError(f"prior: vertical with σ {sigma} given; give radians from 0 to {WIDEST:g}")
+            self.__dict__.update(vertical=(first, second, float(sigma)))
 
     @property
     def turn(self) -> tuple[Floats, Floats] | None:
@@ -152,25 +156,6 @@ def _parts(name: str, given: Any, count: int, expected: str) -> tuple[Any, ...]:
     if not isinstance(given, tuple | list) or len(given) != count:
         raise InputError(f"prior: {name}: give {expected}")
     return tuple(given)
-
-
-def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
-    array = numbers(value, name, "a number" if shape == () else f"shape {shape}")
-    if array.shape != shape:
-        raise InputError(f"prior: {name} of shape {array.shape} given, {shape} expected")
-    return array
-
-
-def _vector(name: str, value: Any) -> Floats:
-    return _numbers(name, np.ravel(value) if np.size(value) == 3 else value, (3,))
-
-
-def _direction(value: Any) -> Floats:
-    vector = _vector("vertical", value)
-    length = float(np.linalg.norm(vector))
-    if not length > 0.0:
-        raise InputError("prior: vertical: a direction of length 0 given")
-    return np.asarray(vector / length)
 
 
 def _covariance(name: str, sigma: Any) -> Floats:

@@ -1,4 +1,4 @@
-"""A predicted pose with its covariance, as a Gaussian that a fit takes into account."""
+"""What a fit takes into account beside the detections: a predicted pose with its covariance, a known vertical."""
 
 from __future__ import annotations
 
@@ -53,3 +53,24 @@ class Prior:
         out = np.zeros((len(rotation), 6, len(axes) + 3))
         out[:, :3, : len(axes)], out[:, 3:, len(axes) :] = left @ axes.T, np.eye(3)
         return np.asarray(self.root @ out)
+
+
+@dataclass(frozen=True, eq=False)
+class Upright:
+    """A camera whose vertical is known: rotations of world and camera onto y, and the vertical's σ in radians."""
+
+    world: Floats
+    camera: Floats
+    noise: float
+
+    def residuals(self, rotation: Floats) -> Floats:
+        """Angles (B, 2) between the vertical as measured and as rotated into the camera, about two axes, over σ."""
+        down = rotation @ self.world[1] @ self.camera.T
+        return np.stack([down[:, 2], -down[:, 0]], axis=1) / self.noise
+
+    def jacobian(self, rotation: Floats, axes: Floats) -> Floats:
+        """Their derivatives (B, 2, a + 3) by rotations about the axes (a, 3) and by translations."""
+        down = rotation @ self.world[1]
+        rows = [np.cross(down, self.camera[2]), np.cross(self.camera[0], down)]
+        tilt = np.stack(rows, axis=1) @ axes.T / self.noise
+        return np.concatenate([tilt, np.zeros((len(rotation), 2, 3))], axis=-1)

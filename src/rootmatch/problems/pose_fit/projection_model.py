@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from rootmatch.algebra.rotation import cross_matrix, rotation_from_vector
 from rootmatch.cameras.base import CameraModel
 from rootmatch.problems.pose_fit.descent import Floats, State
-from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.prior import Prior, Upright
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
-from rootmatch.problems.pose_fit.upright import Upright
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ProjectionModel:
         off[~((self.camera.sees(positions) & possible) | ~used).all(axis=1)] = np.inf
         parts = [off.reshape(len(off), -1)]
         if self.upright is not None:
-            parts.append(_tilts(self.upright, rotation) / self.upright.noise)
+            parts.append(self.upright.residuals(rotation))
         if self.prior is not None:
             parts.append(self.prior.residuals(rotation, translation))
         return np.concatenate(parts, axis=1)
@@ -57,21 +57,17 @@ class ProjectionModel:
         rotated = self.points @ rotation.swapaxes(-1, -2)
         by_position = self._whitened(self.camera.jacobian(rotated + translation[:, None]))
         by_rotation = -by_position @ (cross_matrix(rotated) @ self.axes.T)
-        size, both = len(rotation), np.concatenate([by_rotation, by_position], axis=-1)
-        parts = [np.where(self.weight[..., None, None] > 0.0, both, 0.0).reshape(size, -1, both.shape[-1])]
+        both = np.concatenate([by_rotation, by_position], axis=-1)
+        parts = [np.where(self.weight[..., None, None] > 0.0, both, 0.0).reshape(len(rotation), -1, both.shape[-1])]
         if self.upright is not None:
-            down = rotation @ self.upright.world[1]
-            rows = [np.cross(down, self.upright.camera[2]), np.cross(self.upright.camera[0], down)]
-            tilt = np.stack(rows, axis=1) @ self.axes.T / self.upright.noise
-            parts.append(np.concatenate([tilt, np.zeros((size, 2, 3))], axis=-1))
+            parts.append(self.upright.jacobian(rotation, self.axes))
         if self.prior is not None:
             parts.append(self.prior.jacobian(rotation, self.axes))
         return np.concatenate(parts, axis=1)
 
-    def repeated(self, times: int) -> ProjectionModel:
+    def repeated(self, times: int) -> Self:
         """Each of the fits so many times, one after another."""
-        each = (np.repeat(part, times, axis=0) for part in (self.points, self.image, self.weight))
-        points, image, weight = each
+        points, image, weight = (np.repeat(part, times, axis=0) for part in (self.points, self.image, self.weight))
         white = None if self.white is None else np.repeat(self.white, times, axis=0)
         return replace(self, points=points, image=image, weight=weight, white=white)
 
@@ -117,9 +113,3 @@ def whitening(
     usable = np.isfinite(by_point).all(axis=(-1, -2)) & (weight > 0.0)
     spread = shared_spread(np.where(usable[..., None, None], by_point, 0.0), covariance, own, images)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
-
-
-def _tilts(upright: Upright, rotation: Floats) -> Floats:
-    """Angles (B, 2) between the vertical as measured and as rotated into the camera, about two axes."""
-    down = rotation @ upright.world[1] @ upright.camera.T
-    return np.stack([down[:, 2], -down[:, 0]], axis=1)

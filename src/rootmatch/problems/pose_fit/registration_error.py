@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rootmatch.algebra.rotation import turn_jacobian
 from rootmatch.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -46,13 +47,3 @@ def registration_error(R: Floats, scale: float, covariance: Floats | None, point
     if len(covariance) > turns + k:
         jacobian[..., -1] = turned
     return RegistrationError(jacobian @ covariance @ jacobian.swapaxes(-1, -2))
-
-
-def turn_jacobian(x: Floats) -> Floats:
-    """Derivative (…, k, angles) of Exp(ω) x by ω, at ω = 0: ω × x."""
-    if x.shape[-1] == 2:
-        return np.stack([-x[..., 1], x[..., 0]], axis=-1)[..., None]
-    zero = np.zeros(x.shape[:-1])
-    a, b, c = x[..., 0], x[..., 1], x[..., 2]
-    rows = ((zero, c, -b), (-c, zero, a), (b, -a, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

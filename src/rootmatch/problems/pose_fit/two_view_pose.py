@@ -5,7 +5,7 @@ Both images are noisy: a pair counts by its first-order (Sampson) distance from 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from rootmatch.algebra.directions import tangent_bases
 from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
 from rootmatch.problems.pose_fit.descent import (
+    DELTA,
+    KEPT,
     ROUGH_STEPS,
     STEPS,
     Floats,
@@ -22,10 +24,11 @@ from rootmatch.problems.pose_fit.descent import (
     descended,
     lowest_of,
 )
+from rootmatch.problems.pose_fit.epipolar_lines import Views, behind
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.moments import moments
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.relative import Views, behind
+from rootmatch.problems.pose_fit.starts import DOUBTED
 
 Integers = NDArray[np.int64]
 
@@ -33,12 +36,6 @@ ANGLES = 240
 """Rotations about the common direction that are tried, 1.5° apart. Not tuned."""
 STARTS = 6
 """The best of them, from which an assignment is fitted. Not tuned."""
-KEPT = 3
-"""How many of these fits, the lowest, are continued to convergence. Not tuned."""
-DOUBTED = 9.0
-"""Squared deviation from which a point counts less, when they are compared. Not tuned: (3 σ)²."""
-STEP = 1e-5
-"""Step of central differences, in radians: its square is below rounding over it. Not tuned."""
 OPEN = 1.0
 """σ in radians beforehand of a direction that the points leave open. By construction: about all of it."""
 
@@ -73,12 +70,9 @@ class _TwoViewModel:
         """See `Model`; by central differences."""
         count, size = len(state[0]), self.size
         signs = np.concatenate([np.eye(size), -np.eye(size)])
-        repeated = tuple(np.repeat(part, 2 * size, axis=0) for part in state)
-        many = _TwoViewModel(
-            self.views, np.repeat(self.k, 2 * size, axis=0), np.repeat(self.used, 2 * size, axis=0), self.planar
-        )
-        values = many.residuals(many.moved(repeated, STEP * np.tile(signs, (count, 1)))).reshape(count, 2, size, -1)
-        return np.asarray((values[:, 0] - values[:, 1]).swapaxes(-1, -2) / (2.0 * STEP))
+        many, around = self.moved_by(state, np.tile(DELTA * signs, (count, 1)))
+        values = many.residuals(around).reshape(count, 2, size, -1)
+        return np.asarray((values[:, 0] - values[:, 1]).swapaxes(-1, -2) / (2.0 * DELTA))
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
@@ -86,6 +80,16 @@ class _TwoViewModel:
         rotation = rotation_from_vector(step @ turn) @ state[0]
         translation = state[1] + np.einsum("bp,bpi->bi", step, moves)
         return rotation, translation / np.linalg.norm(translation, axis=1, keepdims=True)
+
+    def repeated(self, times: int) -> _TwoViewModel:
+        """Each of the fits so many times, one after another."""
+        return replace(self, k=np.repeat(self.k, times, axis=0), used=np.repeat(self.used, times, axis=0))
+
+    def moved_by(self, state: State, steps: Floats) -> tuple[_TwoViewModel, State]:
+        """States after each of several steps (B S, p), S from every state, and the model of all of them."""
+        times = len(steps) // len(state[0])
+        many = self.repeated(times)
+        return many, many.moved(tuple(np.repeat(part, times, axis=0) for part in state), steps)
 
     def hidden(self, state: State) -> Floats:
         """Minus the log probability (B,) that the points lie before both cameras."""
@@ -128,41 +132,42 @@ def two_view_poses(
     planar : bool
         Whether the camera moves at right angles to the common direction.
     """
-    count, used, k = len(assignments), assignments >= 0, np.maximum(assignments, 0)
-    starts = _starts(views, k, used, planar)
+    count = len(assignments)
+    every = _TwoViewModel(views, np.maximum(assignments, 0), assignments >= 0, planar)
+    starts = _starts(every)
     times = starts[0].shape[1]
     state = tuple(part.reshape(-1, *part.shape[2:]) for part in starts)
     for steps, kept in ((ROUGH_STEPS, KEPT), (STEPS, 1)):
-        model = _TwoViewModel(views, np.repeat(k, times, axis=0), np.repeat(used, times, axis=0), planar)
+        model = every.repeated(times)
         state, chi2 = descended(model, state, steps)
         # points lie before both cameras: −t fits the epipolar lines as well as t
-        hidden = np.array([behind(views, model.k, model.used, (state[0], sign * state[1])) for sign in (1.0, -1.0)])
+        hidden = np.array([model.hidden((state[0], sign * state[1])) for sign in (1.0, -1.0)])
         state = state[0], np.where((hidden[0] <= hidden[1])[:, None], state[1], -state[1])
         times = min(kept, times)
         cost = chi2 + 2.0 * hidden.min(axis=0)
         # the lowest of each group, with χ² alone beside them
         (rotation, translation, chi2), _ = lowest_of((*state, chi2), cost, count, times)
         state = rotation, translation
-    model = _TwoViewModel(views, k, used, planar)
     return [
-        _pose(model, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations=rotations, target=target)
+        _pose(every, k, tuple(part[k : k + 1] for part in state), float(chi2[k]), rotations=rotations, target=target)
         if np.isfinite(chi2[k])
         else None
         for k in range(count)
     ]
 
 
-def _starts(views: Views, k: Integers, used: NDArray[np.bool_], planar: bool) -> State:
+def _starts(model: _TwoViewModel) -> State:
     """Rotations (K, S, 3, 3) and translations (K, S, 3) of least deviation, of a grid of rotations."""
+    views, k, used = model.views, model.k, model.used
     angle = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
     rotation = rotation_about_y(np.cos(angle), np.sin(angle))
     turned = views.first @ rotation.swapaxes(-1, -2)
     # t · (R q × q') = 0
     rows = np.cross(turned[None], views.second[k][:, None]) * used[:, None, :, None]
-    if planar:
+    if model.planar:
         rows = rows[..., [0, 2]]
     least = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
-    translation = np.stack([least[..., 0], 0.0 * least[..., 0], least[..., 1]], axis=-1) if planar else least
+    translation = np.stack([least[..., 0], 0.0 * least[..., 0], least[..., 1]], axis=-1) if model.planar else least
     deviation, _ = views.deviations(cross_matrix(translation) @ rotation, np.arange(k.shape[1]), k[:, None])
     total = np.where(used[:, None], np.log1p(deviation**2 / DOUBTED), 0.0).sum(axis=-1)
     valley = (total <= np.roll(total, 1, axis=1)) & (total <= np.roll(total, -1, axis=1))
@@ -188,15 +193,11 @@ def _pose(
     """The pose of one fit, in the frames of the cameras."""
     views = model.views
     members = np.flatnonzero(model.used[k])
-    alone = _TwoViewModel(views, model.k[k : k + 1], model.used[k : k + 1], model.planar)
+    alone = replace(model, k=model.k[k : k + 1], used=model.used[k : k + 1])
 
     def excess(steps: Floats) -> Floats:
-        many = _TwoViewModel(
-            views, np.repeat(alone.k, len(steps), axis=0), np.repeat(alone.used, len(steps), axis=0), model.planar
-        )
         beyond = np.asarray((np.abs(steps) > np.pi).any(axis=1))
-        repeated = tuple(np.repeat(part, len(steps), axis=0) for part in state)
-        moved = many.moved(repeated, np.where(beyond[:, None], 0.0, steps))
+        many, moved = alone.moved_by(state, np.where(beyond[:, None], 0.0, steps))
         reached = chi2_of(many.residuals(moved)) + 2.0 * (many.hidden(moved) + many.widths(moved))
         return np.where(beyond, np.inf, reached - lowest)
 

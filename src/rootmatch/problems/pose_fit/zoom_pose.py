@@ -7,59 +7,44 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_from_vector
+from rootmatch.algebra.rotation import rotation_about_y
+from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior import Upright
+from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
-from rootmatch.problems.pose_fit.upright import Upright
 
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class _ZoomModel:
-    """B poses with focal lengths; see `rootmatch.problems.pose_fit.descent.Model`. States: (R, t, log f)."""
-
-    points: Floats
-    """(B, n, 3)."""
-    image: Floats
-    """(B, n, 2) from the principal point."""
-    weight: Floats
-    """(B, n)."""
-    axis: Floats
-    """(3,): the vertical in the camera frame."""
+class _ZoomModel(ProjectionModel):
+    """B poses with focal lengths; states: (R, t, log f). Images (B, n, 2) count from the principal point."""
 
     def residuals(self, state: State) -> Floats:
         """See `Model`."""
-        positions = self._positions(state)
-        used = self.weight > 0.0
-        projected = np.exp(state[2])[:, None, None] * positions[..., :2] / positions[..., 2:]
-        off = np.where(used[..., None], (projected - self.image) * self.weight[..., None], 0.0)
-        off[~((positions[..., 2] > 0.0) | ~used).all(axis=1)] = np.inf
-        return off.reshape(len(off), -1)
+        known = np.isfinite(state[2])[:, None]  # some starts have no focal length
+        return np.where(known, self._at(state[2]).residuals(state[:2]), np.inf)
 
     def jacobian(self, state: State) -> Floats:
         """See `Model`."""
-        positions, focal = self._positions(state), np.exp(state[2])[:, None, None]
-        inverse = 1.0 / positions[..., 2:]
-        by_position = np.zeros((*positions.shape[:2], 2, 3))
-        by_position[..., 0, 0] = by_position[..., 1, 1] = (focal * inverse)[..., 0]
-        by_position[..., 2] = -focal * positions[..., :2] * inverse * inverse
-        turned = np.cross(self.axis, positions - state[1][:, None])
-        by_angle = by_position @ turned[..., None]
-        by_focal = (focal * positions[..., :2] * inverse)[..., None]
-        whole = np.concatenate([by_angle, by_position, by_focal], axis=-1) * self.weight[..., None, None]
-        return np.where(self.weight[..., None, None] > 0.0, whole, 0.0).reshape(len(positions), -1, 5)
+        model, (rotation, translation) = self._at(state[2]), state[:2]
+        projected = self.camera.project(self.points @ rotation.swapaxes(-1, -2) + translation[:, None])
+        by_focal = np.where(model.weight[..., None] > 0.0, projected * model.weight[..., None], 0.0)
+        return np.concatenate([model.jacobian(state[:2]), by_focal.reshape(len(rotation), -1, 1)], axis=-1)
 
     def moved(self, state: State, step: Floats) -> State:
         """See `Model`."""
-        turn = rotation_from_vector(step[:, :1] * self.axis)
-        return turn @ state[0], state[1] + step[:, 1:4], state[2] + step[:, 4]
+        return *super().moved(state[:2], step[:, :-1]), state[2] + step[:, -1]
 
-    def _positions(self, state: State) -> Floats:
-        return np.asarray(self.points @ state[0].swapaxes(-1, -2) + state[1][:, None])
+    def _at(self, log: Floats) -> ProjectionModel:
+        """The model of the poses alone, at known focal lengths, in units of these."""
+        focal = np.exp(log)[:, None]
+        image, weight = self.image / focal[..., None], self.weight * focal
+        return ProjectionModel(self.points, image, weight, self.camera, self.axes)
 
 
 def zoom_poses(
@@ -86,31 +71,40 @@ def zoom_poses(
     image = points.target[target] - centre
     weight = np.where(used, 1.0 / points.target_noise[target], 0.0)
 
-    def model(times: int) -> _ZoomModel:
-        first, second, third = (np.repeat(array, times, axis=0) for array in (places, image, weight))
-        return _ZoomModel(first, second, third, upright.camera[1])
-
+    model = _ZoomModel(places, image, weight, Camera(1.0, 1.0, 0.0, 0.0), upright.camera[1:2])
     count = len(assignments)
     starts = _starts(places, image, weight, upright)
-    cost = chi2_of(model(GRID).residuals(starts)).reshape(count, GRID)
+    cost = chi2_of(model.repeated(GRID).residuals(starts)).reshape(count, GRID)
     best = (np.arange(count)[:, None] * GRID + np.argsort(cost, axis=1, kind="stable")[:, :STARTS]).ravel()
-    state, chi2 = lowest_of(*descended(model(STARTS), tuple(part[best] for part in starts)), count)
-    covariance = covariance_of(model(1), state)
-    return [
-        _pose(
-            tuple(part[k] for part in state),
-            float(chi2[k]),
-            covariance[k],
-            points,
-            assignments[k],
-            frame=(unit, middle),
-            centre=centre,
-            axis=upright.camera[1],
+    state, chi2 = lowest_of(*descended(model.repeated(STARTS), tuple(part[best] for part in starts)), count)
+    covariance = covariance_of(model, state)
+    poses: list[Pose | None] = []
+    for k, assignment in enumerate(assignments):
+        if not np.isfinite(chi2[k]):
+            poses.append(None)
+            continue
+        rotation, focal = state[0][k], float(np.exp(state[2][k]))
+        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], model.axes, middle, unit)
+        own[-1] *= focal  # of log f
+        own[:, -1] *= focal
+        members = np.flatnonzero(assignment >= 0)
+        positions = points.source[members] @ rotation.T + translation
+        predicted = centre + focal * positions[:, :2] / positions[:, 2:]
+        poses.append(
+            fitted_pose(
+                rotation,
+                translation,
+                own,
+                chi2=float(chi2[k]),
+                dof=2 * len(members) - 5,
+                points=members,
+                predicted=predicted,
+                residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),
+                sigma=points.target_noise[assignment[members]],
+                focal=focal,
+            )
         )
-        if np.isfinite(chi2[k])
-        else None
-        for k in range(count)
-    ]
+    return poses
 
 
 def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> State:
@@ -136,39 +130,3 @@ def _starts(points: Floats, image: Floats, weight: Floats, upright: Upright) -> 
         log = np.log(np.where(f > 0.0, f, np.nan))
     count = len(points)
     return np.tile(rotation, (count, 1, 1)), translation.reshape(-1, 3), log.ravel()
-
-
-def _pose(
-    state: State,
-    chi2: float,
-    covariance: Floats,
-    points: PointSets,
-    assignment: Integers,
-    *,
-    frame: tuple[float, Floats],
-    centre: Floats,
-    axis: Floats,
-) -> Pose:
-    """The pose of one fit, in the caller's frame and unit."""
-    unit, middle = frame
-    rotation, focal = state[0], float(np.exp(state[2]))
-    turned = rotation @ middle
-    change = np.zeros((7, 5))
-    change[:3, 0], change[3:6, 1:4], change[6, 4] = axis, unit * np.eye(3), focal
-    change[3:6, 0] = cross_matrix(turned) @ axis
-    members = np.flatnonzero(assignment >= 0)
-    translation = unit * state[1] - turned
-    positions = points.source[members] @ rotation.T + translation
-    predicted = centre + focal * positions[:, :2] / positions[:, 2:]
-    return fitted_pose(
-        rotation,
-        translation,
-        change @ covariance @ change.T,
-        chi2=chi2,
-        dof=2 * len(members) - 5,
-        points=members,
-        predicted=predicted,
-        residuals=np.linalg.norm(points.target[assignment[members]] - predicted, axis=1),
-        sigma=points.target_noise[assignment[members]],
-        focal=focal,
-    )

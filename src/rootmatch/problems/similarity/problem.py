@@ -8,20 +8,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.noise import thousandth
-from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.points import PointSets
+from rootmatch.problems.points import PointClouds, PointSets, distances
 from rootmatch.problems.pose_fit.point_set_pose import point_set_pose
 from rootmatch.problems.pose_fit.pose import Pose
 
 if TYPE_CHECKING:
     from rootmatch.problems.similarity.tables import SimilarityTables
-
-ENTRIES = 1_000_000
-"""Distances computed between two checks of the deadline: a few milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +63,9 @@ class Similarity(Problem):
     dimension: int | None = None
     mirror: bool = False
     name: ClassVar[str] = "similarity"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 1
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 3
     to_check: ClassVar[str] = "the units of points and noise"
     least_for_pose: ClassVar[int] = 3
     noisy_source: ClassVar[bool] = True
@@ -157,16 +150,3 @@ class Rigid(Similarity):
     name: ClassVar[str] = "rigid"
     constraints: ClassVar[int] = 3
     scale: ClassVar[float] = 1.0
-
-
-def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, n) distances of points (n, k); in blocks of rows, between which the deadline is checked."""
-    lengths = np.zeros((len(points), len(points)))
-    step = max(ENTRIES // max(len(points), 1), 1)
-    for first in range(0, len(points), step):
-        checkpoint()
-        rows = lengths[first : first + step]
-        for one, every in zip(points[first : first + step].T, points.T, strict=True):
-            rows += np.subtract.outer(one, every) ** 2
-        np.sqrt(rows, out=rows)
-    return lengths

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from rootmatch.algebra.vector import adjugate_of, dot, symmetric_times
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.limits import UNINFORMATIVE
@@ -42,24 +43,14 @@ def covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type
 def joint_of(scale, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2):  # type: ignore[no-untyped-def]
     """χ² of all constraints."""
     s = scale if scale > 0.0 else (d01 * e01 + d02 * e02 + d12 * e12) / (d01 * d01 + d02 * d02 + d12 * d12)
-    a, b, c, d, e, f = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
-    f1, f2, f3 = e01 - s * d01, e02 - s * d02, e12 - s * d12
-    # adjugate of [[a b c] [b d e] [c e f]]
-    m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
-    m22, m23, m33 = a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * m11 + b * m12 + c * m13
-    h1 = m11 * d01 + m12 * d02 + m13 * d12
-    h2 = m12 * d01 + m22 * d02 + m23 * d12
-    h3 = m13 * d01 + m23 * d02 + m33 * d12
-    total = (
-        f1 * (m11 * f1 + m12 * f2 + m13 * f3)
-        + f2 * (m12 * f1 + m22 * f2 + m23 * f3)
-        + f3 * (m13 * f1 + m23 * f2 + m33 * f3)
-    )
-    along = f1 * h1 + f2 * h2 + f3 * h3
-    free = along * along / (d01 * h1 + d02 * h2 + d12 * h3)
-    chi2 = (total - (0.0 if scale > 0.0 else free)) / determinant
-    known = determinant > FLAT * a * d * f
+    matrix = covariance(s, d01, d02, d12, e01, e02, e12, u0, u1, u2, v0, v1, v2)
+    adjugate, determinant = adjugate_of(matrix)
+    sides, off = (d01, d02, d12), (e01 - s * d01, e02 - s * d02, e12 - s * d12)
+    by_scale = symmetric_times(adjugate, sides)
+    along = dot(off, by_scale)
+    free = 0.0 if scale > 0.0 else along * along / dot(sides, by_scale)
+    chi2 = (dot(off, symmetric_times(adjugate, off)) - free) / determinant
+    known = determinant > FLAT * matrix[0] * matrix[3] * matrix[5]
     return max(chi2, 0.0) if known and chi2 < UNINFORMATIVE * UNINFORMATIVE else UNINFORMATIVE * UNINFORMATIVE
 
 

@@ -7,16 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.any_degree import last_entry_of, lesser_last_entry_of, singular_value_of
 from rootmatch.problems.kernels import ProblemKernels
-from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.pairs import comparisons
+from rootmatch.problems.residual_kinds import Joint, Normalised
 from rootmatch.problems.similarity.residuals import joint_of, normalised_of, resultant_kernels, triangle_kernels
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant_kernels(last_entry_of(1)),
-        QRBoth: resultant_kernels(lesser_last_entry_of(1)),
-        SVD: resultant_kernels(singular_value_of(1)),
+        **{kind: resultant_kernels(compare) for kind, compare in comparisons(1).items()},
         Normalised: triangle_kernels(normalised_of),
         Joint: triangle_kernels(joint_of),
     },

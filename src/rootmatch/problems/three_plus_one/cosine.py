@@ -12,11 +12,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from rootmatch.algebra.any_degree import singular_value_of
-from rootmatch.algebra.bezout import lesser_unit_last_entry_quartic, unit_last_entry_quartic
 from rootmatch.jit.decorators import scalar
 from rootmatch.problems.kernels import ProblemKernels
-from rootmatch.problems.residual_kinds import QR, SVD, QRBoth
+from rootmatch.problems.pairs import comparisons
 from rootmatch.problems.three_plus_one import tables
 from rootmatch.problems.three_plus_one.resultant_residual import resultant_kernels
 
@@ -55,9 +53,7 @@ def _of_cosines(value: Any) -> Any:
 KERNELS = ProblemKernels(
     residuals={
         **tables.KERNELS.residuals,
-        QR: resultant_kernels(_of_cosines(unit_last_entry_quartic)),
-        QRBoth: resultant_kernels(_of_cosines(lesser_unit_last_entry_quartic)),
-        SVD: resultant_kernels(_of_cosines(singular_value_of(4))),
+        **{kind: resultant_kernels(_of_cosines(compare)) for kind, compare in comparisons(4).items()},
     },
     target_fields=tables.KERNELS.target_fields,
 )

@@ -18,11 +18,11 @@ import math
 from math import nan
 
 from rootmatch.algebra.polynomial import curvature_quartic, roots_quartic, value_quartic
-from rootmatch.algebra.vector import column, combination
+from rootmatch.algebra.vector import column, combination, cross, dot, rotated_about_y, slope_about_y
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.limits import UNINFORMATIVE, VAGUE2
 from rootmatch.problems.pairs import edge_of_pairs, slab_of_edges
-from rootmatch.problems.three_plus_one.quartic import inner, quartic, rotated, slope, wedge
+from rootmatch.problems.three_plus_one.quartic import quartic
 
 ROOT_GATE = 6.0
 """A complex pair counts, by its real part, while D there is below so many of its standard deviations. Not tuned."""
@@ -62,12 +62,12 @@ def roots(h):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
+def longest_cross(a, b, c):  # type: ignore[no-untyped-def]
     """Unit vector across three vectors near one plane, the longest of their products, and its square before scaling."""
-    p = wedge(a, b)
-    q = wedge(b, c)
-    r = wedge(c, a)
-    best, pp, qq, rr = p, inner(p, p), inner(q, q), inner(r, r)
+    p = cross(a, b)
+    q = cross(b, c)
+    r = cross(c, a)
+    best, pp, qq, rr = p, dot(p, p), dot(q, q), dot(r, r)
     if qq > pp:
         best, pp = q, qq
     if rr > pp:
@@ -79,16 +79,16 @@ def longest_wedge(a, b, c):  # type: ignore[no-untyped-def]
 @scalar
 def own_variance(t, u, p, du, dp):  # type: ignore[no-untyped-def]
     """Variance of e = p · (t × u) from the deviations of p and of u, where e is near 0."""
-    k = inner(t, u)
-    a = inner(t, p)
+    k = dot(t, u)
+    a = dot(t, p)
     return dp * dp * (1.0 - k * k) + du * du * (1.0 - a * a)
 
 
 @scalar
 def tilt(t, u, p):  # type: ignore[no-untyped-def]
     """∂e/∂ω, x and z components, for a small rotation ω of the second view: p × (t × u)."""
-    a = inner(t, p)
-    m = inner(u, p)
+    a = dot(t, p)
+    m = dot(u, p)
     return t[0] * m - u[0] * a, t[2] * m - u[2] * a
 
 
@@ -99,18 +99,18 @@ def sides(t, u, p):  # type: ignore[no-untyped-def]
     λ u + t = λ' p has λ' > 0 where p · (t − (t·u) u) > 0, and then λ > 0 where p · (u − (t·u) t) > 0. For −t the first
     changes sign. The first is the parallax, 0 for a point at infinity; the second is 0 where p looks along t.
     """
-    k = inner(t, u)
-    return inner(p, t) - k * inner(p, u), inner(p, u) - k * inner(p, t)
+    k = dot(t, u)
+    return dot(p, t) - k * dot(p, u), dot(p, u) - k * dot(p, t)
 
 
 @scalar
 def in_front(t, u, p, du, dp, turn_variance, baseline_variance):  # type: ignore[no-untyped-def]
     """Whether a point may lie in front of both cameras for t, and for −t, by its deviations and those of θ and t."""
     parallax, ahead = sides(t, u, p)
-    k = inner(t, u)
+    k = dot(t, u)
     own = du * du + dp * dp
     rest = 1.0 - k * k
-    by_turn = inner(t, slope(u))
+    by_turn = dot(t, slope_about_y(u))
     unsure = parallax * parallax < SIDE_GATE2 * (rest * own + by_turn * by_turn * turn_variance)
     possible = (ahead > 0.0) | (ahead * ahead < SIDE_GATE2 * rest * (own + baseline_variance))
     return possible & ((parallax > 0.0) | unsure), possible & ((parallax < 0.0) | unsure)
@@ -127,13 +127,13 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     scale = 1.0 + y * y
     cosine = sign * (1.0 - y * y) / scale
     sine = 2.0 * y / scale
-    u1, u2, u3 = rotated(cosine, sine, a), rotated(cosine, sine, b), rotated(cosine, sine, c)
-    n1, n2, n3 = wedge(u1, k), wedge(u2, l), wedge(u3, m)
-    t, plane = longest_wedge(n1, n2, n3)
-    j1 = inner(wedge(slope(u1), k), t)
-    j2 = inner(wedge(slope(u2), l), t)
-    j3 = inner(wedge(slope(u3), m), t)
-    s1, s2, s3 = inner(wedge(n2, n3), t), inner(wedge(n3, n1), t), inner(wedge(n1, n2), t)
+    u1, u2, u3 = rotated_about_y(cosine, sine, a), rotated_about_y(cosine, sine, b), rotated_about_y(cosine, sine, c)
+    n1, n2, n3 = cross(u1, k), cross(u2, l), cross(u3, m)
+    t, plane = longest_cross(n1, n2, n3)
+    j1 = dot(cross(slope_about_y(u1), k), t)
+    j2 = dot(cross(slope_about_y(u2), l), t)
+    j3 = dot(cross(slope_about_y(u3), m), t)
+    s1, s2, s3 = dot(cross(n2, n3), t), dot(cross(n3, n1), t), dot(cross(n1, n2), t)
     w1, w2, w3 = combination(j3, n2, -j2, n3), combination(j1, n3, -j3, n1), combination(j2, n1, -j1, n2)
     det = s1 * j1 + s2 * j2 + s3 * j3
     v1 = own_variance(t, u1, k, da, dk)
@@ -145,7 +145,7 @@ def at_root(y, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type: igno
     square = det * det + BLUR * blur
     wide = 1.0 / (det * det + FULL_BLUR * blur)
     turn_variance = variance * wide
-    baseline_variance = (inner(w1, w1) * v1 + inner(w2, w2) * v2 + inner(w3, w3) * v3) * wide
+    baseline_variance = (dot(w1, w1) * v1 + dot(w2, w2) * v2 + dot(w3, w3) * v3) * wide
     # D = h / (1 + x²)²
     value = value_quartic(h[0], h[1], h[2], h[3], h[4], y)
     noise = da * da + dk * dk
@@ -176,7 +176,7 @@ def judge(y, passes, sign, h, a, k, b, l, c, m, da, dk, db, dl, dc, dm):  # type
 def response(row, t, u, turn, k):  # type: ignore[no-untyped-def]
     """F with p · F = J · (row of the adjugate of J₃): how e₄ responds to one of e₁, e₂, e₃, times det J₃."""
     s, w, _, _ = row
-    return combination(1.0, combination(s, turn, inner(w, u), t), -k, w)
+    return combination(1.0, combination(s, turn, dot(w, u), t), -k, w)
 
 
 @scalar
@@ -195,9 +195,9 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
     the vectors and variances of `sides`, and that rest, which is theirs too.
     """
     cosine, sine, det, square, turn_variance, baseline_variance, one, two, three = state
-    u = rotated(cosine, sine, q)
-    turn = wedge(t, slope(u))
-    k = inner(t, u)
+    u = rotated_about_y(cosine, sine, q)
+    turn = cross(t, slope_about_y(u))
+    k = dot(t, u)
     f1 = response(one, t, u, turn, k)
     f2 = response(two, t, u, turn, k)
     f3 = response(three, t, u, turn, k)
@@ -214,11 +214,11 @@ def prediction(t, state, q, deviation, tilt_variance):  # type: ignore[no-untype
         passed = combination(1.0, combination(tilt1[axis], f1, tilt2[axis], f2), tilt3[axis], f3)
         form = added(form, inverse * tilt_variance, combination(1.0, own, -1.0, passed))
     rest = 1.0 - k * k
-    by_turn = inner(t, slope(u))
+    by_turn = dot(t, slope_about_y(u))
     parallax_variance = rest * v + by_turn * by_turn * turn_variance
     ahead_variance = rest * (v + baseline_variance)
     across, ahead = combination(1.0, t, -k, u), combination(1.0, u, -k, t)
-    return wedge(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
+    return cross(t, u), form, across, parallax_variance, ahead, ahead_variance, rest
 
 
 @scalar
@@ -228,10 +228,10 @@ def squared_residual(front, back, line, p, dp):  # type: ignore[no-untyped-def]
     xx, yy, zz, xy, xz, yz = form
     x, y, z = p
     own = rest * dp * dp
-    e = inner(normal, p)
+    e = dot(normal, p)
     variance = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z + own
-    parallax = inner(across, p)
-    ahead = inner(forward, p)
+    parallax = dot(across, p)
+    ahead = dot(forward, p)
     unsure = parallax * parallax < SIDE_GATE2 * (parallax_variance + own)
     right = (front and parallax > 0.0) or (back and parallax < 0.0) or unsure
     visible = right and (ahead > 0.0 or ahead * ahead < SIDE_GATE2 * (ahead_variance + own))

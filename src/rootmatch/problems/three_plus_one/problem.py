@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rootmatch.cameras.base import CameraModel, check_camera
-from rootmatch.cameras.vertical import Vector, common_direction, rotation_to_vertical
 from rootmatch.errors import InputError
-from rootmatch.problems.base import Problem
-from rootmatch.problems.points import PointSets
-from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.relative import Views
-from rootmatch.problems.pose_fit.two_view_pose import two_view_poses
-from rootmatch.problems.two_views import TwoViews
+from rootmatch.problems.points import PointSets, TwoViews
+from rootmatch.problems.two_images import TwoImageProblem
 
 if TYPE_CHECKING:
     from rootmatch.problems.three_plus_one.tables import ThreePlusOneTables
@@ -25,7 +19,7 @@ Unknown = Literal["tan", "cos"]
 
 
 @dataclass(frozen=True)
-class ThreePlusOne(Problem):
+class ThreePlusOne(TwoImageProblem):
     """Relative pose of two images from three points and one common direction (Naroditsky et al. 2012; paper, "3P1").
 
     The unknown is x = tan(θ/2) or cos θ of the rotation θ about the common direction that takes the first view to the
@@ -63,34 +57,17 @@ class ThreePlusOne(Problem):
     every angle (a large residual: nothing is said); θ = π puts x at infinity, which harms only ``"qr"``.
     """
 
-    camera: CameraModel
-    camera2: CameraModel | None = None
-    axis: Vector = ()
-    axis2: Vector = ()
     axis_noise: float = 0.0
     small_baseline: float = 0.0
     unknown: Unknown = "tan"
     name: ClassVar[str] = "3p1"
-    order: ClassVar[int] = 4
     minimal: ClassVar[int] = 3
     degree: ClassVar[int] = 4
     constraints: ClassVar[int] = 1
-    pair_count: ClassVar[int] = 6
-    source_dimension: ClassVar[int] = 2
-    to_check: ClassVar[str] = "cameras and axes"
-    noisy_source: ClassVar[bool] = True
-    source_is_image: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
-        check_camera(self.camera)
-        if self.camera2 is not None:
-            check_camera(self.camera2, "camera2")
-        self._take_dimensions(self.camera, self.camera2)
-        self.__dict__.update(
-            axis=common_direction(self.axis, "axis", self.name),
-            axis2=common_direction(self.axis2, "axis2", self.name),
-        )
+        super().__post_init__()
         if not (0.0 <= self.axis_noise < 1.0):
             raise InputError(f"axis_noise: {self.axis_noise} given; give radians from 0 to 1")
         if not (0.0 <= self.small_baseline < float("inf")):
@@ -99,13 +76,9 @@ class ThreePlusOne(Problem):
             raise InputError(f"unknown: {self.unknown!r} given; give 'tan' for tan(θ/2) or 'cos' for cos θ")
 
     @property
-    def cameras(self) -> tuple[CameraModel, CameraModel]:
-        """Cameras of the first and of the second image."""
-        return self.camera, self.camera if self.camera2 is None else self.camera2
-
-    def rotations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Rotations of the first and of the second camera frame that bring their axes onto the y axis."""
-        return rotation_to_vertical(self.axis, "axis"), rotation_to_vertical(self.axis2, "axis2")
+    def tilt_variance(self) -> float:
+        """See `TwoImageProblem.tilt_variance`: a tilt of one axis is the opposite tilt of the other, so both add."""
+        return 2.0 * float(self.axis_noise) ** 2
 
     def tables(self, points: PointSets) -> ThreePlusOneTables:
         """Tables for the kernels; see `Problem.tables`."""
@@ -120,35 +93,12 @@ class ThreePlusOne(Problem):
             target=np.ascontiguousarray((camera2.bearings(points.target) @ rotation2.T).T),
             source_deviation=camera.angular_noise(points.source, points.source_noise),
             target_deviation=camera2.angular_noise(points.target, points.target_noise),
-            # a tilt of one axis acts as the opposite tilt of the other: the two variances add
-            tilt_variance=np.array([2.0 * float(self.axis_noise) ** 2]),
+            tilt_variance=np.array([self.tilt_variance]),
         )
 
     def two_views(self, points: PointSets) -> TwoViews | None:
-        """See `Problem.two_views`; what the direction's noise does to a bearing is counted with the source.
-
-        None with the prior of small baselines, which is no part of the search.
-        """
-        if self.small_baseline > 0.0:
-            return None
-        tables = self.tables(points)
-        return TwoViews(
-            tables.source,
-            tables.target,
-            tables.source_deviation**2 + tables.tilt_variance[0],
-            tables.target_deviation**2,
-            planar=False,
-        )
-
-    def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
-        """Poses of the second view in the first; see `Problem.poses`.
-
-        t has length 1. The 6 × 6 covariance has rank 3, that of the angle about the axis and of the direction of t, and
-        rank 5 with `axis_noise`.
-        """
-        tilt = float(np.sqrt(2.0)) * float(self.axis_noise)
-        views = Views.of(points, self.cameras, self.rotations(), tilt)
-        return two_view_poses(views, self.rotations(), points.target, assignments)
+        """See `TwoImageProblem.two_views`; None with the prior of small baselines, which is no part of the search."""
+        return None if self.small_baseline > 0.0 else super().two_views(points)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Quartics (E, 5), highest degree first, of minimal sets of pixels (E, 3, 2) and (E, 3, 2)."""

@@ -7,18 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.any_degree import singular_value_of
-from rootmatch.algebra.bezout import lesser_unit_last_entry_quartic, unit_last_entry_quartic
 from rootmatch.problems.kernels import ProblemKernels, ResidualKernels
-from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.pairs import comparisons
+from rootmatch.problems.residual_kinds import Joint, Normalised
 from rootmatch.problems.three_plus_one import normalised_residual
 from rootmatch.problems.three_plus_one.resultant_residual import resultant_kernels
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant_kernels(unit_last_entry_quartic),
-        QRBoth: resultant_kernels(lesser_unit_last_entry_quartic),
-        SVD: resultant_kernels(singular_value_of(4)),
+        **{kind: resultant_kernels(compare) for kind, compare in comparisons(4).items()},
         # one constraint: both are the same
         Normalised: ResidualKernels(normalised_residual.edge, normalised_residual.slab),
         Joint: ResidualKernels(normalised_residual.edge, normalised_residual.slab),

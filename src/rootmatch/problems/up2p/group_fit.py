@@ -7,11 +7,21 @@ The model of an image fits the few assignments of one body, with pixel noise and
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rootmatch.algebra.vector import tangent_basis
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
+from rootmatch.problems.limits import GATE
+
+FIRST_GATE = 6.0
+"""Deviations within which a detection joins a group of three points, whose pose is uncertain; `GATE` for larger ones.
+Not tuned: a round value."""
+POSSIBLE = 8.0
+"""Deviations from the prediction of a few points within which a detection may belong to them. Not tuned."""
 
 STEPS = 6
 """Most Gauss-Newton steps after the linear start. Not tuned."""
@@ -23,6 +33,41 @@ LINEAR, DESCENT = np.array([5, 4])
 """Unknowns of the linear start and of a step; not plain integers, for each of which what takes them is compiled."""
 FLAT = 1e-12
 """Pivot, relative to the largest entry, below which equations count as degenerate: rounding. Not tuned."""
+
+
+@dataclass(frozen=True, eq=False)
+class UprightGroups:
+    """Groups of one task; see `rootmatch.problems.base.Groups`."""
+
+    points: NDArray[np.float64]
+    rays: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    allowed: NDArray[np.bool_] | None
+
+    def chi2(self, groups: NDArray[np.int64]) -> NDArray[np.float64]:
+        """See `Groups.chi2`."""
+        return np.asarray(upright_chi2(self.points, self.rays, self.variance, groups))
+
+    def grown(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """See `Groups.grown`."""
+        of = self.points, self.rays, self.variance, groups
+        return np.asarray(upright_grown(*of, FIRST_GATE**2, GATE**2, self._mask))
+
+    def extended(self, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+        """See `Groups.extended`."""
+        of = self.points, self.rays, self.variance, groups
+        rows = 4 * len(groups)
+        while True:
+            out = np.empty((rows, groups.shape[1]), np.int64)
+            count = upright_extended(*of, POSSIBLE**2, self._mask, out)
+            if count <= rows:
+                return out[:count]
+            rows = count
+
+    @property
+    def _mask(self) -> NDArray[np.bool_]:
+        """Allowed correspondences (n, n') as the drivers take them: (0, 0) for all."""
+        return np.empty((0, 0), np.bool_) if self.allowed is None else np.ascontiguousarray(self.allowed)
 
 
 @driver(error_model="numpy")

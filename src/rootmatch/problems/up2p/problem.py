@@ -10,24 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.cameras.base import CameraModel, check_camera
 from rootmatch.cameras.rig import Rig
-from rootmatch.cameras.vertical import Vector, measured_vertical, rotation_to_vertical
+from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vertical
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
-from rootmatch.problems.gate import GATE
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.problems.pose_fit.prior import Upright
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
-from rootmatch.problems.pose_fit.upright import Upright
 
 if TYPE_CHECKING:
+    from rootmatch.problems.up2p.group_fit import UprightGroups
     from rootmatch.problems.up2p.tables import UP2PTables
-
-FIRST_GATE = 6.0
-"""Deviations within which a detection joins a group of three points, whose pose is uncertain; `GATE` for larger ones.
-Not tuned: a round value."""
-POSSIBLE = 8.0
-"""Deviations from the prediction of a few points within which a detection may belong to them. Not tuned."""
 
 
 @dataclass(frozen=True)
@@ -67,26 +61,23 @@ class UP2P(Problem):
     vertical_world: Vector = ()
     vertical_noise: float = 0.0
     name: ClassVar[str] = "up2p"
-    order: ClassVar[int] = 3
     minimal: ClassVar[int] = 2
     degree: ClassVar[int] = 2
     constraints: ClassVar[int] = 2
-    pair_count: ClassVar[int] = 3
     source_dimension: ClassVar[int] = 3
     to_check: ClassVar[str] = "units, camera and both verticals"
     to_tell: ClassVar[str] = "give normals"
     paper_rho: ClassVar[float] = 1e-2
     takes_normals: ClassVar[bool] = True
     takes_prior: ClassVar[bool] = True
-    fits_groups: ClassVar[bool] = True
     least_for_pose: ClassVar[int] = 3
 
     def __post_init__(self) -> None:
         check_camera(self.camera, rigs=True)
         self._take_dimensions(self.camera)
         self.__dict__.update(
-            vertical_camera=measured_vertical(self.vertical_camera, "vertical_camera", self.name),
-            vertical_world=measured_vertical(self.vertical_world, "vertical_world", self.name),
+            vertical_camera=given_direction(self.vertical_camera, "vertical_camera", self.name),
+            vertical_world=given_direction(self.vertical_world, "vertical_world", self.name),
         )
         if not (0.0 <= self.vertical_noise < 1.0):
             raise InputError(f"vertical_noise: {self.vertical_noise} given; give radians from 0 to 1")
@@ -124,38 +115,12 @@ class UP2P(Problem):
         vertical = turn @ np.array(self.vertical_camera)
         return replace(self, camera=camera, vertical_camera=tuple(vertical.tolist()))
 
-    def group_chi2(self, tables: UP2PTables, groups: NDArray[np.int64]) -> NDArray[np.float64]:
-        """χ² of groups; see `Problem.group_chi2`."""
-        from rootmatch.problems.up2p.group_fit import upright_chi2
+    def groups(self, points: PointSets, allowed: NDArray[np.bool_] | None) -> UprightGroups:
+        """See `Problem.groups`."""
+        from rootmatch.problems.up2p.group_fit import UprightGroups
 
-        variance = tables.variance + tables.tilt_variance
-        chi2: NDArray[np.float64] = upright_chi2(tables.points, tables.rays, variance, groups)
-        return chi2
-
-    def group_grown(
-        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups with what they predict; see `Problem.group_grown`."""
-        from rootmatch.problems.up2p.group_fit import upright_grown
-
-        of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
-        grown: NDArray[np.int64] = upright_grown(*of, FIRST_GATE**2, GATE**2, _mask(allowed))
-        return grown
-
-    def group_extended(
-        self, tables: UP2PTables, groups: NDArray[np.int64], allowed: NDArray[np.bool_] | None
-    ) -> NDArray[np.int64]:
-        """Groups with one more; see `Problem.group_extended`."""
-        from rootmatch.problems.up2p.group_fit import upright_extended
-
-        of = tables.points, tables.rays, tables.variance + tables.tilt_variance, groups
-        rows = 4 * len(groups)
-        while True:
-            out = np.empty((rows, groups.shape[1]), np.int64)
-            count = upright_extended(*of, POSSIBLE**2, _mask(allowed), out)
-            if count <= rows:
-                return out[:count]
-            rows = count
+        tables = self.tables(points)
+        return UprightGroups(tables.points, tables.rays, tables.variance + tables.tilt_variance, allowed)
 
     def poses(self, points: PointSets, assignments: NDArray[np.int64]) -> list[Pose | None]:
         """Camera poses; see `Problem.poses`.
@@ -175,9 +140,4 @@ class UP2P(Problem):
         rays = self.camera.bearings(target) @ camera.T
         points = np.asarray(source, dtype=float)
         difference = (points[:, 1] - points[:, 0]) @ world.T
-        return np.array([quadratic(*d, *u, *v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])
-
-
-def _mask(allowed: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Allowed correspondences (n, n') as the kernels take them: (0, 0) for all."""
-    return np.empty((0, 0), np.bool_) if allowed is None else np.ascontiguousarray(allowed)
+        return np.array([quadratic(d, u, v) for d, u, v in zip(difference, rays[:, 0], rays[:, 1], strict=True)])

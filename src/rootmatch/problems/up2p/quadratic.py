@@ -14,16 +14,16 @@ from rootmatch.jit.decorators import scalar
 
 
 @scalar
-def sinusoid(dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def sinusoid(d, a, b):  # type: ignore[no-untyped-def]
     """α, β, γ of the equation α cos θ + β sin θ + γ = 0 of difference d and bearings a, b."""
-    nx, ny, nz = cross(ax, ay, az, bx, by, bz)
-    return nx * dx + nz * dz, nx * dz - nz * dx, ny * dy
+    n = cross(a, b)
+    return n[0] * d[0] + n[2] * d[2], n[0] * d[2] - n[2] * d[0], n[1] * d[1]
 
 
 @scalar
-def quadratic(dx, dy, dz, ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def quadratic(d, a, b):  # type: ignore[no-untyped-def]
     """Coefficients in x = tan(θ/2), highest degree first."""
-    alpha, beta, gamma = sinusoid(dx, dy, dz, ax, ay, az, bx, by, bz)
+    alpha, beta, gamma = sinusoid(d, a, b)
     return gamma - alpha, 2.0 * beta, gamma + alpha
 
 
@@ -44,7 +44,6 @@ def roots(alpha, beta, gamma):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def faces(c, s, normal, x, y, z):  # type: ignore[no-untyped-def]
+def faces(c, s, normal, ray):  # type: ignore[no-untyped-def]
     """Whether a normal, rotated about the vertical, is within its view angle for a unit bearing."""
-    mx, my, mz = rotated_about_y(c, s, normal[0], normal[1], normal[2])
-    return dot(mx, my, mz, x, y, z) + normal[3] <= 0.0
+    return dot(rotated_about_y(c, s, normal), ray) + normal[3] <= 0.0

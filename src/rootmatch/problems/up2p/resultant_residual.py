@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rootmatch.algebra.vector import column
+from rootmatch.algebra.vector import column, difference
 from rootmatch.jit.decorators import kernel, scalar
 from rootmatch.problems.kernels import ResidualKernels
 from rootmatch.problems.pairs import edge_of_pairs, slab_of_rows
@@ -14,9 +14,8 @@ from rootmatch.problems.up2p.quadratic import quadratic
 @scalar
 def quadratic_of(t, i0, i1, j0, j1):  # type: ignore[no-untyped-def]
     """The quadratic of the correspondences (i0, j0) and (i1, j1)."""
-    (x0, y0, z0), (x1, y1, z1) = column(t.points, i0), column(t.points, i1)
-    a, b = column(t.rays, j0), column(t.rays, j1)
-    return quadratic(x1 - x0, y1 - y0, z1 - z0, a[0], a[1], a[2], b[0], b[1], b[2])
+    between = difference(column(t.points, i1), column(t.points, i0))
+    return quadratic(between, column(t.rays, j0), column(t.rays, j1))
 
 
 def resultant_kernels(value: Any) -> ResidualKernels:
@@ -31,14 +30,12 @@ def resultant_kernels(value: Any) -> ResidualKernels:
 
     @kernel
     def row(t, i, j, last, line):  # type: ignore[no-untyped-def]
-        p = t.points
         u = t.rays
-        dx, dy, dz = p[0, last] - p[0, i[0]], p[1, last] - p[1, i[0]], p[2, last] - p[2, i[0]]
-        ax, ay, az = u[0, j[0]], u[1, j[0]], u[2, j[0]]
+        between, a = difference(column(t.points, last), column(t.points, i[0])), column(u, j[0])
         p2, p1, p0 = quadratic_of(t, i[0], i[1], j[0], j[1])
         x, y, z = u[0], u[1], u[2]
         for k in range(line.shape[0]):
-            q2, q1, q0 = quadratic(dx, dy, dz, ax, ay, az, x[k], y[k], z[k])
+            q2, q1, q0 = quadratic(between, a, (x[k], y[k], z[k]))
             line[k] = value(p2, p1, p0, q2, q1, q0)
 
     edge = edge_of_pairs(pair, 2)

@@ -7,18 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.any_degree import singular_value_of
-from rootmatch.algebra.bezout import lesser_unit_last_entry_quadratic, unit_last_entry_quadratic
 from rootmatch.problems.kernels import CompletionKernels, HypothesisKernels, ProblemKernels, ResidualKernels
-from rootmatch.problems.residual_kinds import QR, SVD, Joint, Normalised, QRBoth
+from rootmatch.problems.pairs import comparisons
+from rootmatch.problems.residual_kinds import Joint, Normalised
 from rootmatch.problems.up2p import completion, hypotheses, joint_residual, normalised_residual
 from rootmatch.problems.up2p.resultant_residual import resultant_kernels
 
 KERNELS = ProblemKernels(
     residuals={
-        QR: resultant_kernels(unit_last_entry_quadratic),
-        QRBoth: resultant_kernels(lesser_unit_last_entry_quadratic),
-        SVD: resultant_kernels(singular_value_of(2)),
+        **{kind: resultant_kernels(compare) for kind, compare in comparisons(2).items()},
         Normalised: ResidualKernels(normalised_residual.edge, normalised_residual.slab, squares=True, single=True),
         Joint: ResidualKernels(joint_residual.edge, joint_residual.slab, squares=True, single=True),
     },

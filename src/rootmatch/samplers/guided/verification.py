@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
 from rootmatch.options import Options, option
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
 
 BEHIND2 = 1e11

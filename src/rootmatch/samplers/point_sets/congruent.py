@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import in_force
 from rootmatch.hypergraph.enumeration import subsets
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds, distances
 from rootmatch.problems.pose_fit.point_set_fit import fitted_point_sets
-from rootmatch.problems.similarity.problem import distances
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

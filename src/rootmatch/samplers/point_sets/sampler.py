@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rootmatch.backends import cpu
 from rootmatch.deadline import Deadline
-from rootmatch.problems.point_clouds import PointClouds
+from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
 from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, random_hyperedges

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, checkpoint
-from rootmatch.problems.point_clouds import PointClouds
-from rootmatch.problems.similarity.problem import distances
+from rootmatch.problems.points import PointClouds, distances
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from rootmatch.algebra.vector import cross, dot, rotated_about_y
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.three_plus_one.quartic import inner, rotated, wedge
 
 SUPPORT = 8.0
 """(1 − z² / 8)⁴ stands for exp(−z² / 2), without the exponential and with an end: at 2.8 σ."""
@@ -29,10 +29,10 @@ def line_of(c, s, t, q):  # type: ignore[no-untyped-def]
     Returns its rotated bearing u, the unit normal of the epipolar plane, the vectors whose products with a detection
     are its parallax and how far it lies ahead, and the sine of the angle between u and t.
     """
-    u = rotated(c, s, q)
-    k = inner(t, u)
+    u = rotated_about_y(c, s, q)
+    k = dot(t, u)
     sine = math.sqrt(max(1.0 - k * k, 1e-12))
-    n = wedge(t, u)
+    n = cross(t, u)
     f = 1.0 / sine
     normal = (f * n[0], f * n[1], f * n[2])
     across = (t[0] - k * u[0], t[1] - k * u[1], t[2] - k * u[2])

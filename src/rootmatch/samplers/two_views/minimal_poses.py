@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.algebra.vector import column
+from rootmatch.algebra.vector import column, cross, dot, rotated_about_y
 from rootmatch.jit.decorators import kernel, scalar
-from rootmatch.problems.three_plus_one.normalised_residual import longest_wedge, roots
-from rootmatch.problems.three_plus_one.quartic import branch, coefficients, inner, rotated, stem, wedge
+from rootmatch.problems.three_plus_one.normalised_residual import longest_cross, roots
+from rootmatch.problems.three_plus_one.quartic import branch, coefficients, stem
 from rootmatch.samplers.two_views.likelihood import line_of, place
 
 ROOTS = 4
@@ -23,14 +23,14 @@ which is 0 where there is no solution."""
 @scalar
 def nearest_sign(t, u, k):  # type: ignore[no-untyped-def]
     """Parallax of a correspondence, whose sign says which of t and −t has it in front."""
-    return inner(t, k) - inner(t, u) * inner(u, k)
+    return dot(t, k) - dot(t, u) * dot(u, k)
 
 
 @scalar
 def seen(c, s, t, q, p, own, gate2):  # type: ignore[no-untyped-def]
     """Whether a correspondence fits a pose, and its inverse distance."""
     _, normal, across, forward, sine = line_of(c, s, t, q)
-    e = inner(normal, p)
+    e = dot(normal, p)
     front, size, _, _ = place(across, forward, p[0], p[1], p[2], sine, own)
     return front & (e * e < gate2 * own), size
 
@@ -41,8 +41,8 @@ def triple_pose(c, s, a, k, b, l, d, m, ak, bl, dm, gate2, spread):  # type: ign
 
     Their inverse distances must lie within a factor ``spread``; the scale is the middle one.
     """
-    u1, u2, u3 = rotated(c, s, a), rotated(c, s, b), rotated(c, s, d)
-    t, _ = longest_wedge(wedge(u1, k), wedge(u2, l), wedge(u3, m))
+    u1, u2, u3 = rotated_about_y(c, s, a), rotated_about_y(c, s, b), rotated_about_y(c, s, d)
+    t, _ = longest_cross(cross(u1, k), cross(u2, l), cross(u3, m))
     side = nearest_sign(t, u1, k) + nearest_sign(t, u2, l) + nearest_sign(t, u3, m)
     sign = 1.0 if side > 0.0 else -1.0
     t = (sign * t[0], sign * t[1], sign * t[2])
@@ -91,7 +91,7 @@ def triple_poses(views, i, first, second, gate2, spread, panel):  # type: ignore
 @scalar
 def flat_line(c, s, q, p):  # type: ignore[no-untyped-def]
     """The baseline in the plane across y that one correspondence leaves, not scaled: across R q × p."""
-    u = rotated(c, s, q)
+    u = rotated_about_y(c, s, q)
     return u[0] * p[1] - u[1] * p[0], 0.0, u[2] * p[1] - u[1] * p[2]
 
 
@@ -120,11 +120,11 @@ def flat_rotations(a, k, b, l):  # type: ignore[no-untyped-def]  # noqa: E741
 def pair_pose(c, s, a, k, b, l, ak, bl, gate2, spread):  # type: ignore[no-untyped-def]  # noqa: E741
     """Baseline and scale of two correspondences, as `triple_pose`, for a baseline across y."""
     v, w = flat_line(c, s, a, k), flat_line(c, s, b, l)
-    vv, ww = inner(v, v), inner(w, w)
+    vv, ww = dot(v, v), dot(w, w)
     longer = vv > ww
     scale = 1.0 / math.sqrt(max(vv, ww))
     t = (scale * (v[0] if longer else w[0]), 0.0, scale * (v[2] if longer else w[2]))
-    side = nearest_sign(t, rotated(c, s, a), k) + nearest_sign(t, rotated(c, s, b), l)
+    side = nearest_sign(t, rotated_about_y(c, s, a), k) + nearest_sign(t, rotated_about_y(c, s, b), l)
     sign = 1.0 if side > 0.0 else -1.0
     t = (sign * t[0], 0.0, sign * t[2])
     fits1, r1 = seen(c, s, t, a, k, ak, gate2)

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.algebra.vector import column, combination, tangent_basis
+from rootmatch.algebra.vector import column, combination, cross, dot, slope_about_y, tangent_basis
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, kernel
-from rootmatch.problems.three_plus_one.quartic import inner, slope, wedge
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of, place
 
 LEAST_SHARE = 1e-3
@@ -88,7 +87,7 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
             normal[a, b] = 0.0
     for i in range(ratios.shape[0]):
         u, plane, across, forward, sine = line_of(c, s, t, column(views.source, i))
-        turned = slope(u)
+        turned = slope_about_y(u)
         for n in range(ratios.shape[1]):
             share = ratios[i, n] / (1.0 + rows[i] + columns[n] - ratios[i, n])
             if share < LEAST_SHARE:
@@ -96,20 +95,20 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
             p = column(views.target, n)
             own = views.source_variance[i] + views.target_variance[n]
             inverse = 1.0 / sine
-            moved = wedge(turned, p)
-            product = wedge(u, p)
+            moved = cross(turned, p)
+            product = cross(u, p)
             add_square(
-                normal, side, inverse * inner(t, moved), inverse * inner(first, product),
-                inverse * inner(second, product), 0.0, inner(plane, p), share / (own + blur),
+                normal, side, inverse * dot(t, moved), inverse * dot(first, product),
+                inverse * dot(second, product), 0.0, dot(plane, p), share / (own + blur),
             )  # fmt: skip
             _, size, parallax, ahead = place(across, forward, p[0], p[1], p[2], sine, own)
-            k, pu, pt = inner(t, u), inner(p, u), inner(p, t)
-            turned_k, turned_p = inner(t, turned), inner(p, turned)
+            k, pu, pt = dot(t, u), dot(p, u), dot(p, t)
+            turned_k, turned_p = dot(t, turned), dot(p, turned)
             root = parallax * parallax + own * sine * sine
             by_parallax, by_ahead = parallax / root, 1.0 / ahead
             # parallax = p · t − k p · u, ahead = p · u − k p · t
-            f1, f2 = inner(first, u), inner(second, u)
-            g1, g2 = inner(first, p), inner(second, p)
+            f1, f2 = dot(first, u), dot(second, u)
+            g1, g2 = dot(first, p), dot(second, p)
             j0 = by_parallax * (-turned_k * pu - k * turned_p) - by_ahead * (turned_p - turned_k * pt)
             j1 = by_parallax * (g1 - f1 * pu) - by_ahead * (-f1 * pt - k * g1)
             j2 = by_parallax * (g2 - f2 * pu) - by_ahead * (-f2 * pt - k * g2)
@@ -129,7 +128,7 @@ def step(views, pose, blur, breadth2, ratios, rows, columns, normal, side):  # t
     ca, sa = math.cos(angle), math.sin(angle)
     pose[0], pose[1] = c * ca - s * sa, s * ca + c * sa
     t = combination(1.0, t, 1.0, combination(-scale * side[1], first, -scale * side[2], second))
-    size = 1.0 / math.sqrt(inner(t, t))
+    size = 1.0 / math.sqrt(dot(t, t))
     pose[2], pose[3], pose[4] = size * t[0], size * t[1], size * t[2]
     pose[5] = math.exp(level - scale * side[3])
 

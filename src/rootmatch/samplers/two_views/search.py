@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint, in_force
 from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
-from rootmatch.problems.two_views import TwoViews
+from rootmatch.problems.points import TwoViews
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.detection_grid import mean_basis
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters

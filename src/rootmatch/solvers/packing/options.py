@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rootmatch.options import Options, option
-from rootmatch.problems.gate import GATE
+from rootmatch.problems.limits import GATE
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,12 +63,6 @@ class Views:
             tilt=tilt,
             focal=cameras[1].focal,
         )
-
-    @property
-    def arrays(self) -> tuple[Any, ...]:
-        """Input of compiled fits: rays, their axes, σ and the focal length."""
-        numbers = self.first, self.second, self.first_axes, self.second_axes, self.first_sigma, self.second_sigma
-        return *(np.ascontiguousarray(array, np.float64) for array in numbers), float(self.focal)
 
     def deviations(self, essential: Floats, i: NDArray[np.int64], k: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Epipolar deviations in σ, and σ across the line in the second image in pixels, of pairs (…, m) of indices.
