@@ -25,18 +25,17 @@ from rootmatch.problems.p3p.problem import P3P
 from rootmatch.problems.padding import padded
 from rootmatch.result import Status
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.detection_grid import GridOptions, build_grid, narrowed
-from rootmatch.samplers.guided.few_detections import FewDetections
+from rootmatch.samplers.guided.candidate_hyperedges import CHANCE_SAMPLES
+from rootmatch.samplers.guided.detection_grid import NARROWEST, build_grid, narrowed
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
+from rootmatch.samplers.guided.rivals import FewDetections
 from rootmatch.samplers.guided.sampler import Guided, pays
 from rootmatch.samplers.guided.sequential_test import (
     SequentialTest,
-    SequentialTestOptions,
     prepare_sets,
     run_sequential_tests,
 )
 from rootmatch.samplers.guided.stopping import StoppingOptions
-from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 from rootmatch.solvers import MultiStartAscent
 
@@ -167,7 +166,7 @@ def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
     weights = np.where(residuals <= WEIGH.gate, np.exp(-0.5 * residuals**2), 0.0)
     # four standard errors: 15 % of the mean here, for 16 searches of 4096 random hyper-edges
-    error = 4.0 * weights.std() / math.sqrt(16 * Guided().chance_samples)
+    error = 4.0 * weights.std() / math.sqrt(16 * CHANCE_SAMPLES)
     assert error < 0.2 * weights.mean()
     assert chance == pytest.approx(weights.mean(), abs=error)
 
@@ -308,10 +307,6 @@ def test_mistakes_are_said() -> None:
         Guided(budget=0)
     with pytest.raises(InputError, match=r"StoppingOptions: complete is 1\.5; give a number above 0 and of at most 1"):
         StoppingOptions(complete=1.5)
-    with pytest.raises(InputError, match="it is a probability"):
-        SequentialTestOptions(most_clutter=0.9)
-    with pytest.raises(InputError, match=r"VerificationOptions: visible is \(\); give a tuple of numbers"):
-        VerificationOptions(visible=())
     scene = p3p_scene(6)
 
     with pytest.raises(InputError, match="no hypotheses to guide"):
@@ -372,4 +367,4 @@ def test_the_gate_is_narrower_where_detections_crowd() -> None:
     for count in (10, 60, 2000):
         pixels = rng.uniform((0.0, 0.0), (640.0, 480.0), (count, 2))
         factors.append(narrowed(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
-    assert factors[0] == 1.0 > factors[1] > factors[2] == GridOptions().narrowest
+    assert factors[0] == 1.0 > factors[1] > factors[2] == NARROWEST

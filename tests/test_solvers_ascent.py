@@ -11,7 +11,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.ascent import subset_index
 from rootmatch.solvers.ascent.assignment_state import change
-from rootmatch.solvers.ascent.local_search import climb, scored_neighbours, state_of
+from rootmatch.solvers.ascent.climb import climb, scored_neighbours, state_of
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import assignments, best_score, naive_support, objective, planted, random_edges
 

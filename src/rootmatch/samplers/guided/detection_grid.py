@@ -9,7 +9,6 @@ plane by Lambert's equal-area projection of the whole sphere; compiled code for 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import driver, part, scalar
-from rootmatch.options import Options, option
 
 NOBODY = -1
 """Entry of an empty cell."""
@@ -28,32 +26,23 @@ LEAST_EXTENT = 1e-9
 """Extent of the detections, in radians, that is taken for a single one."""
 
 
-@dataclass(frozen=True)
-class GridOptions(Options):
-    """How fine the grid of detections is."""
-
-    cells_per_gate: float = option(4.0, above=0.0)
-    """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway. Not tuned."""
-    most_cells: int = option(512, least=1)
-    """Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory; not tuned."""
-    least_cosine: float = option(0.5, above=0.0, most=1.0)
-    """Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times
-    as wide as at its centre. Below, the grid is one of the whole sphere. A round value, not tuned."""
-    noise_ratio: float = option(2.0, least=1.0)
-    """The gate of all detections has the median σ, or the largest over this if that is more. Not tuned."""
-    neighbours: int = option(3, least=1)
-    """Nearest detections that tell the density about one, at least; else the root of their number. Not tuned."""
-    crowd: float = option(0.03, above=0.0)
-    """Mean number of detections within a gate from which it is narrowed, without normals: a false solution that meets
-    one goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead of eight take P3P 50 + 50 from
-    206 to 139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
-    narrowest: float = option(0.6, above=0.0, most=1.0)
-    """Fraction of the gate down to which it is narrowed. A round value."""
-    least_gate: float = option(1e-4, above=0.0)
-    """Gate over the extent of the detections below which it is rounding, not noise. Not tuned."""
-
-
-DEFAULT_GRID = GridOptions()
+CELLS_PER_GATE = 4.0
+"""Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway."""
+MOST_CELLS = 512
+"""Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory."""
+LEAST_COSINE = 0.5
+"""Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times as
+wide as at its centre. Below, the grid is one of the whole sphere."""
+NEIGHBOURS = 3
+"""Nearest detections that tell the density about one, at least; else the root of their number."""
+CROWD = 0.03
+"""Mean number of detections within a gate from which it is narrowed, without normals: a false solution that meets one
+goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead of eight take P3P 50 + 50 from 206 to
+139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
+NARROWEST = 0.6
+"""Fraction of the gate down to which it is narrowed."""
+LEAST_GATE = 1e-4
+"""Gate over the extent of the detections below which it is rounding, not noise."""
 
 
 class DetectionGrid(NamedTuple):
@@ -92,27 +81,27 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([*tangent_basis_of(x, y, z), mean])
 
 
-def narrowed(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> float:
+def narrowed(rays: NDArray[np.float64], gate: float) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
     _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
     area = float(math.prod(longer))
     met = rays.shape[1] * math.pi * gate * gate / max(area, gate * gate)
-    return 1.0 if met <= options.crowd else max(math.sqrt(options.crowd / met), options.narrowest)
+    return 1.0 if met <= CROWD else max(math.sqrt(CROWD / met), NARROWEST)
 
 
-def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> DetectionGrid:
+def build_grid(rays: NDArray[np.float64], gate: float) -> DetectionGrid:
     """Grid of bearings (3, n') with a gate in radians (at the mean bearing).
 
     Its density is `local_density`.
     """
     basis = mean_basis(rays)
     rotated = basis @ rays
-    whole = not float(rotated[2].min()) > options.least_cosine
+    whole = not float(rotated[2].min()) > LEAST_COSINE
     positions = _equal_area(rotated) if whole else rotated[:2] / rotated[2]
     low, high = positions.min(axis=1), positions.max(axis=1)
     extent = max(float((high - low).max()), LEAST_EXTENT)
-    gate = max(gate, options.least_gate * extent)
-    size = max(gate / options.cells_per_gate, (extent + 2.0 * gate) / options.most_cells)
+    gate = max(gate, LEAST_GATE * extent)
+    size = max(gate / CELLS_PER_GATE, (extent + 2.0 * gate) / MOST_CELLS)
     # an angle is this much longer on the map than in space, and a length on the map in space, at the most
     stretch = np.sqrt(2.0 / np.maximum(1.0 + rotated[2], STRAIGHT)) if whole else np.ones(rays.shape[1])
     # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
@@ -125,7 +114,7 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
     _fill(cells, nearest, positions, rotated, reaches, stretch, corner, float(size), whole)
     return DetectionGrid(
         cells, positions, rotated, basis, corner,
-        scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate, options.neighbours),
+        scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate),
         whole=(1.0,) if whole else (),
     )  # fmt: skip
 
@@ -168,9 +157,7 @@ TREE_FROM = 600
 """Detections from which a tree finds neighbours faster than all distances do, and in less memory. A round value."""
 
 
-def local_density(
-    positions: NDArray[np.float64], blur: float, neighbours: int = DEFAULT_GRID.neighbours
-) -> NDArray[np.float64]:
+def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
     """Density (n',) of the positions (2, n') about each, blurred so that a line of points has an area too.
 
     The greater of two: k / (π r²) with the k-th neighbour at a distance of r, and n' / (4π √det Σ), that of a normal
@@ -181,7 +168,7 @@ def local_density(
     every = bool(ahead.all())
     inside = np.ascontiguousarray(positions) if every else positions[:, ahead]
     count = inside.shape[1]
-    k = max(neighbours, math.ceil(math.sqrt(count)))
+    k = max(NEIGHBOURS, math.ceil(math.sqrt(count)))
     if every and k < count < TREE_FROM:
         order, out = inside[0].argsort(), np.empty(count)
         _densities(inside, order, float(blur), np.empty((2, count)), np.empty(k + 1), out)
