@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
-from rootmatch.jit.decorators import driver, part, scalar
+from rootmatch.jit.decorators import driver, scalar
 
 NOBODY = -1
 """Entry of an empty cell."""
@@ -120,7 +120,7 @@ def build_grid(rays: NDArray[np.float64], gate: float) -> DetectionGrid:
 
 
 STRAIGHT = 1e-3
-"""1 + cosine to the axis down to which the map's stretch is followed: 177°. Not tuned."""
+"""1 + cosine to the axis down to which the map's stretch is followed: 177°."""
 
 
 def _equal_area(rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -153,8 +153,8 @@ def _fill(cells, nearest, positions, rays, reaches, stretch, corner, size, whole
                     cells[row, column] = k
 
 
-TREE_FROM = 600
-"""Detections from which a tree finds neighbours faster than all distances do, and in less memory. A round value."""
+TREE_FROM = 300
+"""Detections from which a tree finds neighbours faster than all distances do, and in less memory."""
 
 
 def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
@@ -165,14 +165,9 @@ def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.flo
     detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
     """
     ahead = np.isfinite(positions[0])
-    every = bool(ahead.all())
-    inside = np.ascontiguousarray(positions) if every else positions[:, ahead]
+    inside = positions[:, ahead]
     count = inside.shape[1]
     k = max(NEIGHBOURS, math.ceil(math.sqrt(count)))
-    if every and k < count < TREE_FROM:
-        order, out = inside[0].argsort(), np.empty(count)
-        _densities(inside, order, float(blur), np.empty((2, count)), np.empty(k + 1), out)
-        return out
     centred = inside - inside.sum(axis=1, keepdims=True) / count
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
@@ -191,79 +186,6 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
 
     distance, _ = cKDTree(positions.T).query(positions.T, k=[k + 1])
     return np.asarray(distance[:, 0] ** 2)
-
-
-def cells_of_some(grid: DetectionGrid, images: NDArray[np.int64]) -> NDArray[np.int16]:
-    """Cells (h, w) that name some detections (m,) by their place among these, and no others."""
-    stretch = np.sqrt(2.0 / np.maximum(1.0 + grid.rays[2, images], STRAIGHT)) if grid.whole else np.ones(len(images))
-    # as far as `build_grid` looks, and two cells more for rounding
-    about = ((math.sqrt(grid.gate2) * grid.scale + HALF_DIAGONAL * stretch) * stretch).astype(np.int64) + 3
-    places = ((grid.positions[:, images] - grid.corner[:, None]) * grid.scale).astype(np.int64)
-    cells = np.full(grid.cells.shape, NOBODY, np.int16)
-    _renumber(grid.cells, images, places, about, cells)
-    return cells
-
-
-@driver(nogil=True)
-def _renumber(cells, images, places, about, out):  # type: ignore[no-untyped-def]
-    """Write the place of each of the images (m,) into the cells that name it, all near those in ``places`` (2, m)."""
-    height, width = cells.shape
-    for m in range(images.size):
-        k, reach = images[m], about[m]
-        for row in range(max(0, places[1, m] - reach), min(height, places[1, m] + reach + 1)):
-            for column in range(max(0, places[0, m] - reach), min(width, places[0, m] + reach + 1)):
-                if cells[row, column] == k:
-                    out[row, column] = m
-
-
-@part
-def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyped-def]
-    """Squared distance of each position to its k-th neighbour, from the next ones across outwards.
-
-    ``across`` (m,) ascends, ``along`` (m,) is the other coordinate, ``order`` (m,) their places in ``out`` (m,), and
-    ``nearest`` (k + 1,) is scratch.
-    """
-    m, last = across.size, nearest.size - 1
-    for i in range(m):
-        nearest[0] = 0.0  # itself
-        for place in range(1, last + 1):
-            nearest[place] = np.inf
-        left, right = i - 1, i + 1
-        while left >= 0 or right < m:
-            for side in range(2):
-                j = left if side == 0 else right
-                if j < 0 or j >= m:
-                    continue
-                du, dv = across[j] - across[i], along[j] - along[i]
-                distance2 = du * du + dv * dv
-                if distance2 < nearest[last]:
-                    # into its place without a branch
-                    for place in range(last, 0, -1):
-                        nearest[place] = min(nearest[place], max(nearest[place - 1], distance2))
-                within = du * du < nearest[last]
-                if side == 0:
-                    left = left - 1 if within else -1
-                else:
-                    right = right + 1 if within else m
-        out[order[i]] = nearest[last]
-
-
-@driver(nogil=True, error_model="numpy")
-def _densities(positions, order, blur, sorted_positions, nearest, out):  # type: ignore[no-untyped-def]
-    """`local_density` (m,) of positions (2, m), given their order across; the arrays before ``out`` are scratch."""
-    m, blur2 = order.size, blur * blur
-    u, v, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(m):
-        sorted_positions[0, i], sorted_positions[1, i] = positions[0, order[i]], positions[1, order[i]]
-        u, v = u + positions[0, i], v + positions[1, i]
-    for i in range(m):
-        du, dv = positions[0, i] - u / m, positions[1, i] - v / m
-        suu, suv, svv = suu + du * du, suv + du * dv, svv + dv * dv
-    suu, suv, svv = suu / m + blur2, suv / m, svv / m + blur2
-    overall = m / (4.0 * np.pi * np.sqrt(suu * svv - suv * suv))
-    _kth_distance2(sorted_positions[0], sorted_positions[1], order, nearest, out)
-    for i in range(m):
-        out[i] = max(overall, (nearest.size - 1) / (np.pi * (out[i] + blur2)))
 
 
 @scalar

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.problems.padding import padded_places, with_targets
 from rootmatch.samplers.guided import batches
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, cells_of_some
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets
 from rootmatch.samplers.guided.visibility import MISSED
@@ -39,44 +37,11 @@ RIVAL_RATIO = 0.25
 verified: less than of the evidence, as a minimal set may predict worse than another."""
 
 
-class FewDetections(NamedTuple):
-    """The detections of an assignment: no others are solved for, and what others are nearest to meets nothing."""
-
-    assignment: NDArray[np.int64]
-    """(n,)."""
-    images: NDArray[np.int64]
-    """(m,) numbers of the detections."""
-    tables: Any
-    """Tables of these detections, padded."""
-    grid: DetectionGrid
-    allowed: NDArray[np.bool_]
-    """(n, m), or (0, 0) for all."""
-
-    @classmethod
-    def of(
-        cls, tables: Any, grid: DetectionGrid, allowed: NDArray[np.bool_], assignment: NDArray[np.int64]
-    ) -> FewDetections:
-        """The detections of an assignment, from tables without padding, a grid and a mask of all detections."""
-        images = np.sort(assignment[assignment >= 0])
-        count = grid.positions.shape[1]
-        few = grid._replace(
-            cells=cells_of_some(grid, images),
-            positions=np.ascontiguousarray(grid.positions[:, images]),
-            rays=np.ascontiguousarray(grid.rays[:, images]),
-            density=grid.density[images],
-        )
-        fewer = with_targets(tables, images[padded_places(len(images))], count)
-        return cls(
-            assignment, images, fewer, few, np.ascontiguousarray(allowed[:, images]) if allowed.size else allowed
-        )
-
-
 def try_rivals(search: Search) -> None:
     """Try minimal sets with the detections of the strongest hypothesis until no rival can well have been missed."""
     best = search._clustered()[2].best[0]
-    few = FewDetections.of(search.tables, search.grid, search.allowed, best)
-    images = few.images
-    arrangements = target_arrangements(len(images), search.minimal - 1)
+    images = np.sort(best[best >= 0])
+    arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
     least = max(search.minimal + 1, math.ceil(SAME * len(images)))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
@@ -93,7 +58,7 @@ def try_rivals(search: Search) -> None:
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
         while first < tasks and (block := pace.block(tasks - first)):
-            search._try(some, search._test(0), arrangements, first=first, last=first + block, among=few)
+            search._try(some, search._test(0), arrangements, first=first, last=first + block, known=best)
             first += block
         if first == tasks:
             done += len(some.points)

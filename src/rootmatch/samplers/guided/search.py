@@ -27,7 +27,7 @@ from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import RIVAL_RATIO, FewDetections, try_rivals
+from rootmatch.samplers.guided.rivals import RIVAL_RATIO, try_rivals
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -239,23 +239,31 @@ class Search:
         *,
         first: int,
         last: int,
-        among: FewDetections | None = None,
+        known: Integers | None = None,
     ) -> None:
-        """Test one batch of tasks, some of the detections alone if need be, and verify the best survivors."""
-        tables, grid, allowed = self.padded, self.grid, self.allowed
-        if among is not None:
-            tables, grid, allowed = among.tables, among.grid, among.allowed
-        solved = (last - first) * (grid.positions.shape[1] - self.minimal + 1)
+        """Test one batch of tasks and verify the best survivors; for rivals of a ``known`` assignment (n,) see `_keep`.
+
+        Rivals have its detections: ``arrangements`` name no others.
+        """
+        images = self.n_target if known is None else int((known >= 0).sum())
+        each = images - self.minimal + 1
+        solved = (last - first) * each
         most = batches.verified_of(solved, self.single)
         survivors, ratios, counts = run_sequential_tests(
-            tables, grid, test, sets, arrangements,
-            first=first, last=last, allowed=allowed, keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
+            self.padded, self.grid, test, sets, arrangements,
+            first=first, last=last, allowed=self.allowed if known is None else self._allowed_to(known),
+            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
-        if among is not None:
-            survivors[..., 2:] = among.images[survivors[..., 2:]]
-        known = None if among is None else among.assignment
+        # what is solved beside them, for an image that they may not have, is no try
+        counts[:, 0] = counts[:, 0] // (self.n_target - self.minimal + 1) * each
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
+
+    def _allowed_to(self, assignment: Integers) -> NDArray[np.bool_]:
+        """The possible correspondences (n, n') with the detections of an assignment (n,)."""
+        mask = np.zeros(self.shape, np.bool_)
+        mask[:, assignment[assignment >= 0]] = True
+        return mask & self.allowed if self.allowed.size else mask
 
     def _keep(
         self,

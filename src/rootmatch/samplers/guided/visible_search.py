@@ -84,10 +84,7 @@ class VisibleSearch(Search):
         """See `Search`: only the detections of the strongest hypothesis are tried as images."""
         _, _, hypotheses = self._clustered()
         images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
-        mask = np.zeros((self.n, self.n_target), np.bool_)
-        mask[:, images] = True
-        if self.allowed.size:
-            mask &= self.allowed
+        mask = self._allowed_to(hypotheses.best[0])
         least = max(self.minimal + 1, math.ceil(SAME * len(images)))
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0

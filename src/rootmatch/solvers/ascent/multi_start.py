@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, checkpoint
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
 from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
-from rootmatch.solvers.ascent.climb import scored_neighbours
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import random_walk_start
 from rootmatch.solvers.ascent.start_ranking import candidates
@@ -241,11 +242,12 @@ class MultiStart:
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
         """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
-        keep = self.options.keep
-        count = NEIGHBOURS_PER_KEPT * keep
-        images, values = scored_neighbours(self.index, self.state_of_best(), self.options.penalty, count)
-        for image, value in zip(images, values, strict=True):
-            self.found.setdefault(image.tobytes(), (image, float(value)))
+        index, keep = self.index, self.options.keep
+        shape, order = (index.n, index.n_target), index.indices.shape[1]
+        tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
+        due = self.options.penalty * math.comb(int((self.best >= 0).sum()), order)
+        for image, score in best_neighbours(tensor, self.best, NEIGHBOURS_PER_KEPT * keep):
+            self.found.setdefault(image.tobytes(), (image, score - due))
         # Cores are assignments too, which stopped short of being drawn into the best one.
         for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
             self.found.setdefault(core.tobytes(), (core, value))

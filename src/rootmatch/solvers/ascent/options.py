@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rootmatch.options import Options, option
-from rootmatch.solvers.base import DOMINANT
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,9 @@ class AscentOptions(Options):
         Entries of the index that are read to rank hyper-edges by their support. Of a tensor with more subsets the
         heaviest hyper-edges are ranked alone, as many as that allows.
     dominant : float
-        Share of the weight of all hyper-edges from which the assignment that the walk leads to is not searched beyond;
-        see `rootmatch.solvers.base.DOMINANT`.
+        Share of the weight of all hyper-edges from which the assignment that the walk leads to is not searched beyond:
+        any other has what it shares with this one and at most half as much again. What it changes:
+        benchmarks/record.py, benchmarks/constellations.py.
     rivals : int
         Candidates outside of all that was found from which an ascent is made in any case.
     lookups_per_thread : int
@@ -53,6 +53,6 @@ class AscentOptions(Options):
     limit: int = option(10_000, least=1)
     most_reads: int = option(30_000_000, least=0)
     ranking_reads: int = option(1 << 23, least=1)
-    dominant: float = option(DOMINANT, least=0.5)
+    dominant: float = option(2.0 / 3.0, least=0.5)
     rivals: int = option(16, least=0)
     lookups_per_thread: int = option(20_000, least=1)
