@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
 from rootmatch.jit.decorators import driver, scalar
+from rootmatch.problems.noise import usual_noise
 
 NOBODY = -1
 """Entry of an empty cell."""
@@ -26,6 +27,11 @@ LEAST_EXTENT = 1e-9
 """Extent of the detections, in radians, that is taken for a single one."""
 
 
+GATE = 8.0
+"""Distance from a prediction, in σ, within which a detection counts while minimal sets are tried; wide, as it also
+covers the errors of the minimal set. What is found: benchmarks/guided.py."""
+NOISE_RATIO = 2.0
+"""The gate of all detections has the usual σ, or the largest over this if that is more."""
 CELLS_PER_GATE = 4.0
 """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway."""
 MOST_CELLS = 512
@@ -87,6 +93,12 @@ def narrowed(rays: NDArray[np.float64], gate: float) -> float:
     area = float(math.prod(longer))
     met = rays.shape[1] * math.pi * gate * gate / max(area, gate * gate)
     return 1.0 if met <= CROWD else max(math.sqrt(CROWD / met), NARROWEST)
+
+
+def grid_of(rays: NDArray[np.float64], sigma: NDArray[np.float64], *, narrow: bool) -> DetectionGrid:
+    """Grid of bearings (3, n') with standard deviations (n',) in radians; its gate may be narrower where they crowd."""
+    gate = GATE * max(usual_noise(sigma), float(sigma.max()) / NOISE_RATIO)
+    return build_grid(rays, gate * narrowed(rays, gate) if narrow else gate)
 
 
 def build_grid(rays: NDArray[np.float64], gate: float) -> DetectionGrid:

@@ -19,7 +19,8 @@ from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grown
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.search import SETS, Search
+from rootmatch.samplers.guided.refinement import SETS
+from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, sequential_test
 from rootmatch.samplers.guided.visibility import FAILURE
 

@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
 from rootmatch.jit.threads import threads_worth
-from rootmatch.problems.noise import usual_noise
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import CROWDING
-from rootmatch.samplers.guided.detection_grid import build_grid, narrowed
+from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
-from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
+from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
 from rootmatch.samplers.guided.rivals import RIVAL_RATIO, try_rivals
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
@@ -46,19 +46,8 @@ Integers = NDArray[np.int64]
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
-GATE = 8.0
-"""Distance from a prediction, in σ, within which a detection counts while minimal sets are tried; wide, as it also
-covers the errors of the minimal set. What is found: benchmarks/guided.py."""
-NOISE_RATIO = 2.0
-"""The gate of all detections has the usual σ, or the largest over this if that is more."""
 GROUPS = 1000
 """Most clusters of hypotheses whose hyper-edges are evaluated."""
-CLUSTERS, CLUSTER_PART = 8, 0.25
-"""Clusters that are solved anew from their own correspondences when none is beyond chance: so many or, if that is more,
-this fraction of them."""
-SETS, SURE_SETS = 8, 4
-"""Minimal sets solved anew of each cluster; and of one beyond chance, for one motion of few points without normals: it
-mostly grows no more. Both find the same matches in benchmarks/record.py and benchmarks/matches.py."""
 FAIR_PART = 0.5
 """Fraction of the ratio of a batch's best survivor, for one motion, below which others are not verified where that one
 is beyond chance. That nothing else is found: benchmarks/record.py."""
@@ -91,13 +80,8 @@ class Search:
         self.minimal = task.order - 1
         self.rng = np.random.default_rng([task.seed, *task.shape])
         self.allowed = task.allowed
-        sigma = np.sqrt(tables.variance)
-        usual = max(usual_noise(sigma), float(sigma.max()) / NOISE_RATIO)
         self.normals = bool(tables.normals[:3].any())
-        gate = GATE * usual
-        if not self.normals:
-            gate *= narrowed(tables.rays, gate)
-        self.grid = build_grid(tables.rays, gate)
+        self.grid = grid_of(tables.rays, np.sqrt(tables.variance), narrow=not self.normals)
         self.density = CROWDING * self.grid.density
         self.clutter = float(self.density.sum()) / self.n_target * math.pi * self.grid.gate2
         """Mean number of clutter detections within a gate."""
@@ -310,10 +294,7 @@ class Search:
             self.hypotheses += [Hypotheses.joined(found)] if found else []
 
     def refine(self) -> None:
-        """Solve minimal sets of the best clusters' own correspondences, wide ones.
-
-        Another set predicts what the first one missed, and often better.
-        """
+        """Solve minimal sets of the best clusters' own correspondences; see `refinement`."""
         if self.refined_at == self.solved:
             return
         again, self.refined_at = self.refined_at >= 0, self.solved
@@ -323,19 +304,12 @@ class Search:
         if again and self.single and 0 < beyond_chance == self.refined_clusters:
             return  # no rivals since
         self.refined_clusters = beyond_chance
-        points, images = [], []
-        sets = self.sure_sets if beyond_chance else SETS
-        for leader in leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]:
-            (matched,) = (hypotheses.best[leader] >= 0).nonzero()
-            chosen = widest(self.positions, matched, self.minimal, sets, self.rng)
-            points.append(np.repeat(chosen, solutions, axis=0))
-            images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
-        if points:
-            stacked = np.concatenate(points)
-            solved = np.empty((len(stacked), 1 + self.minimal), np.int64)
-            solved[:, 0] = np.arange(len(stacked)) % solutions
-            solved[:, 1:] = np.concatenate(images)
-            self._verify(stacked, solved)
+        points, images = refining_sets(
+            hypotheses, leaders, beyond_chance, self.positions, solutions,
+            count=self.sure_sets if beyond_chance else SETS, rng=self.rng,
+        )  # fmt: skip
+        if len(points):
+            self._verify(points, images)
 
     def clusters(self) -> HypothesisClusters:
         """The clusters at the end; where one is beyond chance, it and its rivals."""
@@ -356,10 +330,7 @@ class Search:
         near = evidence > evidence.max(initial=0.0) - LAG
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
-        first: dict[bytes, int] = {}
-        for number in near.nonzero()[0].tolist():
-            first.setdefault(hypotheses.best[number].tobytes(), number)
-        return np.ascontiguousarray(hypotheses.best[list(first.values())[: self.options.hypotheses]])
+        return hypotheses.assignments(near, self.options.hypotheses)
 
     def _rivals(self, evidence: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which hypotheses, strongest first, come near the first one."""
