@@ -38,7 +38,7 @@ from rootmatch.simulation import p3p_scene, up2p_scene
 from rootmatch.solvers import SOLVERS, MultiStartAscent, PowerIteration
 from rootmatch.solvers.ascent.assignment_state import empty_state
 from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
-from rootmatch.solvers.ascent.local_search import climb_from
+from rootmatch.solvers.ascent.climb import climb_from
 from rootmatch.solvers.ascent.multi_start import MultiStart
 from rootmatch.solvers.ascent.subset_index import build_index
 

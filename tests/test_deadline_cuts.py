@@ -35,9 +35,8 @@ from rootmatch.problems.up2pf.problem import UP2PF
 from rootmatch.samplers.guided import visible_search
 from rootmatch.samplers.guided.sampler import Guided
 from rootmatch.samplers.guided.visible_search import search_of
-from rootmatch.samplers.point_sets import search
-from rootmatch.samplers.point_sets.options import PointSetOptions
-from rootmatch.samplers.point_sets.search import MotionSearch
+from rootmatch.samplers.point_sets import motion_search
+from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.solvers.base import SECONDS_PER_PAIR, Solution, empty_solution, solved
 
 CAMERA = Camera(900.0, 900.0, 640.0, 480.0)
@@ -197,8 +196,8 @@ def test_pairs_of_large_point_sets_are_not_sorted_late() -> None:
     task = MatchingTask.of(Rigid(3), source, target, noise=0.01, options=MatchOptions(), deadline=NEVER)
     model = point_set_decision.model_of(task)
     assert model is not None
-    seconds = search.SECONDS_PER_PAIR * 12**2
-    arguments = task.sampling_task, model.clouds, PointSetOptions(), NEVER
+    seconds = motion_search.SECONDS_PER_PAIR * 12**2
+    arguments = task.sampling_task, model.clouds, NEVER
     with Deadline(0.9 * seconds, clock=Clock()).enforced(), pytest.raises(OutOfTime):
         MotionSearch(*arguments)
     with Deadline(1.1 * seconds, clock=Clock()).enforced():

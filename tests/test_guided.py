@@ -22,21 +22,13 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.base import Problem
 from rootmatch.problems.kernels import ProblemKernels
 from rootmatch.problems.p3p.problem import P3P
-from rootmatch.problems.padding import padded
 from rootmatch.result import Status
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.guided.detection_grid import GridOptions, build_grid, narrowed
-from rootmatch.samplers.guided.few_detections import FewDetections
+from rootmatch.samplers.guided.candidate_hyperedges import CHANCE_SAMPLES
+from rootmatch.samplers.guided.detection_grid import NARROWEST, narrowed
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest, width
 from rootmatch.samplers.guided.sampler import Guided, pays
-from rootmatch.samplers.guided.sequential_test import (
-    SequentialTest,
-    SequentialTestOptions,
-    prepare_sets,
-    run_sequential_tests,
-)
 from rootmatch.samplers.guided.stopping import StoppingOptions
-from rootmatch.samplers.guided.verification import VerificationOptions
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 from rootmatch.solvers import MultiStartAscent
 
@@ -167,7 +159,7 @@ def test_chance_is_the_mean_weight_of_random_hyperedges() -> None:
     residuals = cpu.residuals(tables, WEIGH.residual.kernel_kind(3), source, target)
     weights = np.where(residuals <= WEIGH.gate, np.exp(-0.5 * residuals**2), 0.0)
     # four standard errors: 15 % of the mean here, for 16 searches of 4096 random hyper-edges
-    error = 4.0 * weights.std() / math.sqrt(16 * Guided().chance_samples)
+    error = 4.0 * weights.std() / math.sqrt(16 * CHANCE_SAMPLES)
     assert error < 0.2 * weights.mean()
     assert chance == pytest.approx(weights.mean(), abs=error)
 
@@ -308,48 +300,11 @@ def test_mistakes_are_said() -> None:
         Guided(budget=0)
     with pytest.raises(InputError, match=r"StoppingOptions: complete is 1\.5; give a number above 0 and of at most 1"):
         StoppingOptions(complete=1.5)
-    with pytest.raises(InputError, match="it is a probability"):
-        SequentialTestOptions(most_clutter=0.9)
-    with pytest.raises(InputError, match=r"VerificationOptions: visible is \(\); give a tuple of numbers"):
-        VerificationOptions(visible=())
     scene = p3p_scene(6)
 
     with pytest.raises(InputError, match="no hypotheses to guide"):
         Guided()(SamplingTask(NoTables(), WEIGH.residual.kernel_kind(6), WEIGH, (6, 6), 4))
     assert scene.truth.size == 6
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_some_of_the_detections_alone_are_searched_as_if_the_others_were_forbidden(name: str) -> None:
-    scene = SCENES[name](9, 6, noise=0.3, seed=4)
-    m, n_target = scene.problem.minimal, 15
-    tables = scene.problem.prepare(scene.source, scene.target, 1.0)
-    grid = build_grid(tables.rays, 0.008)
-    images = np.sort(scene.truth[:7])
-    assignment = np.where(np.arange(9) < 7, scene.truth, -1)
-    mask = np.zeros((9, n_target), np.bool_)
-    mask[:, images] = True
-    points = np.array([[0, 1, 2], [3, 4, 5], [1, 4, 6], [0, 3, 6]], np.int64)[:, :m]
-    sets = prepare_sets(tables, points, others_of(points, 9), np.zeros(4, np.int64))
-    rules = SequentialTest(hit=3.0, fall=3.0, miss=-2.0, floor=-6.0, least=m + 1, normals=False)
-    arrangements = enumeration.target_arrangements(7, m - 1)
-    few = FewDetections.of(tables, grid, mask, assignment)
-    place = {int(k): number for number, k in enumerate(images)}
-    assert few.grid.cells.tolist() == [[place.get(k, -1) for k in row] for row in grid.cells.tolist()]
-    tasks = {"first": 0, "last": 4 * len(arrangements), "keep": 500, "chunks": 1}
-    found, ratios, _ = run_sequential_tests(
-        few.tables, few.grid, rules, sets, arrangements, allowed=few.allowed, **tasks
-    )
-    every, every_ratio, _ = run_sequential_tests(
-        padded(tables, n_target), grid, rules, sets, images[arrangements].astype(np.int32), allowed=mask, **tasks
-    )
-    found[..., 2:] = images[found[..., 2:]]
-    rows = [
-        {tuple(row): ratio for row, ratio in zip(one[0].tolist(), each[0].tolist(), strict=True) if row[0] >= 0}
-        for one, each in ((found, ratios), (every, every_ratio))
-    ]
-    assert rows[0]
-    assert rows[0] == pytest.approx(rows[1])
 
 
 def test_all_are_evaluated_where_a_quick_search_is_not_trusted() -> None:
@@ -372,4 +327,4 @@ def test_the_gate_is_narrower_where_detections_crowd() -> None:
     for count in (10, 60, 2000):
         pixels = rng.uniform((0.0, 0.0), (640.0, 480.0), (count, 2))
         factors.append(narrowed(Camera(1000.0, 1000.0, 320.0, 240.0).bearings(pixels).T, 0.008))
-    assert factors[0] == 1.0 > factors[1] > factors[2] == GridOptions().narrowest
+    assert factors[0] == 1.0 > factors[1] > factors[2] == NARROWEST

@@ -20,11 +20,11 @@ from rootmatch.problems.up2p.tables import UP2PTables
 from rootmatch.samplers.guided import detection_grid, hypothesis_clustering
 from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
-from rootmatch.samplers.guided.hypothesis_clustering import ClusteringOptions
+from rootmatch.samplers.guided.hypothesis_clustering import CANDIDATES
 from rootmatch.samplers.guided.minimal_sets import others_of
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
-from rootmatch.samplers.guided.verification import VerificationOptions, verify
+from rootmatch.samplers.guided.verification import VISIBLE, verify
 from rootmatch.simulation import Scene, p3p_scene, up2p_scene
 
 EVERYTHING = np.empty((0, 0), np.bool_)
@@ -349,13 +349,12 @@ def test_evidence_is_the_product_of_likelihood_ratios(name: str) -> None:
     m = scene.problem.minimal
     rng = np.random.default_rng(0)
     rows = [scene.truth[:m]] + [rng.permutation(12)[:m] for _ in range(20)]
-    seen, density = np.array([0.9, 0.4]), rng.uniform(100.0, 500.0, 12)
-    options = VerificationOptions(visible=(0.9, 0.4))
+    seen, density = np.array(VISIBLE), rng.uniform(100.0, 500.0, 12)
     compared = 0
     for images in rows:
         for root, out in predictions(tables, list(range(m)), list(images)).items():
             evidence, best, candidates = verify(
-                tables, np.arange(m)[None], np.array([[root, *images]]), density, EVERYTHING, options
+                tables, np.arange(m)[None], np.array([[root, *images]]), density, EVERYTHING
             )
             # the formula by hand has no rule for two points that claim one detection
             claimed = best[0][best[0] >= 0]
@@ -374,11 +373,10 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
     images = scene.truth[:3]
     roots = predictions(tables, [0, 1, 2], images.tolist())
     mask = np.ones((6, 46), np.bool_)
-    options = VerificationOptions(visible=(0.5,))
     crowded = 0
     for root, out in roots.items():
         rows = np.array([[root, *images]])
-        _, _, everything = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), EVERYTHING, options)
+        _, _, everything = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), EVERYTHING)
         for d in range(3, 6):
             spread = np.array([[out[9, d], out[10, d]], [out[10, d], out[11, d]]])
             error = out[3:9, d].reshape(2, 3) @ tables.rays
@@ -393,7 +391,7 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
             crowded += len(inside) == 4
             if inside:
                 mask[d, inside[0]] = False
-        _, best, masked = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), mask, options)
+        _, best, masked = verify(tables, np.arange(3)[None], rows, np.full(46, 100.0), mask)
         for d, k in product(range(3, 6), range(46)):
             if not mask[d, k]:
                 assert best[0, d] != k
@@ -402,7 +400,7 @@ def test_candidates_are_the_detections_within_the_gate_nearest_first_and_obey_th
     assert crowded >= 1
 
 
-def test_groups_join_like_proposals_and_list_their_candidates() -> None:
+def test_groups_join_like_proposals_and_list_their_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
     best = np.array([[0, 1, 2, 3], [0, 1, 2, -1], [3, 2, 1, 0], [0, 1, 3, 2], [3, -1, 1, -1]])
     evidence = np.array([9.0, 8.0, 7.0, 6.0, 1.0])
     candidates = np.full((5, 4, 4), -1, np.int64)
@@ -413,14 +411,15 @@ def test_groups_join_like_proposals_and_list_their_candidates() -> None:
     assert lists[0].tolist() == [[0] + [-1] * 5, [1] + [-1] * 5, [2, 3] + [-1] * 4, [3, 5, 6, 2, -1, -1]]
     # the last is alike but far weaker than its group's first
     assert lists[1, :, 1:].max() == -1
-    leaders, _ = hypothesis_clustering.cluster(evidence, best, candidates, 1, ClusteringOptions(shared=0.9))
+    monkeypatch.setattr(hypothesis_clustering, "SHARED", 0.9)
+    leaders, _ = hypothesis_clustering.cluster(evidence, best, candidates, 1)
     assert leaders.tolist() == [0]
 
 
 def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
     rng = np.random.default_rng(1)
     n, n_target, groups = 6, 7, 70
-    lists = np.full((groups, n, ClusteringOptions().candidates), -1, np.int64)
+    lists = np.full((groups, n, CANDIDATES), -1, np.int64)
     for g, d in product(range(groups), range(n)):
         chosen = rng.permutation(n_target)[: rng.integers(0, 3)]
         lists[g, d, : len(chosen)] = chosen
@@ -447,7 +446,7 @@ def test_hyperedges_among_candidates_are_those_of_a_plain_product() -> None:
 
 def test_hyperedges_of_later_clusters_are_counted_among_the_subsets_that_are_left() -> None:
     n, n_target = 12, 14
-    lists = np.full((2, n, ClusteringOptions().candidates), -1, np.int64)
+    lists = np.full((2, n, CANDIDATES), -1, np.int64)
     lists[0, :, 0], lists[0, :6, 1] = np.arange(n), np.arange(6) + 1
     lists[1, :4, 0] = np.arange(4) + 7
     clusters = HypothesisClusters(lists, np.array([9.0, 8.0]), 1.0)

@@ -11,9 +11,9 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.problems.padding import with_sources
+from rootmatch.samplers.guided import local_growth, local_search
 from rootmatch.samplers.guided.local_growth import PartialVerification
-from rootmatch.samplers.guided.local_options import LocalOptions
-from rootmatch.samplers.guided.local_search import LocalSearch
+from rootmatch.samplers.guided.local_search import MISSED, LocalSearch
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.sequential_test import prepare_sets, run_sequential_tests
@@ -22,8 +22,16 @@ from rootmatch.samplers.guided.visible_search import search_of
 Points = NDArray[np.float64]
 CAMERA = rm.Camera(3000.0, 3000.0, 2000.0, 1500.0)
 SIGMA = 0.5
-IN_PARTS = rm.Guided(local=LocalOptions(whole=32, verified=24, stride=2.0))
-"""Objects of these tests are verified in parts too, as larger ones are."""
+
+
+@pytest.fixture(params=[False, True])
+def _verified_in_parts_too(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Verify objects of these tests in parts too, as larger ones are."""
+    if request.param:
+        monkeypatch.setattr(local_search, "WHOLE", 32)
+        monkeypatch.setattr(local_search, "VERIFIED", 24)
+        monkeypatch.setattr(local_growth, "VERIFIED", 24)
+        monkeypatch.setattr(local_growth, "STRIDE", 2.0)
 
 
 def seen_from_one_side(source: Points, seed: int, clutter: int) -> tuple[Points, NDArray[np.int64]]:
@@ -48,7 +56,7 @@ def surface(n: int, seed: int) -> Points:
     return normals / np.linalg.norm(normals, axis=1, keepdims=True) * [1.0, 0.8, 0.6]
 
 
-def local_search(source: Points, target: Points) -> LocalSearch:
+def search_of_points(source: Points, target: Points) -> LocalSearch:
     task = MatchingTask.of(rm.P3P(CAMERA), source, target, noise=SIGMA, options=MatchOptions())
     search = search_of(task.sampling_task, GuidedOptions(), task.deadline)
     assert isinstance(search, LocalSearch)
@@ -57,7 +65,7 @@ def local_search(source: Points, target: Points) -> LocalSearch:
 
 def test_local_tests_are_those_of_all_images_that_are_near() -> None:
     target, _ = seen_from_one_side(surface(50, 0), 1, clutter=0)
-    search = local_search(surface(50, 0), target)
+    search = search_of_points(surface(50, 0), target)
     level = search.levels[1]
     points = np.ascontiguousarray(search._triples(level)[:6])
     others = search._others_of(points)
@@ -89,10 +97,8 @@ def test_local_tests_are_those_of_all_images_that_are_near() -> None:
 def test_hypotheses_verified_on_some_points_are_those_of_an_object_of_these_alone() -> None:
     source = surface(60, 6)
     target, _ = seen_from_one_side(source, 7, clutter=10)
-    search = local_search(source, target)
-    partly = PartialVerification(
-        search.tables, search.positions, search.density, search.allowed, search.options.verification
-    )
+    search = search_of_points(source, target)
+    partly = PartialVerification(search.tables, search.positions, search.density, search.allowed)
     near = partly.nearest(5, 24)
     away = np.linalg.norm(search.positions - search.positions[5], axis=1)
     assert 5 in near
@@ -119,16 +125,14 @@ def verification_of_these_alone(search: LocalSearch, near: NDArray[np.int64]) ->
     some = with_sources(tables, near, tables.points.shape[1])
     # lengths are in units of the object's own
     np.testing.assert_allclose(some.distance2 / some.distance2.mean(), alone.distance2 / alone.distance2.mean())
-    return PartialVerification(
-        alone, np.ascontiguousarray(alone.points.T), search.density, search.allowed, search.options.verification
-    )
+    return PartialVerification(alone, np.ascontiguousarray(alone.points.T), search.density, search.allowed)
 
 
-@pytest.mark.parametrize("sampler", [None, IN_PARTS])
-def test_half_hidden_object_among_clutter_is_found_by_local_triples(sampler: rm.Guided | None) -> None:
+@pytest.mark.usefixtures("_verified_in_parts_too")
+def test_half_hidden_object_among_clutter_is_found_by_local_triples() -> None:
     source = surface(120, 2)
     target, truth = seen_from_one_side(source, 3, clutter=60)
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, sampler=sampler)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA)
     matched = match.assignment >= 0
     assert match.status is rm.Status.MATCHED
     assert (match.assignment == truth)[matched].mean() >= 0.98
@@ -137,22 +141,22 @@ def test_half_hidden_object_among_clutter_is_found_by_local_triples(sampler: rm.
     assert match.evaluated < 20 * len(target) ** 3
 
 
-@pytest.mark.parametrize("sampler", [None, IN_PARTS])
-def test_object_that_looks_like_itself_is_ambiguous(sampler: rm.Guided | None) -> None:
+@pytest.mark.usefixtures("_verified_in_parts_too")
+def test_object_that_looks_like_itself_is_ambiguous() -> None:
     half = surface(30, 4)
     source = np.concatenate([half, half * [-1.0, -1.0, 1.0]])
     target, _ = seen_from_one_side(source, 5, clutter=20)
-    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA, sampler=sampler)
+    match = rm.match(source, target, rm.P3P(CAMERA), noise=SIGMA)
     assert match.status is rm.Status.AMBIGUOUS
 
 
 def test_everything_tried_leaves_nothing_missed_by_the_reckoning() -> None:
     source = surface(60, 6)
     target, _ = seen_from_one_side(source, 7, clutter=0)
-    search = local_search(source, target)
+    search = search_of_points(source, target)
     search.run()
     assert search.conclusive
-    assert search.missed <= search.local.missed
+    assert search.missed <= MISSED
     met = [search._met(search._triples(level), level.images, search.best) for level in search.levels]
     assert search.shares.tolist() == met
     assert all(0.0 < share < 1.0 for share in met)

@@ -10,7 +10,7 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent, ReweightedWalk
 from rootmatch.solvers.ascent.assignment_state import change, empty_state
 from rootmatch.solvers.ascent.pair_table import pairs_of, place_of_pair
-from rootmatch.solvers.ascent.random_walk_start import WalkOptions, _contract_among, random_walk_start
+from rootmatch.solvers.ascent.random_walk_start import _contract_among, random_walk_start
 from rootmatch.solvers.ascent.start_selection import next_starts, within
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import dense_contraction, dense_tensor, naive_support, planted, random_edges
@@ -136,7 +136,8 @@ def test_a_walk_of_all_correspondences_is_the_published_one(steps, monkeypatch):
 def test_a_walk_that_forgets_the_lightest_still_finds_what_is_planted(monkeypatch):
     indices, weights, truth = planted(2, 12, 14, 3, 4000)
     index = tabled(AffinityTensor(indices, weights, (12, 14)), monkeypatch)
-    np.testing.assert_array_equal(random_walk_start(index, 10, WalkOptions(heaviest=40)), truth)
+    monkeypatch.setattr("rootmatch.solvers.ascent.random_walk_start.HEAVIEST", 40)
+    np.testing.assert_array_equal(random_walk_start(index, 10), truth)
     # Nothing to walk on: what is left is any assignment at all.
     nowhere = tabled(AffinityTensor([[0, 4, 8]], [0.0], (3, 3), np.zeros((3, 3))), monkeypatch)
     np.testing.assert_array_equal(random_walk_start(nowhere, 10), discretise(np.full((3, 3), 1 / 9)))

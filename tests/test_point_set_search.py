@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.deadline import NEVER
 from rootmatch.explain.task import MatchingTask
+from rootmatch.samplers.point_sets import motion_search
+from rootmatch.samplers.point_sets.motion_search import MotionSearch
 from rootmatch.samplers.point_sets.motions import fitted_motions
-from rootmatch.samplers.point_sets.options import PointSetOptions
-from rootmatch.samplers.point_sets.search import MotionSearch
 
 PROBLEMS = [rm.Rigid(2), rm.Rigid(3), rm.Similarity(2), rm.Similarity(3), rm.Similarity(2, mirror=True)]
 
@@ -45,14 +45,14 @@ def search_of(
 ) -> MotionSearch:
     task = MatchingTask.of(problem, source, target, noise=(0.0, sigma), **options).sampling_task  # type: ignore[arg-type]
     assert task.clouds is not None
-    return MotionSearch(task, task.clouds, PointSetOptions(), NEVER)
+    return MotionSearch(task, task.clouds, NEVER)
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
 @pytest.mark.parametrize("masked", [False, True])
 def test_triangles_that_are_alike(problem: rm.Similarity, masked: bool) -> None:
     """Against loops over all triples of targets, each judged by the lengths of its sides and its turn."""
-    sigma, gate = 0.02, PointSetOptions().gate
+    sigma, gate = 0.02, motion_search.GATE
     source, target, _ = fiducials(problem, 1, 8, 8, 3, sigma)
     allowed = np.random.default_rng(0).random((8, 11)) < 0.7 if masked else None
     search = search_of(problem, source, target, sigma, candidates=allowed)
@@ -149,11 +149,11 @@ def test_a_fifth_is_enough() -> None:
     assert (match.assignment == truth).mean() > 0.97
 
 
-def test_unrelated_points_are_not_trusted() -> None:
+def test_unrelated_points_are_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
-    few = rm.Guided(point_sets=PointSetOptions(triples=200))
+    monkeypatch.setattr(motion_search, "TRIPLES", 200)
     source, target = rng.uniform(-1.0, 1.0, (2, 40, 3))
-    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), sampler=few)
+    match = rm.match(source, target, rm.Rigid(), noise=(0.0, 0.01), sampler=rm.Guided())
     assert match.status is rm.Status.UNTRUSTED
 
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
+from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.ascent import subset_index
 from rootmatch.solvers.ascent.assignment_state import change
-from rootmatch.solvers.ascent.local_search import climb, scored_neighbours, state_of
+from rootmatch.solvers.ascent.climb import climb, state_of
 from rootmatch.solvers.ascent.subset_index import build_index, ranked_hyperedges
 from solver_oracles import assignments, best_score, naive_support, objective, planted, random_edges
 
@@ -273,9 +274,8 @@ def test_groups_that_drown_in_doubtful_matches_are_found():
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_scored_neighbours_are_scored_exactly(order):
     tensor = random_tensor(order, 6, 7, order, 3000 if order > 2 else 250, unary=True)
-    index = build_index(tensor)
     X = np.array([2, 0, -1, 6, 4, 5])
-    images, values = scored_neighbours(index, state_of(index, X), 0.1, 1000)
+    images, values = zip(*best_neighbours(tensor, X, 1000), strict=True)
     expected = set()
     for i in np.flatnonzero(X >= 0):
         for k in (1, 3):
@@ -289,9 +289,9 @@ def test_scored_neighbours_are_scored_exactly(order):
     expected.discard(tuple(X))
     assert {tuple(image) for image in images} == expected
     for image, value in zip(images, values, strict=True):
-        own = objective(tensor.indices, tensor.weights, image, 7, tensor.unary, 0.1)
+        own = objective(tensor.indices, tensor.weights, image, 7, tensor.unary, 0.0)
         assert value == pytest.approx(own, abs=1e-10)
-    few_images, few = scored_neighbours(index, state_of(index, X), 0.1, 5)
+    few_images, few = zip(*best_neighbours(tensor, X, 5), strict=True)
     np.testing.assert_allclose(few, values[:5])
     assert len(few_images) == 5
 

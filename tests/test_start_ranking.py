@@ -7,7 +7,7 @@ import pytest
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.ascent.bounded_ascents import BoundedAscents
-from rootmatch.solvers.ascent.local_search import climb_from, state_of
+from rootmatch.solvers.ascent.climb import climb_from, state_of
 from rootmatch.solvers.ascent.start_ranking import candidates, heaviest, rank_heaviest
 from rootmatch.solvers.ascent.subset_index import build_index
 from solver_oracles import naive_support, planted, random_edges

@@ -17,10 +17,10 @@ from rootmatch.hypergraph.affinity import Affinity, Residual
 from rootmatch.problems.points import TwoViews
 from rootmatch.problems.residual_kinds import Joint
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.two_views import pose_search
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of
 from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
-from rootmatch.samplers.two_views.pose_search import search_pairs, search_triples
-from rootmatch.samplers.two_views.search import PoseSearch, TwoViewOptions, _in_pieces
+from rootmatch.samplers.two_views.pose_search import PoseSearch, _in_pieces, search_pairs, search_triples
 from rootmatch.simulation import three_plus_one_scene
 
 CAMERA = rm.Camera(1000.0, 1000.0, 320.0, 240.0)
@@ -167,7 +167,7 @@ def test_ranges_of_images_are_all_that_may_be_and_no_others(planar: bool) -> Non
     views = TwoViews(bearings(4, rng).T, bearings(7, rng).T, np.ones(4), np.ones(7), planar)
     for candidates in (None, rng.random((4, 7)) < 0.4):
         task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (4, 7), 4, candidates=candidates)
-        search = PoseSearch(replace(task, views=views), TwoViewOptions())
+        search = PoseSearch(replace(task, views=views))
         sets = np.array([[0, 1], [2, 1]] if planar else [[0, 1, 2], [3, 2, 0]])
         found = np.concatenate([np.arange(*one) for one in search._images(sets)])
         allowed = np.ones((4, 7), bool) if candidates is None else candidates
@@ -197,11 +197,12 @@ def test_pieces_grow_and_end_at_the_deadline() -> None:
 
 
 @pytest.mark.parametrize(("budget", "sets"), [(100, 1), (17**3 + 100, 1), (2 * 17**3, 2)])
-def test_a_wave_has_no_more_sets_than_the_budget(budget: int, sets: int) -> None:
+def test_a_wave_has_no_more_sets_than_the_budget(budget: int, sets: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pose_search, "MOST_SETS", 1)
     scene = three_plus_one_scene(12, 5, 0.5, 1, 5.0)
     views = scene.problem.two_views(scene.problem.validated(scene.source, scene.target, 0.5))
     task = SamplingTask(None, Joint(), Affinity(Residual("joint"), 1.0, 3.5), (12, 17), 4, views=views)
-    search = PoseSearch(task, TwoViewOptions(budget=budget, most_sets=1))
+    search = PoseSearch(task, budget=budget)
     search.run()
     assert search.sets == sets
     assert search.solved == sets * 17 * 16 * 15
@@ -218,7 +219,7 @@ def test_what_is_found_by_a_deadline_is_refined() -> None:
         call = next(calls)
         return min(0.02 * call, 0.93) + 1e-4 * call
 
-    search = PoseSearch(task, TwoViewOptions(), Deadline(1.0, clock=clock))
+    search = PoseSearch(task, Deadline(1.0, clock=clock))
     search.run()
     assert search.cut
     assert 0 < search.solved < 3 * 40 * 39 * 38

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 import rootmatch as rm
 from rootmatch.samplers.guided.detection_grid import local_density
 from rootmatch.samplers.guided.visibility import (
-    DEFAULT_VISIBILITY,
+    LOST,
+    LOST_OF_ALL,
+    MISSED,
     TriedSets,
     covering_waves,
     facing_points,
@@ -102,15 +104,15 @@ def test_far_clutter_does_not_thin_out_a_cluster() -> None:
     assert among[12:].max() < 0.01 * np.median(alone)
 
 
-@pytest.mark.parametrize(("matched", "lost"), [(4, "lost"), (5, "lost"), (6, "lost_of_all")])
-def test_missed_at_random_is_how_often_random_sets_all_fail(matched: int, lost: str) -> None:
+@pytest.mark.parametrize(("matched", "lost"), [(4, LOST), (5, LOST), (6, LOST_OF_ALL)])
+def test_missed_at_random_is_how_often_random_sets_all_fail(matched: int, lost: float) -> None:
     rng = np.random.default_rng(matched)
     every = np.array(list(itertools.combinations(range(6), 3)))
     tried = every[rng.integers(len(every), size=(20_000, 3))]
-    failing = (tried >= matched).any(axis=2) | (rng.random((20_000, 3)) < getattr(DEFAULT_VISIBILITY, lost))
+    failing = (tried >= matched).any(axis=2) | (rng.random((20_000, 3)) < lost)
     expected = failing.all(axis=1).mean()
     assert missed_at_random(matched, 6, 3, 3) == pytest.approx(expected, abs=0.015)
-    assert missed_at_random(6, 6, 3, 2) <= DEFAULT_VISIBILITY.missed < missed_at_random(5, 6, 3, 2)
+    assert missed_at_random(6, 6, 3, 2) <= MISSED < missed_at_random(5, 6, 3, 2)
 
 
 @pytest.mark.parametrize("clutter", [0, 5])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -10,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 import rootmatch as rm
+from rootmatch.samplers.guided import visibility
 from rootmatch.samplers.guided.detection_grid import build_grid
-from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS
 from rootmatch.samplers.guided.model_views import ModelViews, model_views
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, run_sequential_tests
 from rootmatch.samplers.guided.triangle_shapes import ANY, SIDE, image_cells
-from rootmatch.samplers.guided.visibility import DEFAULT_VISIBILITY, TriedSets
+from rootmatch.samplers.guided.visibility import LOST, TriedSets
 from rootmatch.samplers.guided.visible_triples import run_visible_tests
 from test_visibility import CAMERA, NOISE, ball, view
 
@@ -28,7 +27,7 @@ def rotation(rng: np.random.Generator) -> Floats:
 
 
 def views_of(points: Floats, normals: Floats) -> ModelViews:
-    return model_views(points, normals, DEFAULT_SETS, DEFAULT_VISIBILITY)
+    return model_views(points, normals)
 
 
 def tables_of(seed: int, clutter: int) -> tuple[object, NDArray[np.int64]]:
@@ -90,10 +89,11 @@ def test_a_triple_seen_from_nearest_is_of_any_shape() -> None:
     assert all(cells[order] == ANY for order in permutations(range(3)))
 
 
-def test_missed_is_that_of_the_sets_tried() -> None:
+def test_missed_is_that_of_the_sets_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     points, normals = ball(6)
     views = views_of(points, normals)
-    tried = TriedSets(views.visible, replace(DEFAULT_VISIBILITY, failure=DEFAULT_VISIBILITY.lost))
+    monkeypatch.setattr(visibility, "FAILURE", LOST)
+    tried = TriedSets(views.visible)
     assert views.missed(7, 0) == 1.0
     for number in range(4):
         first, last = views.edges[number]
@@ -118,7 +118,7 @@ def test_what_survives_is_what_survives_the_general_search(masked: bool) -> None
         allowed[np.flatnonzero(truth >= 0), truth[truth >= 0]] = True
     images = np.arange(n_target)
     found, _, counts = run_visible_tests(
-        tables, grid, rules, sets, image_cells(grid.rays), images, 0.0, 0, len(chosen), allowed, 4000, 2
+        tables, grid, rules, sets, image_cells(grid.rays), images, 0, len(chosen), allowed, 4000, 2
     )
     general = prepare_sets(tables, chosen, sets.prepared.others, np.zeros(len(chosen), np.int64))
     arrangements = np.array(list(permutations(range(n_target), 2)), np.int32)

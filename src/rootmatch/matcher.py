@@ -24,7 +24,6 @@ from rootmatch.explain.match_options import MatchOptions, SamplerName
 from rootmatch.explain.prior_validation import Prior
 from rootmatch.explain.task import MatchingTask, Rivals
 from rootmatch.explain.validation import check_problem
-from rootmatch.hypergraph import enumeration
 from rootmatch.hypergraph.affinity import Residual
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
@@ -33,7 +32,6 @@ from rootmatch.problems.noise import check_source_noise
 from rootmatch.problems.points import PointSets
 from rootmatch.result import Match, report
 from rootmatch.samplers.base import Sampler
-from rootmatch.samplers.small_sweep import SMALL, SmallSweep
 from rootmatch.solvers import Solver
 
 FREEDOM = 8.0
@@ -45,9 +43,8 @@ seeds from 1000)."""
 class Matcher:
     """`rootmatch.match` for many images of the same source points.
 
-    The source is checked once, and the enumerations of a small problem are kept from frame to frame: five markers
-    against eight detections take one to a few milliseconds. Kernels are compiled when a frame first needs them; if no
-    frame may wait, call `rootmatch.warmup` before the first one.
+    The source is checked once: five markers against eight detections take a few milliseconds. Kernels are compiled when
+    a frame first needs them; if no frame may wait, call `rootmatch.warmup` before the first one.
 
     Parameters
     ----------
@@ -130,7 +127,6 @@ max_hyperedges, max_evaluations
             min_probability=min_probability,
             max_seconds=max_seconds,
         )
-        self._sweep = SmallSweep()
 
     def match(
         self,
@@ -240,9 +236,7 @@ max_hyperedges, max_evaluations
         if present:
             of_bodies = {label: chance for label, chance in present.items() if label is not None}
             task = replace(task, present=present.get(None), present_of=of_bodies)
-        if searching and self._sweeps(task):
-            task = replace(task, options=replace(options, sampler=self._sweep))
-        elif budget is not None and options.scheduler is None:
+        if budget is not None and options.scheduler is None:
             task = replace(task, budget=budget)
         try:
             return explain(task, searching)
@@ -274,10 +268,3 @@ max_hyperedges, max_evaluations
             return nothing
         parts = {label: nothing_found(task.body(k), reason) for k, label in enumerate(task.bodies.names)}
         return replace(nothing, parts=parts)
-
-    def _sweeps(self, task: MatchingTask) -> bool:
-        """Whether all hyper-edges of a frame are few enough for the calling thread alone."""
-        if task.rig is not None or self.bodies is not None:
-            return False  # cameras are swept one by one, and so are bodies
-        count = enumeration.exhaustive_count(*task.shape, self.problem.order)
-        return task.options.chosen_sampler == "auto" and task.options.scheduler is None and count <= SMALL

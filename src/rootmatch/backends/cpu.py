@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
-from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace
+from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest, strongest_of
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.threads import in_threads, threads_worth
@@ -35,6 +35,10 @@ BLOCK = 4_000_000
 """Hyper-edges evaluated between two looks at the progress and at Ctrl-C."""
 CHUNKS = 32
 """Pieces of a block, whatever the number of threads, so that the result does not depend on it."""
+SMALL = 100_000
+"""Hyper-edges up to which one thread evaluates all of them in a millisecond (`benchmarks/matches.py --only small`)."""
+FIRST_CAPACITY = 1 << 14
+"""Hyper-edges below the gate in a chunk that there is room for at first."""
 PIECE = 1024
 """Given hyper-edges that a thread evaluates in a row, a whole number of blocks."""
 DECODED = 1 << 16
@@ -239,31 +243,27 @@ def strongest(
     """See `Backend.strongest`."""
     n, n_target = work.shape
     tables = padded(work.tables, n_target)
-    kept = Strongest(limit, gate)
-    step = max(CHUNKS, BLOCK // work.per_slab)
-    capacity = 1 << 14
-    total, rank = 0, first
-    pace = Pace(deadline, max(1, FIRST_BLOCK // work.per_slab))
-    while rank < last and (slabs := pace.block(step)):
-        end = min(rank + slabs, last)
+    capacity = FIRST_CAPACITY
+
+    def swept(first: int, last: int, kept: Strongest) -> int:
+        nonlocal capacity
+        chunks = CHUNKS if (last - first) * work.per_slab > SMALL else 1
         while True:
             try:
                 codes, values, counts, looked = sweep(
                     tables=tables,
                     kind=work.kind,
                     bases=work.bases,
-                    first_rank=rank,
-                    last_rank=end,
+                    first_rank=first,
+                    last_rank=last,
                     arrangements=work.arrangements,
                     gate=kept.gate,
                     allowed=work.allowed,
                     capacity=capacity,
                     targets=n_target,
                     points=n,
-                    chunks=CHUNKS,
+                    chunks=chunks,
                 )
-            except OutOfTime:
-                return Found(*kept.settle(), total)
             except SystemError as error:
                 # Ctrl-C met while a compiled function returns
                 if isinstance(error.__cause__, KeyboardInterrupt):
@@ -274,8 +274,9 @@ def strongest(
             capacity = 1 << int(counts.max()).bit_length()
         for chunk in np.flatnonzero(counts):
             kept.add(codes[chunk, : counts[chunk]], values[chunk, : counts[chunk]])
-        total += int(looked.sum())
-        rank = end
-        if progress is not None:
-            progress(rank - first, last - first)
-    return Found(*kept.settle(), total)
+        return int(looked.sum())
+
+    return strongest_of(
+        swept, work, first, last, gate, limit,
+        block=BLOCK, first_block=FIRST_BLOCK, progress=progress, deadline=deadline,
+    )  # fmt: skip

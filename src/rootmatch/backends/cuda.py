@@ -10,7 +10,7 @@ the same hyper-edges in the same order as that of the processor.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from numba import cuda
 from numpy.typing import NDArray
 
 from rootmatch.backends.cpu import decode as decode
-from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest
-from rootmatch.deadline import NEVER, Deadline, Pace
+from rootmatch.backends.strongest import Block, Enumeration, Found, Progress, Strongest, strongest_of
+from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.jit.cuda import SIMULATED as SIMULATED
 from rootmatch.jit.cuda import make_known as make_known
@@ -255,10 +255,11 @@ class Sweep:
                 return found, looked
             self._reserve(1 << found.bit_length())
 
-    def __call__(self, first: int, last: int, gate: float) -> Found:
-        """Hyper-edges below the gate among the slabs of these ranks, in no order."""
-        found, looked = self.run(first, last, gate)
-        return Found(self.codes[:found].copy_to_host(), self.residuals[:found].copy_to_host(), looked)
+    def __call__(self, first: int, last: int, kept: Strongest) -> int:
+        """Add the hyper-edges below the gate among the slabs of these ranks; how many were looked at."""
+        found, looked = self.run(first, last, kept.gate)
+        kept.add(self.codes[:found].copy_to_host(), self.residuals[:found].copy_to_host())
+        return looked
 
 
 def strongest(
@@ -271,33 +272,7 @@ def strongest(
     deadline: Deadline = NEVER,
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(
-        Sweep(work), work, first=first, last=last, gate=gate, limit=limit, progress=progress, deadline=deadline
-    )
-
-
-def drawn(
-    sweep: Callable[[int, int, float], Found],
-    work: Enumeration,
-    *,
-    first: int,
-    last: int,
-    gate: float,
-    limit: int,
-    progress: Progress | None,
-    deadline: Deadline,
-) -> Found:
-    """`strongest` by a sweep of ranks with a gate."""
-    kept = Strongest(limit, gate)
-    step = max(1, LAUNCH // work.per_slab)
-    total, rank = 0, first
-    pace = Pace(deadline, max(1, FIRST_LAUNCH // work.per_slab))
-    while rank < last and (slabs := pace.block(step)):
-        end = min(rank + slabs, last)
-        found = sweep(rank, end, kept.gate)
-        kept.add(found.codes, found.residuals)
-        total += found.evaluated
-        rank = end
-        if progress is not None:
-            progress(rank - first, last - first)
-    return Found(*kept.settle(), total)
+    return strongest_of(
+        Sweep(work), work, first, last, gate, limit,
+        block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
+    )  # fmt: skip

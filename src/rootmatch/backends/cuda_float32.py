@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numba import cuda
 
-from rootmatch.backends.cuda import LONGEST, Sweep, drawn, launch, on_device
+from rootmatch.backends.cuda import FIRST_LAUNCH, LAUNCH, LONGEST, Sweep, launch, on_device
 from rootmatch.backends.cuda import evaluated as evaluated
-from rootmatch.backends.strongest import Enumeration, Found, Progress
+from rootmatch.backends.strongest import Enumeration, Found, Progress, Strongest, strongest_of
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.jit.cuda import SIMULATED
 from rootmatch.jit.float32 import rounded
@@ -59,18 +59,19 @@ class Screen:
         self.tables = on_device(work.tables)
         self.sweep = Sweep(replace(work, tables=rounded(work.tables)))
 
-    def __call__(self, first: int, last: int, gate: float) -> Found:
-        """Hyper-edges below the gate among the slabs of these ranks that pass the screen, in no order."""
+    def __call__(self, first: int, last: int, kept: Strongest) -> int:
+        """Add the hyper-edges below the gate that pass the screen, as `Sweep`."""
         sweep = self.sweep
-        passed, looked = sweep.run(first, last, WIDENED * gate)
+        passed, looked = sweep.run(first, last, WIDENED * kept.gate)
         codes, residuals = sweep.codes[:passed], cuda.device_array(max(passed, 1), np.float64)
         if passed:
             launch(
                 _exact, self.tables, sweep.kind, sweep.bases, sweep.arrangements, *self.shape, codes, residuals
             )  # fmt: skip
         exact = residuals.copy_to_host()[:passed]
-        below = exact <= gate
-        return Found(codes.copy_to_host()[below], exact[below], looked)
+        below = exact <= kept.gate
+        kept.add(codes.copy_to_host()[below], exact[below])
+        return looked
 
 
 def strongest(
@@ -83,6 +84,7 @@ def strongest(
     deadline: Deadline = NEVER,
 ) -> Found:
     """See `Backend.strongest`."""
-    return drawn(
-        Screen(work), work, first=first, last=last, gate=gate, limit=limit, progress=progress, deadline=deadline
-    )
+    return strongest_of(
+        Screen(work), work, first, last, gate, limit,
+        block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
+    )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.deadline import NEVER, Deadline
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, Pace
 from rootmatch.hypergraph import enumeration
 
 Progress = Callable[[int, int], None]
@@ -153,6 +153,39 @@ class Strongest:
             order = np.argsort(self.codes)
             self.codes, self.residuals = self.codes[order], self.residuals[order]
         return self.codes, self.residuals
+
+
+def strongest_of(
+    sweep: Callable[[int, int, Strongest], int],
+    work: Enumeration,
+    first: int,
+    last: int,
+    gate: float,
+    limit: int,
+    *,
+    block: int,
+    first_block: int,
+    progress: Progress | None,
+    deadline: Deadline,
+) -> Found:
+    """`Backend.strongest` by a sweep, which adds what is below the gate in a range of ranks, and counts evaluations.
+
+    ``block`` hyper-edges are swept between two looks at the time; where there is a deadline, ``first_block`` at first.
+    """
+    kept = Strongest(limit, gate)
+    step = max(1, block // work.per_slab)
+    total, rank = 0, first
+    pace = Pace(deadline, max(1, first_block // work.per_slab))
+    while rank < last and (slabs := pace.block(step)):
+        end = min(rank + slabs, last)
+        try:
+            total += sweep(rank, end, kept)
+        except OutOfTime:
+            break
+        rank = end
+        if progress is not None:
+            progress(rank - first, last - first)
+    return Found(*kept.settle(), total)
 
 
 class Backend(Protocol):

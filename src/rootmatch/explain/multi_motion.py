@@ -15,8 +15,8 @@ from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.hypergraph.rows import first_rows, sorted_rows
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.samplers.base import SampledTensor, Sampler
-from rootmatch.samplers.clutter import CROWDING
 from rootmatch.samplers.completion import Completion
+from rootmatch.samplers.guided.crowding import CROWDING
 from rootmatch.solvers.base import Solution
 from rootmatch.solvers.packing.fitted_groups import GroupFit
 from rootmatch.solvers.packing.solver import GroupPacking

@@ -46,6 +46,16 @@ def calls(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callab
     return known
 
 
+def kernel_of(kernels: Callable[[Any], Any], name: str) -> Callable[..., Any]:
+    """A function that is, in compiled code, the kernel of that name among the ``kernels`` of its first argument."""
+
+    def called(tables: Any, *arguments: Any) -> Any:
+        return getattr(kernels(tables), name)(tables, *arguments)
+
+    calls(called)(lambda tables, *arguments: getattr(kernels(tables), name))
+    return called
+
+
 def _overloaded(function: Callable[..., Any], choice: Callable[..., Any]) -> Callable[..., Any]:
     options: Any = dict(FORCED)
     result: Callable[..., Any] = overload(function, jit_options=options)(choice)

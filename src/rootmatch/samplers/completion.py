@@ -31,16 +31,24 @@ SEARCHED = 0.6
 AT_ONCE = 64
 """Minimal sets between two progress reports; changes no result."""
 MOST_LISTED = 5_000_000
-"""Sets of source points that are listed with their minimal sets, which takes two gigabytes. A round value."""
+"""Sets of source points that are listed with their minimal sets, which takes two gigabytes."""
+BASES = 2
+"""How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
+benchmarks/matches.py, benchmarks/accuracy.py."""
+COST = 10.0
+"""Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (benchmarks/matches.py,
+docs/notebook/performance.md) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py)."""
+MOST_PREDICTED = 100_000_000
+"""Predicted points up to which completion pays: some seconds of two cores."""
 SECONDS_PER_SET = 4e-6
 """That this takes."""
 SECONDS_PER_LOOKUP = 5e-9
 """That a detection takes for each point that an image of a minimal set predicts, at all of its roots."""
 
 
-def completion_count(shape: tuple[int, int], order: int, bases: int) -> int:
+def completion_count(shape: tuple[int, int], order: int) -> int:
     """Maximum number of points that are predicted for one root of each minimal set."""
-    return math.comb(shape[0], order) * min(bases, order) * math.perm(shape[1], order - 1)
+    return math.comb(shape[0], order) * min(BASES, order) * math.perm(shape[1], order - 1)
 
 
 @dataclass(frozen=True)
@@ -56,29 +64,18 @@ class Completion(Options):
     ----------
     gate : float
         Distance from a prediction, in standard deviations, within which a detection completes a hyper-edge; the
-        residual decides then. Wider than that of the residual, 3.5, for what linearisation loses. Not tuned.
-    bases : int
-        How many of the d minimal sets of a hyper-edge predict. One is not enough near double roots; motions in
-        benchmarks/matches.py, benchmarks/accuracy.py.
-    cost : float
-        Cost of a predicted point, in hyper-edges of an exhaustive sweep: 52 ns for a prediction (benchmarks/matches.py,
-        docs/notebook/performance.md) against 4 ns for a hyper-edge of up2p (benchmarks/kernels.py).
-    most : int
-        Predicted points that `pays` accepts: some seconds of two cores. A round value, not tuned.
+        residual decides then. Wider than that of the residual, 3.5, for what linearisation loses.
     """
 
     gate: float = option(4.0, above=0.0)
-    bases: int = option(2, least=1)
-    cost: float = option(10.0, above=0.0)
-    most: int = option(100_000_000, least=0)
 
     def pays(self, task: SamplingTask) -> bool:
         """Whether completion is possible, affordable, and cheaper than an exhaustive sweep."""
-        count = completion_count(task.shape, task.order, self.bases)
+        count = completion_count(task.shape, task.order)
         return (
             can_complete(type(task.tables))
-            and count <= self.most
-            and self.cost * count <= enumeration.exhaustive_count(*task.shape, task.order)
+            and count <= MOST_PREDICTED
+            and COST * count <= enumeration.exhaustive_count(*task.shape, task.order)
         )
 
     def __call__(self, task: SamplingTask) -> SampledTensor:
@@ -146,7 +143,7 @@ class Completion(Options):
         last = np.array([np.setdiff1d(np.arange(order), base)[0] for base in bases])
         positions = np.ascontiguousarray(tables.points.T)
         wide = np.stack([width(positions, subsets[:, base]) for base in bases], axis=1)
-        ranked = np.argsort(-wide, axis=1, kind="stable")[:, : self.bases]
+        ranked = np.argsort(-wide, axis=1, kind="stable")[:, :BASES]
         rows = np.arange(len(subsets))
         base = np.concatenate([subsets[rows[:, None], bases[choice]] for choice in ranked.T])
         other = np.concatenate([subsets[rows, last[choice]] for choice in ranked.T])

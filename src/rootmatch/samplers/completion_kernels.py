@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from rootmatch.algebra.vector import tangent_basis
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
-from rootmatch.jit.dispatch import calls
+from rootmatch.jit.dispatch import kernel_of
 from rootmatch.problems.kernels import STRIDE, CompletionKernels, kernels_of
 from rootmatch.problems.padding import padded
 
@@ -29,15 +28,8 @@ def can_complete(tables: type) -> bool:
     return kernels_of(tables).completion is not None
 
 
-def predict_block(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Any:
-    """Prediction of some points at one root; see `CompletionKernels`."""
-    return completion_kernels(tables).predict(tables, flat, count, j, root, out)
-
-
-@calls(predict_block)
-def _predict_choice(tables: Any, flat: Any, count: Any, j: Any, root: Any, out: Any) -> Callable[..., Any]:
-    return completion_kernels(tables).predict
-
+predict_block = kernel_of(completion_kernels, "predict")
+"""Prediction of some points at one root; see `CompletionKernels`."""
 
 FIRST_ROOM = 4096
 """Completions of one minimal set that there is room for at first; it grows as needed."""

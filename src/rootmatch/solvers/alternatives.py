@@ -1,4 +1,4 @@
-"""Alternatives of solvers that find one assignment only: its best one-change neighbours, exactly scored."""
+"""Alternatives to the assignment of a solver: its best one-change neighbours, exactly scored."""
 
 from __future__ import annotations
 

@@ -16,9 +16,6 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 
 Alternatives = list[tuple[NDArray[np.int64], float]]
 
-DOMINANT = 2.0 / 3.0
-"""Share of the weight of all hyper-edges with which an assignment dominates: any other has what it shares with this one
-and at most half as much again. A round value; what it changes: benchmarks/record.py, benchmarks/constellations.py."""
 SECONDS_PER_PAIR = 1.5e-8
 """A solver's tables of all pairs take at least so long (benchmarks/deadlines.py, task 605)."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,17 +9,13 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.hypergraph.assignment import discretise
-from rootmatch.hypergraph.contraction import chunks_of, contract, scatter
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
-from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import LONGEST
 from rootmatch.options import Options, option
 from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 
-TOGETHER = 16
-"""Steps on a small tensor between two looks at the clock: some milliseconds at most."""
 SECONDS_PER_ENTRY = 2e-9
 """Time that an entry takes in one step of Sinkhorn's method."""
 
@@ -52,11 +47,11 @@ class ReweightedWalk(Options):
     iterations : int
         Limit; each is one pass over the hyper-edges. As published.
     tolerance : float
-        Squared change below which the walk has settled. A round value, not tuned.
+        Squared change below which the walk has settled.
     balancing : int
-        Limit of Sinkhorn steps in an iteration. A round value, not tuned.
+        Limit of Sinkhorn steps in an iteration.
     balanced_to : float
-        Error of the row and column sums at which Sinkhorn's steps end. A round value, not tuned.
+        Error of the row and column sums at which Sinkhorn's steps end.
     slack : bool
         Whether the larger set has a slack line; .651 against .595 at 200 outliers (docs/hypergraph.md).
     keep : int
@@ -91,28 +86,12 @@ class ReweightedWalk(Options):
     def walked(self, tensor: AffinityTensor, deadline: Deadline = NEVER) -> tuple[NDArray[np.float64], int, float]:
         """End of the walk (n, n'), the number of steps, and the squared change of the last step."""
         x = np.full(tensor.shape, 1.0 / (tensor.shape[0] * tensor.shape[1]))
-        unary = np.zeros(x.size) if tensor.unary is None else tensor.unary.ravel()
-        # A small tensor is contracted where the rest of a step is made, a large one by threads.
-        small = chunks_of(tensor.size, x.size) == 1
-        quick = self.balancing * x.size * SECONDS_PER_ENTRY <= LONGEST
         change, done = np.inf, 0
         while done < self.iterations and change >= self.tolerance and (done == 0 or not deadline.passed()):
-            if not quick:
-                moved = self.stepped(unary + contract(tensor.indices, tensor.weights, x.ravel()), x)
-                if moved is None:
-                    break
-                x, change, done = *moved, done + 1
-                continue
-            most = max(int(LONGEST / (self.balancing * x.size * SECONDS_PER_ENTRY)), 1)
-            steps = min(TOGETHER, most, self.iterations - done) if small else 1
-            v = np.empty(0) if small else contract(tensor.indices, tensor.weights, x.ravel())
-            made, change = _walk(
-                tensor.indices, tensor.weights, unary, v, x, steps, change,
-                self.walk, self.inflation, self.tolerance, self.balancing, self.balanced_to, self.slack,
-            )  # fmt: skip
-            done += made
-            if made < steps:
+            moved = self.stepped(tensor.contract(x).ravel(), x)
+            if moved is None:
                 break
+            x, change, done = *moved, done + 1
         return x, done, change
 
     def stepped(self, w: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
@@ -124,57 +103,6 @@ class ReweightedWalk(Options):
         jump = balanced(jump, self.balancing, self.balanced_to, slack=self.slack)
         new = self.walk * (w / w.sum()).reshape(x.shape) + (1.0 - self.walk) * (jump / jump.sum())
         return new, float(((new - x) ** 2).sum())
-
-
-@driver(error_model="numpy")
-def _walk(  # type: ignore[no-untyped-def]
-    indices, weights, unary, v, x, steps, change, walk, inflation, tolerance, balancing, balanced_to, slack
-):
-    """Steps from x (n, n'), which is moved, with v the contraction by x of the hyper-edges, or empty to be computed.
-
-    Returns the number of steps, fewer where the walk has settled or there is nowhere to go: no hyper-edge has all but
-    one of its correspondences left; and the squared change of the last one.
-    """
-    n, n_target = x.shape
-    at = x.reshape(n * n_target)
-    wide = n <= n_target
-    y = np.empty((min(n, n_target), max(n, n_target)))
-    row, column = np.empty(y.shape[0]), np.empty(y.shape[1])
-    w, tables, begin = np.empty(at.size), np.empty((2, at.size)), np.int64(0)
-    for step in range(steps):
-        if v.size == 0:
-            tables[:] = 0.0
-            scatter(indices, weights, at, begin, weights.size, tables)
-        largest, total = 0.0, 0.0
-        for a in range(at.size):
-            w[a] = unary[a] + (v[a] if v.size else tables[0, a] + tables[1, a])
-            largest, total = max(largest, w[a]), total + w[a]
-        if largest <= 0.0:
-            return step, change
-        for a in range(at.size):
-            i = a // n_target
-            k = a - i * n_target
-            jump = math.exp(inflation * (w[a] / largest)) / math.exp(inflation)
-            if wide:
-                y[i, k] = jump
-            else:
-                y[k, i] = jump
-        row[:], column[:] = 1.0, 1.0
-        sinkhorn(y, row, column, slack, balancing, balanced_to)
-        change, jumps = 0.0, 0.0
-        for i in range(y.shape[0]):
-            for k in range(y.shape[1]):
-                y[i, k] *= row[i] * column[k]
-                jumps += y[i, k]
-        for a in range(at.size):
-            i = a // n_target
-            k = a - i * n_target
-            new = walk * (w[a] / total) + (1.0 - walk) * ((y[i, k] if wide else y[k, i]) / jumps)
-            change += (new - at[a]) ** 2
-            at[a] = new
-        if change < tolerance:
-            return step + 1, change
-    return steps, change
 
 
 def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, slack: bool = True) -> NDArray[np.float64]:
@@ -197,13 +125,7 @@ def balanced(y: NDArray[np.float64], steps: int, tolerance: float = 1e-4, *, sla
 
 
 @driver(error_model="numpy")
-def _sinkhorn(y, row, column, slack, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Run `sinkhorn` as a driver, which Python can call."""
-    return sinkhorn(y, row, column, slack, steps, tolerance)
-
-
-@internal(error_model="numpy")
-def sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
+def _sinkhorn(y, row, column, with_slack, steps, tolerance):  # type: ignore[no-untyped-def]
     """Factors of rows and of columns that balance a matrix with n ≤ n', and whether they do so within the tolerance.
 
     Columns' begin at 1, or where earlier steps have come to; the slack row is kept as one factor a column.

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.backends import cpu
 from rootmatch.deadline import NEVER, Deadline
+from rootmatch.hypergraph.deferred_tensor import DeferredTensor
 from rootmatch.hypergraph.enumeration import subsets as every_subset
 from rootmatch.hypergraph.random_tuples import distinct_sets, distinct_tuples
+from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.threads import in_pieces
+from rootmatch.samplers.base import SampledTensor, SamplingTask
+from rootmatch.samplers.exhaustive import given_tensor
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import candidate_hyperedges, membership
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -18,6 +27,73 @@ from rootmatch.samplers.guided.options import GuidedOptions
 Integers = NDArray[np.int64]
 COUNTED = 0.4
 """Share of the time left at a deadline in which hyper-edges are counted; to list them takes as long again."""
+SURPLUS = 1.5
+"""Drawn d-subsets for each that is used, as some are drawn twice or repeat a point."""
+WEIGHED = 0.5
+"""Share of the time left at a deadline for the hyper-edges of what a search has found."""
+SECONDS_PER_EDGE = 4e-7
+"""To evaluate one of those, at most (benchmarks/kernels.py)."""
+CHANCE_SAMPLES = 4_096
+"""Random hyper-edges that estimate the mean weight by chance. Evaluated in half a millisecond."""
+
+
+def sampled_among(
+    task: SamplingTask,
+    clusters: Callable[[], HypothesisClusters],
+    options: GuidedOptions,
+    rng: np.random.Generator,
+    evaluated: int,
+    *,
+    later: bool = False,
+    chance_samples: int = CHANCE_SAMPLES,
+    deadline: Deadline = NEVER,
+    **found: Any,
+) -> SampledTensor:
+    """What a search hands on: the hyper-edges among the correspondences of its clusters, evaluated.
+
+    Parameters
+    ----------
+    task : SamplingTask
+    clusters : callable
+        The clusters of hypotheses that the search ended with.
+    options : GuidedOptions
+    rng : Generator
+        Selects hyper-edges where there are too many.
+    evaluated : int
+        Evaluations of the search.
+    later : bool
+        Whether they are evaluated when they are asked for: a pose may decide alone.
+    chance_samples : int
+        Random hyper-edges whose mean weight is that by chance.
+    deadline : Deadline
+    **found
+        Other fields of `SampledTensor`.
+    """
+
+    @cache
+    def weighed() -> tuple[AffinityTensor, float, int]:
+        """The tensor, which fraction of its hyper-edges was evaluated, and how many they are."""
+        few = options
+        if deadline.is_set:
+            few = replace(options, edges=deadline.part(WEIGHED).affordable(options.edges, SECONDS_PER_EDGE))
+        source, target, coverage = hyperedges_among(clusters(), task.shape, task.order, few, rng, deadline=deadline)
+        deadline.cuts(left_out=coverage < 1.0 and few.edges < options.edges)
+        return given_tensor(task, source, target), coverage, len(source)
+
+    def chance() -> float:
+        """Mean weight of random hyper-edges."""
+        weighed()  # draws first, whoever asks first
+        drawn = random_hyperedges(task.shape, task.order, chance_samples, rng)
+        by_chance = cpu.residuals(task.tables, task.kind, *drawn)
+        # no sample is large enough to say that chance never agrees
+        total = max(1.0, float(task.affinity.weights(by_chance[by_chance <= task.affinity.gate]).sum()))
+        return total / chance_samples
+
+    if later:
+        tensor: AffinityTensor = DeferredTensor.of(lambda: weighed()[0], task.shape)
+        return SampledTensor(tensor, evaluated, lambda: weighed()[1], chance, partial=True, **found)
+    tensor, coverage, count = weighed()
+    return SampledTensor(tensor, evaluated + count, coverage, chance, partial=True, **found)
 
 
 def hyperedges_among(
@@ -96,7 +172,7 @@ def _subsets(
     every = math.comb(len(points), order)
     if every <= most:
         return points[every_subset(len(points), order)], 1.0
-    drawn = distinct_sets(rng, int(options.surplus * most), len(points), order)
+    drawn = distinct_sets(rng, int(SURPLUS * most), len(points), order)
     # each once, by number: a row is a number to the base of how many points there are
     places = len(points) ** np.arange(order - 1, -1, -1)
     if every < 2**62:

@@ -1,4 +1,4 @@
-"""How crowded the detections of an image are for their noise: what small and vague predictions cannot tell apart."""
+"""How crowded detections are: for their noise, and where they are predicted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 VAGUE = 7.5
-"""Standard deviations of the noise by which the prediction of a small minimal set may miss. A round value."""
+"""Standard deviations of the noise by which the prediction of a small minimal set may miss."""
+CROWDING = 1.5
+"""How much denser clutter is taken to be than detections are on average.
+
+Detections crowd about the visible object, and predictions fall there too: chance hits one more often than the mean
+density says. On the safe side: it lowers the evidence of a hit.
+"""
 
 
 def crowding(rays: NDArray[np.float64], sigma: NDArray[np.float64]) -> float:

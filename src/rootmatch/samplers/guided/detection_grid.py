@@ -9,7 +9,6 @@ plane by Lambert's equal-area projection of the whole sphere; compiled code for 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.directions import tangent_basis_of
 from rootmatch.cameras.stereographic import widest_axis
-from rootmatch.jit.decorators import driver, part, scalar
-from rootmatch.options import Options, option
+from rootmatch.jit.decorators import driver, scalar
+from rootmatch.problems.noise import usual_noise
 
 NOBODY = -1
 """Entry of an empty cell."""
@@ -28,32 +27,28 @@ LEAST_EXTENT = 1e-9
 """Extent of the detections, in radians, that is taken for a single one."""
 
 
-@dataclass(frozen=True)
-class GridOptions(Options):
-    """How fine the grid of detections is."""
-
-    cells_per_gate: float = option(4.0, above=0.0)
-    """Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway. Not tuned."""
-    most_cells: int = option(512, least=1)
-    """Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory; not tuned."""
-    least_cosine: float = option(0.5, above=0.0, most=1.0)
-    """Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times
-    as wide as at its centre. Below, the grid is one of the whole sphere. A round value, not tuned."""
-    noise_ratio: float = option(2.0, least=1.0)
-    """The gate of all detections has the median σ, or the largest over this if that is more. Not tuned."""
-    neighbours: int = option(3, least=1)
-    """Nearest detections that tell the density about one, at least; else the root of their number. Not tuned."""
-    crowd: float = option(0.03, above=0.0)
-    """Mean number of detections within a gate from which it is narrowed, without normals: a false solution that meets
-    one goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead of eight take P3P 50 + 50 from
-    206 to 139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
-    narrowest: float = option(0.6, above=0.0, most=1.0)
-    """Fraction of the gate down to which it is narrowed. A round value."""
-    least_gate: float = option(1e-4, above=0.0)
-    """Gate over the extent of the detections below which it is rounding, not noise. Not tuned."""
-
-
-DEFAULT_GRID = GridOptions()
+GATE = 8.0
+"""Distance from a prediction, in σ, within which a detection counts while minimal sets are tried; wide, as it also
+covers the errors of the minimal set. What is found: benchmarks/guided.py."""
+NOISE_RATIO = 2.0
+"""The gate of all detections has the usual σ, or the largest over this if that is more."""
+CELLS_PER_GATE = 4.0
+"""Cells from the centre of a gate to its rim; the distance to the detection found is exact anyway."""
+MOST_CELLS = 512
+"""Cells along the longer side; a gate far smaller than the image gets fewer cells. Bounds the memory."""
+LEAST_COSINE = 0.5
+"""Cosine to the mean bearing down to which all detections lie on one plane: 60°, where a gate on it is four times as
+wide as at its centre. Below, the grid is one of the whole sphere."""
+NEIGHBOURS = 3
+"""Nearest detections that tell the density about one, at least; else the root of their number."""
+CROWD = 0.03
+"""Mean number of detections within a gate from which it is narrowed, without normals: a false solution that meets one
+goes on. On seeds 300 to 311 of benchmarks/matches.py five and a half σ instead of eight take P3P 50 + 50 from 206 to
+139 ms and up2p 100 + 100 from 54 to 40, with as many evaluations and the same accuracy."""
+NARROWEST = 0.6
+"""Fraction of the gate down to which it is narrowed."""
+LEAST_GATE = 1e-4
+"""Gate over the extent of the detections below which it is rounding, not noise."""
 
 
 class DetectionGrid(NamedTuple):
@@ -92,27 +87,33 @@ def mean_basis(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([*tangent_basis_of(x, y, z), mean])
 
 
-def narrowed(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> float:
+def narrowed(rays: NDArray[np.float64], gate: float) -> float:
     """Factor on a gate in radians where many of the bearings (3, n') lie within one, 1 where few do."""
     _, *longer = sorted((rays.max(axis=1) - rays.min(axis=1)).tolist())
     area = float(math.prod(longer))
     met = rays.shape[1] * math.pi * gate * gate / max(area, gate * gate)
-    return 1.0 if met <= options.crowd else max(math.sqrt(options.crowd / met), options.narrowest)
+    return 1.0 if met <= CROWD else max(math.sqrt(CROWD / met), NARROWEST)
 
 
-def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DEFAULT_GRID) -> DetectionGrid:
+def grid_of(rays: NDArray[np.float64], sigma: NDArray[np.float64], *, narrow: bool) -> DetectionGrid:
+    """Grid of bearings (3, n') with standard deviations (n',) in radians; its gate may be narrower where they crowd."""
+    gate = GATE * max(usual_noise(sigma), float(sigma.max()) / NOISE_RATIO)
+    return build_grid(rays, gate * narrowed(rays, gate) if narrow else gate)
+
+
+def build_grid(rays: NDArray[np.float64], gate: float) -> DetectionGrid:
     """Grid of bearings (3, n') with a gate in radians (at the mean bearing).
 
     Its density is `local_density`.
     """
     basis = mean_basis(rays)
     rotated = basis @ rays
-    whole = not float(rotated[2].min()) > options.least_cosine
+    whole = not float(rotated[2].min()) > LEAST_COSINE
     positions = _equal_area(rotated) if whole else rotated[:2] / rotated[2]
     low, high = positions.min(axis=1), positions.max(axis=1)
     extent = max(float((high - low).max()), LEAST_EXTENT)
-    gate = max(gate, options.least_gate * extent)
-    size = max(gate / options.cells_per_gate, (extent + 2.0 * gate) / options.most_cells)
+    gate = max(gate, LEAST_GATE * extent)
+    size = max(gate / CELLS_PER_GATE, (extent + 2.0 * gate) / MOST_CELLS)
     # an angle is this much longer on the map than in space, and a length on the map in space, at the most
     stretch = np.sqrt(2.0 / np.maximum(1.0 + rotated[2], STRAIGHT)) if whole else np.ones(rays.shape[1])
     # a cell's centre is within the gate and half a diagonal of whatever lies within the gate of any of its points
@@ -125,13 +126,13 @@ def build_grid(rays: NDArray[np.float64], gate: float, options: GridOptions = DE
     _fill(cells, nearest, positions, rotated, reaches, stretch, corner, float(size), whole)
     return DetectionGrid(
         cells, positions, rotated, basis, corner,
-        scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate, options.neighbours),
+        scale=1.0 / size, gate2=gate * gate, density=local_density(positions, gate),
         whole=(1.0,) if whole else (),
     )  # fmt: skip
 
 
 STRAIGHT = 1e-3
-"""1 + cosine to the axis down to which the map's stretch is followed: 177°. Not tuned."""
+"""1 + cosine to the axis down to which the map's stretch is followed: 177°."""
 
 
 def _equal_area(rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,13 +165,11 @@ def _fill(cells, nearest, positions, rays, reaches, stretch, corner, size, whole
                     cells[row, column] = k
 
 
-TREE_FROM = 600
-"""Detections from which a tree finds neighbours faster than all distances do, and in less memory. A round value."""
+TREE_FROM = 300
+"""Detections from which a tree finds neighbours faster than all distances do, and in less memory."""
 
 
-def local_density(
-    positions: NDArray[np.float64], blur: float, neighbours: int = DEFAULT_GRID.neighbours
-) -> NDArray[np.float64]:
+def local_density(positions: NDArray[np.float64], blur: float) -> NDArray[np.float64]:
     """Density (n',) of the positions (2, n') about each, blurred so that a line of points has an area too.
 
     The greater of two: k / (π r²) with the k-th neighbour at a distance of r, and n' / (4π √det Σ), that of a normal
@@ -178,14 +177,9 @@ def local_density(
     detections far away do not make a cluster look sparse, and what meets a cluster by chance is not taken for evidence.
     """
     ahead = np.isfinite(positions[0])
-    every = bool(ahead.all())
-    inside = np.ascontiguousarray(positions) if every else positions[:, ahead]
+    inside = positions[:, ahead]
     count = inside.shape[1]
-    k = max(neighbours, math.ceil(math.sqrt(count)))
-    if every and k < count < TREE_FROM:
-        order, out = inside[0].argsort(), np.empty(count)
-        _densities(inside, order, float(blur), np.empty((2, count)), np.empty(k + 1), out)
-        return out
+    k = max(NEIGHBOURS, math.ceil(math.sqrt(count)))
     centred = inside - inside.sum(axis=1, keepdims=True) / count
     (suu, suv), (_, svv) = centred @ centred.T / count
     overall = count / (4.0 * np.pi * np.sqrt((suu + blur * blur) * (svv + blur * blur) - suv * suv))
@@ -204,79 +198,6 @@ def _reach2(positions: NDArray[np.float64], k: int) -> NDArray[np.float64]:
 
     distance, _ = cKDTree(positions.T).query(positions.T, k=[k + 1])
     return np.asarray(distance[:, 0] ** 2)
-
-
-def cells_of_some(grid: DetectionGrid, images: NDArray[np.int64]) -> NDArray[np.int16]:
-    """Cells (h, w) that name some detections (m,) by their place among these, and no others."""
-    stretch = np.sqrt(2.0 / np.maximum(1.0 + grid.rays[2, images], STRAIGHT)) if grid.whole else np.ones(len(images))
-    # as far as `build_grid` looks, and two cells more for rounding
-    about = ((math.sqrt(grid.gate2) * grid.scale + HALF_DIAGONAL * stretch) * stretch).astype(np.int64) + 3
-    places = ((grid.positions[:, images] - grid.corner[:, None]) * grid.scale).astype(np.int64)
-    cells = np.full(grid.cells.shape, NOBODY, np.int16)
-    _renumber(grid.cells, images, places, about, cells)
-    return cells
-
-
-@driver(nogil=True)
-def _renumber(cells, images, places, about, out):  # type: ignore[no-untyped-def]
-    """Write the place of each of the images (m,) into the cells that name it, all near those in ``places`` (2, m)."""
-    height, width = cells.shape
-    for m in range(images.size):
-        k, reach = images[m], about[m]
-        for row in range(max(0, places[1, m] - reach), min(height, places[1, m] + reach + 1)):
-            for column in range(max(0, places[0, m] - reach), min(width, places[0, m] + reach + 1)):
-                if cells[row, column] == k:
-                    out[row, column] = m
-
-
-@part
-def _kth_distance2(across, along, order, nearest, out):  # type: ignore[no-untyped-def]
-    """Squared distance of each position to its k-th neighbour, from the next ones across outwards.
-
-    ``across`` (m,) ascends, ``along`` (m,) is the other coordinate, ``order`` (m,) their places in ``out`` (m,), and
-    ``nearest`` (k + 1,) is scratch.
-    """
-    m, last = across.size, nearest.size - 1
-    for i in range(m):
-        nearest[0] = 0.0  # itself
-        for place in range(1, last + 1):
-            nearest[place] = np.inf
-        left, right = i - 1, i + 1
-        while left >= 0 or right < m:
-            for side in range(2):
-                j = left if side == 0 else right
-                if j < 0 or j >= m:
-                    continue
-                du, dv = across[j] - across[i], along[j] - along[i]
-                distance2 = du * du + dv * dv
-                if distance2 < nearest[last]:
-                    # into its place without a branch
-                    for place in range(last, 0, -1):
-                        nearest[place] = min(nearest[place], max(nearest[place - 1], distance2))
-                within = du * du < nearest[last]
-                if side == 0:
-                    left = left - 1 if within else -1
-                else:
-                    right = right + 1 if within else m
-        out[order[i]] = nearest[last]
-
-
-@driver(nogil=True, error_model="numpy")
-def _densities(positions, order, blur, sorted_positions, nearest, out):  # type: ignore[no-untyped-def]
-    """`local_density` (m,) of positions (2, m), given their order across; the arrays before ``out`` are scratch."""
-    m, blur2 = order.size, blur * blur
-    u, v, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(m):
-        sorted_positions[0, i], sorted_positions[1, i] = positions[0, order[i]], positions[1, order[i]]
-        u, v = u + positions[0, i], v + positions[1, i]
-    for i in range(m):
-        du, dv = positions[0, i] - u / m, positions[1, i] - v / m
-        suu, suv, svv = suu + du * du, suv + du * dv, svv + dv * dv
-    suu, suv, svv = suu / m + blur2, suv / m, svv / m + blur2
-    overall = m / (4.0 * np.pi * np.sqrt(suu * svv - suv * suv))
-    _kth_distance2(sorted_positions[0], sorted_positions[1], order, nearest, out)
-    for i in range(m):
-        out[i] = max(overall, (nearest.size - 1) / (np.pi * (out[i] + blur2)))
 
 
 @scalar

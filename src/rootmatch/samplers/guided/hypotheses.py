@@ -57,6 +57,13 @@ class Hypotheses(NamedTuple):
         there = self.evidence > -np.inf
         return [self if there.all() else self.take(there)] if there.any() else []
 
+    def assignments(self, which: NDArray[np.bool_], most: int) -> Integers:
+        """Assignments (A, n) of a subset, each once, in the order in which they come, ``most`` of them or fewer."""
+        first: dict[bytes, int] = {}
+        for number in which.nonzero()[0].tolist():
+            first.setdefault(self.best[number].tobytes(), number)
+        return np.ascontiguousarray(self.best[list(first.values())[:most]])
+
     def strongest(self, most: int) -> Hypotheses:
         """The ``most`` hypotheses of highest evidence, or fewer, strongest first."""
         return self.take(np.argsort(-self.evidence, kind="stable")[:most])

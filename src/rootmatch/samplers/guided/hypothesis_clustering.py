@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
-from rootmatch.options import Options, option
 
 Integers = NDArray[np.int64]
 
@@ -17,28 +14,16 @@ WORD = 64
 """Clusters per word of the membership mask."""
 
 
-@dataclass(frozen=True)
-class ClusteringOptions(Options):
-    """Which hypotheses are one cluster, and what it keeps of them; benchmarks/guided.py shows what is found."""
-
-    shared: float = option(0.5, above=0.0, most=1.0)
-    """Fraction of the correspondences of the smaller of two hypotheses that makes them one. Not tuned."""
-    weak: float = option(0.5, least=0.0, most=1.0)
-    """Fraction of the leader's evidence below which a hypothesis adds no candidates: it predicts too vaguely. Not
-    tuned."""
-    candidates: int = option(6, least=1)
-    """Detections that a cluster keeps for one source point. Not tuned."""
-
-
-DEFAULT_CLUSTERING = ClusteringOptions()
+SHARED = 0.5
+"""Fraction of the correspondences of the smaller of two hypotheses that makes them one."""
+WEAK = 0.5
+"""Fraction of the leader's evidence below which a hypothesis adds no candidates: it predicts too vaguely."""
+CANDIDATES = 6
+"""Detections that a cluster keeps for one source point."""
 
 
 def cluster(
-    evidence: NDArray[np.float64],
-    best: Integers,
-    candidates: Integers,
-    most: int,
-    options: ClusteringOptions = DEFAULT_CLUSTERING,
+    evidence: NDArray[np.float64], best: Integers, candidates: Integers, most: int
 ) -> tuple[Integers, Integers]:
     """Cluster the hypotheses that share correspondences with a stronger one, the leader of the cluster.
 
@@ -50,7 +35,6 @@ def cluster(
     candidates : (K, n, c) int64 array
     most : int
         Most clusters.
-    options : ClusteringOptions
 
     Returns
     -------
@@ -61,8 +45,8 @@ def cluster(
     """
     most = min(most, len(best))
     leaders, size = np.empty(most, np.int64), np.empty(len(best), np.int64)
-    lists = np.empty((most, best.shape[1], options.candidates), np.int64)
-    made = _cluster(evidence, best, candidates, float(options.shared), float(options.weak), size, leaders, lists)
+    lists = np.empty((most, best.shape[1], CANDIDATES), np.int64)
+    made = _cluster(evidence, best, candidates, SHARED, WEAK, size, leaders, lists)
     return leaders[:made], lists[:made]
 
 

@@ -1,4 +1,4 @@
-"""Log-likelihood ratios of the hypotheses that the screening leaves, one by one; those of the highest ratio survive."""
+"""The sequential test of one hypothesis, and which of those that pass it survive: those of the highest ratio."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def weakest_of(ratios):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
+def likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
     """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
     ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
     ratio = 0.0
@@ -30,6 +30,7 @@ def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, s
     fall = test.fall / grid.gate2
     cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
     whole = grid.whole
+    facing2 = test.facing * test.facing
     for r in range(others.shape[0]):
         a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
         x = ox + a * ex + b * fx + c * gx
@@ -37,8 +38,13 @@ def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, s
         z = oz + a * ez + b * fz + c * gz
         if test.normals:
             a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
-            away = (a * ex + b * fx + c * gx) * x + (a * ey + b * fy + c * gy) * y + (a * ez + b * fz + c * gz) * z
-            if away + coordinates[r, 6] * math.sqrt(x * x + y * y + z * z) > 0.0:
+            u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
+            along = u * x + v * y + w * z
+            distance2 = x * x + y * y + z * z
+            # beyond its view angle, or so nearly on the far side that it need not be seen
+            if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
+                continue
+            if along * along < facing2 * (u * u + v * v + w * w) * distance2:
                 continue
         looked += 1
         k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
@@ -53,6 +59,15 @@ def _likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, s
                 ratio = -np.inf
                 break
     return ratio, hits, looked
+
+
+@part
+def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-untyped-def]
+    """Put a triple, its root and three images in the place of the weakest survivor; the place of the weakest then."""
+    ratios[weakest] = ratio
+    for p in range(5):
+        survivors[weakest, p] = found[p]
+    return weakest_of(ratios)
 
 
 @part
@@ -72,7 +87,7 @@ def keep_likeliest(  # type: ignore[no-untyped-def]
             frames[q, 0], frames[q, 1], frames[q, 2], frames[q, 3], frames[q, 4], frames[q, 5],
             frames[q, 6], frames[q, 7], frames[q, 8], frames[q, 9], frames[q, 10], frames[q, 11],
         )  # fmt: skip
-        ratio, hits, own = _likelihood_ratio(
+        ratio, hits, own = likelihood_ratio(
             grid, test, others_of[s], coordinates_of[s], masked, allowed, frame, stamp, tick
         )  # fmt: skip
         looked += own

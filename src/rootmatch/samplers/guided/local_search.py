@@ -3,24 +3,59 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace
+from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.kernels import kernels_of
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.local_growth import Lead, PartialVerification, grown
+from rootmatch.samplers.guided.local_growth import VERIFIED, Lead, PartialVerification, grown
 from rootmatch.samplers.guided.local_triples import run_local_tests
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.refinement import SETS
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, prepare_sets, sequential_test
+from rootmatch.samplers.guided.visibility import FAILURE
 
 Integers = NDArray[np.int64]
+
+LEAST = 50
+"""Source points from which local triples are tried; what they find and cost: benchmarks/targets.py. The recorded
+headset without its normals, 32 points of which 7 to 12 are seen, takes twice as long by local triples (`rootmatch
+benchmark real`, eight scenes: 1.3 against 0.65 s)."""
+CROWDED = 1.0
+"""`crowding` of the detections from which they are not: they are the vaguest. With 60 points of a surface and σ = 2 px,
+local triples take 9 s and wide ones .2 to .4; with σ = 1 px and a crowding of .6 both take .2 s (`rootmatch benchmark
+blind`, surfaces from seed 1050)."""
+POINTS, IMAGES = (4, 6, 8, 12), (4, 8, 16, 32)
+"""Neighbours of a point that triples are taken from, level after level, and neighbours of a detection that are taken as
+images; about as much work goes to each. Of neighbours among the nearest four as many images are the nearest four in
+seven views of benchmarks/targets.py as of those among eight are the nearest eight, for a fifth of the work."""
+SOLVED = 30_000_000
+"""Image triples after which wide triples are tried, or the search ends with what it has found: some seconds."""
+FIRST_WAVE, LARGEST_WAVE = 4, 64
+"""Triples of the first wave of a level, and of the largest; each has twice those of the one before."""
+LOOKED_UP = 24
+"""Neighbours that a triple predicts in the sequential test."""
+VISIBLE = 0.4
+"""Fraction of them that is assumed to be detected in the first wave of a level. With 0.6 true triples of the views of
+benchmarks/targets.py that show 15 and 22 points were dropped twice as often; with 0.25 all take half as long again."""
+WHOLE = 256
+"""Source points up to which hypotheses are verified on the whole object at once: it is not much larger then than what
+is near a triple."""
+LEADS = 2
+"""Most local hypotheses beyond chance that grow after each wave."""
+ROUNDS, GROWTH = 6, 3.0
+"""Most rounds of growth, a bound that is hardly met, and the evidence that another one has to bring."""
+MISSED = 0.05
+"""Probability of having missed a pose that explains as much, below which the search ends. By construction."""
 
 
 @dataclass
@@ -58,44 +93,51 @@ class LocalSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        local = self.local = options.local
-        self.sure_sets = options.refinement.sets  # hypotheses grow by them
-        self.neighbours = _nearest(self.positions, int(max(*local.points, local.looked_up)))
-        self.near = _nearest(self.grid.positions.T, int(max(local.images)))
+        self.wide = False
+        """Whether local triples found nothing, and wide ones are tried."""
+        self.sure_sets = SETS  # hypotheses grow by them
+        self.neighbours = _nearest(self.positions, max(*POINTS, LOOKED_UP))
+        self.near = _nearest(self.grid.positions.T, max(IMAGES))
         n, n_target = self.neighbours.shape[1], self.near.shape[1]
-        sizes = [(min(int(p), n), min(int(q), n_target)) for p, q in zip(local.points, local.images, strict=True)]
-        self.levels = [Level(p, q, self.n_target * q * (q - 1), local.first_wave) for p, q in sizes]
-        self.in_parts = self.n > local.whole and bool(kernels_of(self.tables).source_fields)
+        sizes = [(min(p, n), min(q, n_target)) for p, q in zip(POINTS, IMAGES, strict=True)]
+        self.levels = [Level(p, q, self.n_target * q * (q - 1), FIRST_WAVE) for p, q in sizes]
+        self.in_parts = self.n > WHOLE and bool(kernels_of(self.tables).source_fields)
         """Whether hypotheses are verified near their triple first."""
-        self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed, options.verification)
+        self.partly = PartialVerification(self.tables, self.positions, self.density, self.allowed)
         self.leads: list[Lead] = []
         self.best: Integers | None = None
         """Assignment of a hypothesis beyond chance, the strongest."""
         self.shares = np.zeros(len(self.levels))
         """Fraction of the triples of each level that meet that hypothesis."""
 
-    def run(self) -> None:
-        """Wave after wave of local triples, then, where they find nothing, of wide ones."""
-        pace = Pace(self.deadline, self.options.batches.first)
+    def _steps(self) -> Iterator[None]:
+        """See `Search`: wave after wave of local triples, then, where they find nothing, wide ones."""
+        pace = Pace(self.deadline, batches.FIRST)
         while (level := self._next_level()) is not None:
-            wanted = min(level.size, max(1, self.options.batches.largest // level.cost))
+            wanted = min(level.size, max(1, batches.LARGEST // level.cost))
             if (work := pace.block(wanted * level.cost)) == 0:
                 return
             self._try_local(level, max(1, work // level.cost))
-            if self.progress is not None:
-                self.progress(min(self.evaluated, self.options.budget), self.options.budget)
-            if self._spent():
-                return
-            if self._beyond_chance():
-                self.conclusive = True
-                self._grow()
-                self._reckon()
-                if self.missed <= self.local.missed:
-                    return
-            if len(self.hypotheses) > self.options.batches.most_batches:
-                self._clustered()
+            yield
         if not self.conclusive:
-            super().run()
+            self.wide = True
+            yield from super()._steps()
+
+    def _enough(self) -> bool:
+        """Whether a pose that explains as much as the best one would have been met; of wide triples see `Search`."""
+        if self.wide:
+            return super()._enough()
+        if not self._beyond_chance():
+            return False
+        self.conclusive = True
+        self._grow()
+        self._reckon()
+        return self.missed <= MISSED
+
+    def _try_rivals(self) -> None:
+        """See `Search`; local triples would have met them."""
+        if self.wide:
+            super()._try_rivals()
 
     def _next_level(self) -> Level | None:
         """The level of the next wave; None if enough triples were tried.
@@ -104,7 +146,7 @@ class LocalSearch(Search):
         for its cost: what was missed would be met as often.
         """
         waiting = [number for number, level in enumerate(self.levels) if level.open]
-        if not waiting or sum(level.done * level.cost for level in self.levels) >= self.local.solved:
+        if not waiting or sum(level.done * level.cost for level in self.levels) >= SOLVED:
             return None
         if self.best is None:
             return self.levels[min(waiting, key=lambda number: self.levels[number].ahead)]
@@ -124,23 +166,22 @@ class LocalSearch(Search):
 
     def _try_local(self, level: Level, count: int) -> None:
         """Test the next ``count`` triples of a level, and verify the survivors of the highest ratio."""
-        options, triples = self.options.batches, self._triples(level)
+        triples = self._triples(level)
         points = np.ascontiguousarray(triples[level.done : level.done + count])
         near = np.ascontiguousarray(self.near[:, : level.images])
         solved = len(points) * level.cost
-        most = max(options.least_verified, solved // options.sets_per_verified_with_normals)
-        keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
-        threads = max(1, min(numba.get_num_threads(), solved // options.sets_per_thread))
+        most = batches.verified_of_listed(solved)
         others = self._others_of(points)
         sets = prepare_sets(self.tables, points, others, np.zeros(len(others), np.int64))
         survivors, ratios, counts = run_local_tests(
             self.tables, self.grid, self._local_test(level.waves), sets, near=near, allowed=self.allowed,
-            keep=keep, chunks=options.chunks, threads=threads,
+            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
+            threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
         self._keep(points, survivors, ratios, counts, most)
         self._follow()
         level.done, level.waves = level.done + len(points), level.waves + 1
-        level.size = min(2 * level.size, self.local.largest_wave)
+        level.size = min(2 * level.size, LARGEST_WAVE)
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Verify as `Search` does; a large object only near each triple: hypotheses beyond chance become leads."""
@@ -150,7 +191,7 @@ class LocalSearch(Search):
         level = self._false_alarm_level()
         for first in np.unique(points[:, 0]).tolist():
             own = np.flatnonzero(points[:, 0] == first)
-            near = self.partly.nearest(first, self.local.verified)
+            near = self.partly.nearest(first, VERIFIED)
             found = self.partly(near, points[own], images[own])
             self.evaluated += len(own) * len(near)
             for k in np.flatnonzero(found.evidence > level).tolist():
@@ -161,14 +202,13 @@ class LocalSearch(Search):
         known = [batch.best[int(batch.evidence.argmax())] for batch in self.hypotheses]
         followed = 0
         for lead in sorted(self.leads, key=lambda lead: -lead.evidence):
-            if followed == self.local.leads or self.deadline.passed():
+            if followed == LEADS or self.deadline.passed():
                 break
             if any(np.array_equal(best[lead.points], lead.images) for best in known):
                 continue
             found, looked_up = grown(
-                lead, self.partly, self._false_alarm_level(), hypothesis_kernels(self.tables).solutions, self.rng,
-                local=self.local, sets=self.options.sets,
-            )  # fmt: skip
+                lead, self.partly, self._false_alarm_level(), hypothesis_kernels(self.tables).solutions, self.rng
+            )
             self.evaluated += looked_up
             followed += 1
             if len(found.evidence):
@@ -185,8 +225,7 @@ class LocalSearch(Search):
 
     def _local_test(self, wave: int) -> SequentialTest:
         """The sequential test of a wave, ever more patient with hidden points."""
-        options, least = self.options.test, self.minimal + 1
-        return sequential_test(options, self.clutter, self.local.visible, wave, least=least, normals=False)
+        return sequential_test(self.clutter, VISIBLE, wave, least=self.minimal + 1, normals=False)
 
     def _beyond_chance(self) -> bool:
         evidence = max((float(batch.evidence.max()) for batch in self.hypotheses), default=-math.inf)
@@ -195,11 +234,11 @@ class LocalSearch(Search):
     def _grow(self) -> None:
         """Refine the best clusters until they grow no more: each round reaches farther than the one before."""
         strongest = -math.inf
-        for _ in range(0 if self.in_parts else self.local.rounds):
+        for _ in range(0 if self.in_parts else ROUNDS):
             self.refined_at = -1
             self.refine()
             before, strongest = strongest, float(self._clustered()[2].evidence[0])
-            if strongest <= before + self.local.growth:
+            if strongest <= before + GROWTH:
                 return
 
     def _reckon(self) -> None:
@@ -211,7 +250,7 @@ class LocalSearch(Search):
         if self.best is None or not np.array_equal(best, self.best):
             self.best = best
             self.shares = np.array([self._met(self._triples(level), level.images, best) for level in self.levels])
-        met = (1.0 - self.options.visibility.failure) * self.shares
+        met = (1.0 - FAILURE) * self.shares
         tried = np.array([level.done for level in self.levels])
         self.missed = float(np.prod((1.0 - met) ** tried))
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import chunk_bounds, in_chunks
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
+from rootmatch.samplers.guided.detection_grid import DetectionGrid, field_of
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
-from rootmatch.samplers.guided.likelihood_ratio import weakest_of
+from rootmatch.samplers.guided.likelihood_ratio import keep_survivor, likelihood_ratio, weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, cell_of
 from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest, lookups_before_dropped
-from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS, keep_survivor
+from rootmatch.samplers.guided.visible_triples import BLOCK, BLOCK_ROWS
 
 FRAME = 12
 """Numbers of the frame of a triple in the camera."""
@@ -157,33 +157,12 @@ def _test_block(  # type: ignore[no-untyped-def]
             continue
         tick += 1
         stamp[picked[0, k]] = stamp[picked[1, k]] = stamp[picked[2, k]] = tick
-        ratio, hits = _likelihood_ratio(grid, test, others, coordinates, k, masked, allowed, frames, stamp, tick)
+        frame = (
+            frames[0, k], frames[1, k], frames[2, k], frames[3, k], frames[4, k], frames[5, k],
+            frames[6, k], frames[7, k], frames[8, k], frames[9, k], frames[10, k], frames[11, k],
+        )  # fmt: skip
+        ratio, hits, _ = likelihood_ratio(grid, test, others, coordinates, masked, allowed, frame, stamp, tick)
         if ratio > ratios[weakest] and hits + 3 >= test.least:
             found = s, root, picked[0, k], picked[1, k], picked[2, k]
             weakest = keep_survivor(survivors, ratios, weakest, ratio, found)
     return tick
-
-
-@part
-def _likelihood_ratio(grid, test, others, coordinates, k, masked, allowed, frames, stamp, tick):  # type: ignore[no-untyped-def]
-    """Log-likelihood ratio and hits of a frame; −∞ when dropped."""
-    ratio, hits = 0.0, 0
-    fall = test.fall / grid.gate2
-    cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
-    whole = grid.whole
-    for r in range(others.shape[0]):
-        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
-        x = frames[0, k] + a * frames[3, k] + b * frames[6, k] + c * frames[9, k]
-        y = frames[1, k] + a * frames[4, k] + b * frames[7, k] + c * frames[10, k]
-        z = frames[2, k] + a * frames[5, k] + b * frames[8, k] + c * frames[11, k]
-        met, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
-        if met >= 0 and stamp[met] != tick and (not masked or allowed[others[r], met]):
-            stamp[met] = tick
-            gain = test.hit - fall * distance2
-            ratio += gain if gain > test.miss else test.miss
-            hits += 1
-        else:
-            ratio += test.miss
-            if ratio < test.floor:
-                return -np.inf, hits
-    return ratio, hits

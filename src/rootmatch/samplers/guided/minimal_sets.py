@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,40 +11,33 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import cross
 from rootmatch.hypergraph.enumeration import subsets
 from rootmatch.hypergraph.random_tuples import distinct_sets
-from rootmatch.options import Options, option
 
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class MinimalSetOptions(Options):
-    """The order in which minimal sets of source points are tried; benchmarks/guided.py measures the work."""
-
-    listed: int = option(6_000, least=1)
-    """Minimal sets up to which all are listed, each once; beyond, they are drawn. A round value, not tuned."""
-    drawn: int = option(1_024, least=1)
-    """Minimal sets drawn at once. A round value, not tuned."""
-    wider_part: float = option(0.5, above=0.0, most=1.0)
-    """Fraction of the drawn sets that is used, the wider ones. A round value, not tuned."""
-    first_wave: int = option(8, least=1)
-    """Minimal sets that are tried together at first; each wave is twice the one before. Not tuned."""
-    fewest_wave: int = option(2, least=1)
-    """Fewest of a first wave, which has at most a tenth of all sets: where six points of six are seen, two sets are
-    enough to know that no such pose was missed."""
-    largest_wave: int = option(128, least=1)
-    """Minimal sets of the largest wave. Not tuned."""
-    evenness: float = option(0.7, least=0.0, most=1.0)
-    """Widths are blurred by a random factor from here to 1, so that no one point is in all of the first sets. Not
-    tuned."""
-    drawn_in_cluster: int = option(64, least=1)
-    """Minimal sets among the points of a cluster of hypotheses, of which the widest are solved. Not tuned."""
-
-
-DEFAULT_SETS = MinimalSetOptions()
+LISTED = 6_000
+"""Minimal sets up to which all are listed, each once; beyond, they are drawn."""
+DRAWN = 1_024
+"""Minimal sets drawn at once."""
+WIDER_PART = 0.5
+"""Fraction of the drawn sets that is used, the wider ones."""
+FIRST_WAVE, LARGEST_WAVE = 8, 128
+"""Minimal sets that are tried together at first, and at most; each wave is twice the one before."""
+FEWEST = 2
+"""Fewest of a first wave, which has at most a tenth of all sets: where six points of six are seen, two sets are enough
+to know that no such pose was missed."""
+EVENNESS = 0.7
+"""Widths are blurred by a random factor from here to 1, so that no one point is in all of the first sets."""
+DRAWN_IN_CLUSTER = 64
+"""Minimal sets among the points of a cluster of hypotheses, of which the widest are solved."""
 
 
 def minimal_sets(
-    positions: NDArray[np.float64], size: int, rng: np.random.Generator, options: MinimalSetOptions = DEFAULT_SETS
+    positions: NDArray[np.float64],
+    size: int,
+    rng: np.random.Generator,
+    first_wave: int = FIRST_WAVE,
+    largest_wave: int = LARGEST_WAVE,
 ) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of the points (n, 3), wide ones first.
 
@@ -53,8 +45,8 @@ def minimal_sets(
     """
     n = len(positions)
     every = math.comb(n, size)
-    wave = min(options.first_wave, max(options.fewest_wave, every // 10))
-    listed = every <= options.listed
+    wave = min(first_wave, max(FEWEST, every // 10))
+    listed = every <= LISTED
     ranked = np.empty((0, size), np.int64)
     while True:
         if len(ranked) < wave:
@@ -62,14 +54,14 @@ def minimal_sets(
                 drawn = subsets(n, size)
             else:
                 # at least so many that the wider part makes a wave
-                drawn = distinct_sets(rng, max(options.drawn, math.ceil(wave / options.wider_part)), n, size)
-            blurred = width(positions, drawn) * rng.uniform(options.evenness, 1.0, len(drawn))
-            used = len(drawn) if listed else int(options.wider_part * len(drawn))
+                drawn = distinct_sets(rng, max(DRAWN, math.ceil(wave / WIDER_PART)), n, size)
+            blurred = width(positions, drawn) * rng.uniform(EVENNESS, 1.0, len(drawn))
+            used = len(drawn) if listed else int(WIDER_PART * len(drawn))
             ranked = np.concatenate([ranked, drawn[np.argsort(-blurred)[:used]]])
         while len(ranked) and (listed or len(ranked) >= wave):
             yield np.ascontiguousarray(ranked[:wave])
             ranked = ranked[wave:]
-            wave = min(2 * wave, options.largest_wave)
+            wave = min(2 * wave, largest_wave)
         if listed:
             return
 
@@ -91,18 +83,13 @@ def width(positions: NDArray[np.float64], sets: Integers) -> NDArray[np.float64]
 
 
 def widest(
-    positions: NDArray[np.float64],
-    members: Integers,
-    size: int,
-    count: int,
-    rng: np.random.Generator,
-    options: MinimalSetOptions = DEFAULT_SETS,
+    positions: NDArray[np.float64], members: Integers, size: int, count: int, rng: np.random.Generator
 ) -> Integers:
     """Up to ``count`` wide sets (≤ count, size) among some of the points."""
-    if math.comb(len(members), size) <= options.drawn_in_cluster:
+    if math.comb(len(members), size) <= DRAWN_IN_CLUSTER:
         drawn = subsets(len(members), size)
     else:
-        drawn = distinct_sets(rng, options.drawn_in_cluster, len(members), size)
+        drawn = distinct_sets(rng, DRAWN_IN_CLUSTER, len(members), size)
     sets = members[drawn]
     return sets[np.argsort(-width(positions, sets), kind="stable")[:count]]
 

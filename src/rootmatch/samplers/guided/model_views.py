@@ -9,22 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.samplers.guided.minimal_sets import MinimalSetOptions
+from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
 from rootmatch.samplers.guided.sequential_test import prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
-from rootmatch.samplers.guided.visibility import (
-    VisibilityOptions,
-    covering_order,
-    facing_points,
-    some_of,
-    sphere,
-    within,
-)
+from rootmatch.samplers.guided.visibility import LOST, covering_order, facing_points, some_of, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
 
 Integers = NDArray[np.int64]
 PREPARED = 4096
 """Triples that are prepared for images to come: some 60 µs and 5 kB each."""
+LARGEST_WAVE = 32
+"""Most triples after which it is asked again whether enough were tried."""
+DIRECTIONS = 1_024
+"""Directions from which the shapes of a triple's image are taken."""
+DISTANCES = (20.0, 5.0, 2.9, 2.0)
+"""Distances of those cameras, over the object's radius: inverse distances are even."""
 
 
 class ModelViews:
@@ -33,28 +32,26 @@ class ModelViews:
     Parameters
     ----------
     positions, normals : (n, 3) arrays
-    sets : MinimalSetOptions
-    options : VisibilityOptions
+    view_cosine : (n,) array, optional
+        Cosines of the view angles, where they are given.
     """
 
     def __init__(
         self,
         positions: NDArray[np.float64],
         normals: NDArray[np.float64],
-        sets: MinimalSetOptions,
-        options: VisibilityOptions,
         view_cosine: NDArray[np.float64] | None = None,
     ) -> None:
-        self.positions, self.options = positions, options
-        self.ordered = covering_order(positions, normals, 3, sets, options, view_cosine=view_cosine)
-        sizes, wave = [0], sets.first_wave
+        self.positions = positions
+        self.ordered = covering_order(positions, normals, 3, view_cosine)
+        sizes, wave = [0], FIRST_WAVE
         while sizes[-1] < len(self.ordered):
             sizes.append(min(sizes[-1] + wave, len(self.ordered)))
-            wave = min(2 * wave, options.largest_wave)
+            wave = min(2 * wave, LARGEST_WAVE)
         self.edges = list(pairwise(sizes))
-        self.visible = facing_points(normals, options, view_cosine)
-        self.cameras, self.seen = _cameras(positions, normals, options, view_cosine)
-        self.normals, self.directions = normals, sphere(options.shape_views)
+        self.visible = facing_points(normals, view_cosine)
+        self.cameras, self.seen = _cameras(positions, normals, view_cosine)
+        self.normals, self.directions = normals, sphere(DIRECTIONS)
         least = np.zeros(len(normals)) if view_cosine is None else view_cosine
         self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
@@ -94,19 +91,18 @@ class ModelViews:
         while len(met) <= waves:
             first, last = self.edges[len(met) - 1]
             met.append(met[-1] + within(self.ordered[first:last], views).sum(axis=1))
-        return float((self.options.lost ** met[waves]).mean())
+        return float((LOST ** met[waves]).mean())
 
 
 def _cameras(
     positions: NDArray[np.float64],
     normals: NDArray[np.float64],
-    options: VisibilityOptions,
     view_cosine: NDArray[np.float64] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Positions (V, 3) of cameras at several distances in all directions, and which points face each (V, n)."""
     centre = positions.mean(axis=0)
     radius = float(np.linalg.norm(positions - centre, axis=1).max())
-    cameras = np.concatenate([centre + radius * far * sphere(options.shape_views) for far in options.distances])
+    cameras = np.concatenate([centre + radius * far * sphere(DIRECTIONS) for far in DISTANCES])
     towards = cameras[:, None] - positions
     along = np.einsum("vni,ni->vn", towards, normals)
     least = 0.0 if view_cosine is None else view_cosine * np.linalg.norm(towards, axis=2)
@@ -116,22 +112,14 @@ def _cameras(
 def model_views(
     positions: NDArray[np.float64],
     normals: NDArray[np.float64],
-    sets: MinimalSetOptions,
-    options: VisibilityOptions,
     view_cosine: NDArray[np.float64] | None = None,
 ) -> ModelViews:
     """`ModelViews` of points and normals (n, 3), kept for the last few objects: frame after frame asks for them."""
     cosines = None if view_cosine is None else view_cosine.tobytes()
-    return _kept(
-        positions=positions.tobytes(), normals=normals.tobytes(), cosines=cosines, sets=sets, options=options
-    )  # fmt: skip
+    return _kept(positions.tobytes(), normals.tobytes(), cosines)
 
 
 @lru_cache(maxsize=8)
-def _kept(
-    positions: bytes, normals: bytes, cosines: bytes | None, sets: MinimalSetOptions, options: VisibilityOptions
-) -> ModelViews:
+def _kept(positions: bytes, normals: bytes, cosines: bytes | None) -> ModelViews:
     view_cosine = None if cosines is None else np.frombuffer(cosines)
-    return ModelViews(
-        np.frombuffer(positions).reshape(-1, 3), np.frombuffer(normals).reshape(-1, 3), sets, options, view_cosine
-    )
+    return ModelViews(np.frombuffer(positions).reshape(-1, 3), np.frombuffer(normals).reshape(-1, 3), view_cosine)

@@ -14,27 +14,42 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Pace
 from rootmatch.hypergraph.enumeration import target_arrangements
-from rootmatch.samplers.guided.few_detections import FewDetections
+from rootmatch.samplers.guided import batches
+from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets
+from rootmatch.samplers.guided.visibility import MISSED
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
 
+SAME = 0.7
+"""Fraction of the best hypothesis's detections that a rival explains at least, where normals tell what is visible."""
+RIVAL, LACKS = 0.9, 3
+"""Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least; and most
+detections that it may lack, however many there are: of a hundred, ten fewer are never as probable."""
+RIVAL_MISSED = 0.08
+"""Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
+minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
+with less of it, four in six shuffles of a headset without normals were another side; `tests/test_guided.py` has such
+objects."""
+RIVAL_RATIO = 0.25
+"""Fraction of the likelihood ratio of the best hypothesis, in the same sequential test, that a rival has at least to be
+verified: less than of the evidence, as a minimal set may predict worse than another."""
+
 
 def try_rivals(search: Search) -> None:
     """Try minimal sets with the detections of the strongest hypothesis until no rival can well have been missed."""
-    options, best = search.options, search._clustered()[2].best[0]
-    few = FewDetections.of(search.tables, search.grid, search.allowed, best)
-    images = few.images
-    arrangements = target_arrangements(len(images), search.minimal - 1)
-    tried, pace = search._tried(), Pace(search.deadline, options.batches.chunks)
-    least = max(search.minimal + 1, math.ceil(options.visibility.rival * len(images)))
+    best = search._clustered()[2].best[0]
+    images = np.sort(best[best >= 0])
+    arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
+    tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
+    least = max(search.minimal + 1, math.ceil(SAME * len(images)))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
-    fewest = max(options.refinement.rival * len(images), len(images) - options.refinement.rival_lacks)
+    fewest = max(RIVAL * len(images), len(images) - LACKS)
     met = min((fewest / search.n) ** search.minimal, 0.999)
     # the more of the object is hidden, the more poses show another side of it, and the fewer sets are wide in each
     hidden = search.n / len(images)
-    enough = options.refinement.rival_missed**hidden if tried is None else options.visibility.missed
+    enough = RIVAL_MISSED**hidden if tried is None else MISSED
     done, wanted = 0, math.ceil(math.log(enough) / math.log1p(-met))
     if wanted == 0:
         search.missed = 0.0
@@ -43,7 +58,7 @@ def try_rivals(search: Search) -> None:
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
         while first < tasks and (block := pace.block(tasks - first)):
-            search._try(some, search._test(0), arrangements, first=first, last=first + block, among=few)
+            search._try(some, search._test(0), arrangements, first=first, last=first + block, known=best)
             first += block
         if first == tasks:
             done += len(some.points)
@@ -64,7 +79,7 @@ def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSe
     waves = search._waves()
     if wanted and search.first_sets is not None:
         first = search.first_sets._replace(offset=np.zeros_like(search.first_sets.offset))
-        lacking = min(wanted, search.options.sets.largest_wave) - len(first.points)
+        lacking = min(wanted, LARGEST_WAVE) - len(first.points)
         points = _joined(waves, lacking)
         if len(points):
             further = search._prepared(points, arrangements)

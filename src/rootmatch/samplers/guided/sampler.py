@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
-from rootmatch.backends import cpu
-from rootmatch.hypergraph.deferred_tensor import DeferredTensor
-from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.capabilities import Capability
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.exhaustive import given_tensor
-from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, random_hyperedges
+from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.dispatch import has_hypotheses
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.visible_search import search_of
@@ -20,11 +14,9 @@ from rootmatch.samplers.limits import LIMITS
 from rootmatch.samplers.point_sets.sampler import point_set_tensor
 from rootmatch.samplers.two_views.sampler import two_view_tensor
 
-SEARCHED, RESERVE, REFINED, WEIGHED = 0.8, 0.2, 0.5, 0.5
-"""Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second sets
-and of the hyper-edges of what it found."""
-SECONDS_PER_EDGE = 4e-7
-"""To evaluate one of those, at most (benchmarks/kernels.py)."""
+SEARCHED, RESERVE, REFINED = 0.8, 0.2, 0.5
+"""Shares of the time that is left at a deadline: of the search, all but so many seconds, and then of its second
+sets."""
 
 
 def pays(task: SamplingTask) -> bool:
@@ -64,12 +56,11 @@ class Guided(GuidedOptions):
         InputError
             If the problem's minimal sets make no hypotheses.
         """
-        tables, affinity = task.tables, task.affinity
         if task.clouds is not None:
             return point_set_tensor(task, task.clouds, self)
         if task.views is not None:
             return two_view_tensor(task, self)
-        Capability.GUIDED.require(has_hypotheses(type(tables)), task.problem)
+        Capability.GUIDED.require(has_hypotheses(type(task.tables)), task.problem)
         search = search_of(task, self, task.deadline.part(SEARCHED, RESERVE))
         with search.deadline.within():
             search.run()
@@ -79,40 +70,13 @@ class Guided(GuidedOptions):
             search.refine()
         clusters = search.clusters()
 
-        @cache
-        def weighed() -> tuple[AffinityTensor, float, int]:
-            """The tensor, which fraction of its hyper-edges was evaluated, and how many they are."""
-            few = self
-            if task.deadline.is_set:
-                few = replace(self, edges=task.deadline.part(WEIGHED).affordable(self.edges, SECONDS_PER_EDGE))
-            source, target, coverage = hyperedges_among(
-                clusters, task.shape, task.order, few, search.rng, deadline=task.deadline
-            )
-            task.deadline.cuts(left_out=coverage < 1.0 and few.edges < self.edges)
-            return given_tensor(task, source, target), coverage, len(source)
-
         # where a conclusive search knows no rivals a pose may decide alone, and nobody asks for hyper-edges
         alone = search.single and search.conclusive and len(clusters.evidence) == 1
-        if task.later and alone and not task.deadline.is_set:
-            tensor: AffinityTensor = DeferredTensor.of(lambda: weighed()[0], task.shape)
-            coverage: Callable[[], float] | float = lambda: weighed()[1]  # noqa: E731
-            evaluated = search.evaluated
-        else:
-            tensor, coverage, evaluated = weighed()
-            evaluated += search.evaluated
-
-        def chance() -> float:
-            """Mean weight of random hyper-edges."""
-            weighed()  # draws first, whoever asks first
-            drawn = random_hyperedges(task.shape, task.order, self.chance_samples, search.rng)
-            by_chance = cpu.residuals(tables, task.kind, *drawn)
-            # no sample is large enough to say that chance never agrees
-            total = max(1.0, float(affinity.weights(by_chance[by_chance <= affinity.gate]).sum()))
-            return total / self.chance_samples
-
-        return SampledTensor(
-            tensor, evaluated, coverage, chance, search.conclusive,
-            partial=True,
+        return sampled_among(
+            task, lambda: clusters, self, search.rng, search.evaluated,
+            later=task.later and alone and not task.deadline.is_set,
+            deadline=task.deadline,
+            conclusive=search.conclusive,
             assignments=search.assignments() if search.single else None,
             missed=search.missed,
         )  # fmt: skip

@@ -7,7 +7,6 @@ in ten, is tested one by one.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +18,6 @@ from rootmatch.samplers.guided.dispatch import set_frame
 
 ROOTS = 4
 """Most solutions of a minimal set; where a problem has fewer, the others are not there."""
-HIDDEN = -1
-"""Instead of a cell: the point faces away from the camera and is not looked up."""
-NO_SOLUTION = -2
-"""Instead of a cell: there is no such solution."""
 
 
 class Work(NamedTuple):
@@ -82,23 +77,9 @@ def predicted_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def facing_cell(whole, field, frame, point):  # type: ignore[no-untyped-def]
-    """Cell of a point with these coordinates, or HIDDEN by its normal."""
-    x, y, z = rotated(frame, point[0], point[1], point[2])
-    x, y, z = x + frame[0], y + frame[1], z + frame[2]
-    cell = cell_of(whole, field, x, y, z)
-    length = math.sqrt(x * x + y * y + z * z)
-    hidden = away(frame, point[3:], x / length, y / length, z / length) > 0.0
-    return np.int32(HIDDEN) if hidden else cell
-
-
-@scalar
 def numbers(coordinates, row):  # type: ignore[no-untyped-def]
-    """A row of coordinates and normals as a tuple, for a loop that vectorises."""
-    return (
-        coordinates[row, 0], coordinates[row, 1], coordinates[row, 2],
-        coordinates[row, 3], coordinates[row, 4], coordinates[row, 5], coordinates[row, 6],
-    )  # fmt: skip
+    """Coordinates of a row as a tuple, for a loop that vectorises."""
+    return coordinates[row, 0], coordinates[row, 1], coordinates[row, 2]
 
 
 @scalar
@@ -129,36 +110,6 @@ def list_met(flat_cells, places, met, earlier, passed):  # type: ignore[no-untyp
         passed[count] = k
         count += np.uint64(hit)
     return count
-
-
-@scalar
-def list_met_or_hidden(flat_cells, cells, met, earlier, passed):  # type: ignore[no-untyped-def]
-    """List as `list_met`, where hidden points meet no detection; and how many solutions there are."""
-    count, found = 0, 0
-    for k in range(cells.shape[1]):
-        first, second = cells[0, k], cells[1, k]
-        there = first != NO_SOLUTION
-        hit = (first == HIDDEN) | (second == HIDDEN)
-        hit = hit | ((flat_cells[max(first, 0)] & flat_cells[max(second, 0)]) >= 0) | (earlier & met[k])
-        met[k] = there & hit
-        passed[count] = k
-        count += there & hit
-        found += there
-    return count, found
-
-
-@scalar
-def facing_cells_of_two(tables, grid, field, before, one, two, own, bearings, scratch, root, cells):  # type: ignore[no-untyped-def]
-    """Cells of two points, as `cells_of_two`, where the set's own points face the camera by their normals."""
-    for k in range(scratch.shape[1]):
-        real, frame = set_frame(tables, grid, before, k, scratch, root)
-        x, y, z = grid.rays[0, k], grid.rays[1, k], grid.rays[2, k]
-        real = real & (away(frame, own[:4], bearings[0], bearings[1], bearings[2]) <= 0.0)
-        real = real & (away(frame, own[4:8], bearings[3], bearings[4], bearings[5]) <= 0.0)
-        real = real & (away(frame, own[8:], x, y, z) <= 0.0)
-        first, second = facing_cell(grid.whole, field, frame, one), facing_cell(grid.whole, field, frame, two)
-        cells[0, k] = first if real else np.int32(NO_SOLUTION)
-        cells[1, k] = second if real else np.int32(NO_SOLUTION)
 
 
 @scalar
@@ -196,7 +147,7 @@ def screen(  # type: ignore[no-untyped-def]
     j : (m,) int64 array
         Images of its points but the last.
     lookups : int
-        Points that are looked up.
+        Points that are looked up; none where there are normals.
     scratch : (2 solutions, columns) array
         Of `solve_set`; NaN where the last image is not free.
     work : Work
@@ -230,14 +181,8 @@ def screen(  # type: ignore[no-untyped-def]
         for pair in range((lookups + 1) // 2):
             one = numbers(coordinates, 2 * pair)
             two = numbers(coordinates, min(2 * pair + 1, lookups - 1))
-            if normals:
-                facing_cells_of_two(
-                    tables, grid, field, before, one, two, fronts, bearings, scratch, root, cells
-                )  # fmt: skip
-                count, real = list_met_or_hidden(flat_cells, cells, met, pair > 0, passed)
-            else:
-                real = cells_of_two(tables, grid, field, before, one, two, scratch, root, cells)
-                count = int(list_met(flat_cells, places, met, pair > 0, passed))
+            real = cells_of_two(tables, grid, field, before, one, two, scratch, root, cells)
+            count = int(list_met(flat_cells, places, met, pair > 0, passed))
         found += real
         for q in range(count):
             k = passed[q]

@@ -1,4 +1,8 @@
-"""The guided search: batches of minimal sets until a hypothesis is beyond chance or the budget is spent."""
+"""The guided search: a loop over a source of minimal sets, until a hypothesis is beyond chance or the budget is spent.
+
+The sets are tested batch by batch, the best survivors are verified, and a rule tells when to stop. This class takes
+wide sets; `visible_search` and `local_search` have the other sources.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +15,22 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
-from rootmatch.problems.noise import usual_noise
+from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
-from rootmatch.samplers.clutter import CROWDING
-from rootmatch.samplers.guided.detection_grid import build_grid, narrowed
+from rootmatch.samplers.guided import batches
+from rootmatch.samplers.guided.crowding import CROWDING
+from rootmatch.samplers.guided.detection_grid import grid_of
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels
-from rootmatch.samplers.guided.few_detections import FewDetections
 from rootmatch.samplers.guided.hypotheses import Hypotheses, HypothesisClusters
 from rootmatch.samplers.guided.hypothesis_clustering import cluster
-from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of, widest
+from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import try_rivals
+from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
+from rootmatch.samplers.guided.rivals import RIVAL_RATIO, try_rivals
 from rootmatch.samplers.guided.sequential_test import (
+    VISIBLE,
+    VISIBLE_OF_MANY,
     PreparedSets,
     SequentialTest,
     prepare_sets,
@@ -32,13 +39,23 @@ from rootmatch.samplers.guided.sequential_test import (
 )
 from rootmatch.samplers.guided.stopping import enough_found, false_alarm_level
 from rootmatch.samplers.guided.survivors import Survivors
-from rootmatch.samplers.guided.verification import verify
-from rootmatch.samplers.guided.visibility import TriedSets, covering_waves, facing_points, missed_at_random
+from rootmatch.samplers.guided.verification import CANDIDATES, verify
+from rootmatch.samplers.guided.visibility import MISSED, TriedSets, covering_waves, facing_points, missed_at_random
 
 Integers = NDArray[np.int64]
 
 VERIFIED = 10_000_000
 """Pairs of a prediction and a detection that are compared between two looks at the time: some milliseconds."""
+GROUPS = 1000
+"""Most clusters of hypotheses whose hyper-edges are evaluated."""
+FAIR_PART = 0.5
+"""Fraction of the ratio of a batch's best survivor, for one motion, below which others are not verified where that one
+is beyond chance. That nothing else is found: benchmarks/record.py."""
+LAG = 15.0
+"""Evidence below the highest at which an assignment is not fitted any more: on the development seeds of
+benchmarks/constellations.py what turned out the most probable lagged by at most 7."""
+RIVAL_EVIDENCE = 0.5
+"""Fraction of the highest evidence from which another hypothesis is a rival."""
 
 
 class Search:
@@ -63,23 +80,17 @@ class Search:
         self.minimal = task.order - 1
         self.rng = np.random.default_rng([task.seed, *task.shape])
         self.allowed = task.allowed
-        sigma = np.sqrt(tables.variance)
-        usual = max(usual_noise(sigma), float(sigma.max()) / options.grid.noise_ratio)
         self.normals = bool(tables.normals[:3].any())
-        gate = options.gate * usual
-        if not self.normals:
-            gate *= narrowed(tables.rays, gate, options.grid)
-        self.grid = build_grid(tables.rays, gate, options.grid)
+        self.grid = grid_of(tables.rays, np.sqrt(tables.variance), narrow=not self.normals)
         self.density = CROWDING * self.grid.density
         self.clutter = float(self.density.sum()) / self.n_target * math.pi * self.grid.gate2
         """Mean number of clutter detections within a gate."""
         self.facing, self.view_cosine = np.ascontiguousarray(tables.normals[:3].T), task.view_cosine
-        self.visible = facing_points(self.facing, options.visibility, self.view_cosine) if self.normals else None
+        self.visible = facing_points(self.facing, self.view_cosine) if self.normals else None
         self.positions = np.ascontiguousarray(tables.points.T)
         self.solved = self.tested = self.evaluated = 0
         self.refined_at, self.refined_clusters = -1, 0
-        few = self.single and not self.normals
-        self.sure_sets = options.refinement.sure_sets if few else options.refinement.sets
+        self.sure_sets = SURE_SETS if self.single and not self.normals else SETS
         """Minimal sets solved anew of a cluster that is beyond chance."""
         self.first_sets: PreparedSets | None = None
         """The minimal sets of the first wave."""
@@ -92,11 +103,25 @@ class Search:
 
     def run(self) -> None:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
-        options = self.options.batches
+        for _ in self._steps():
+            if self.progress is not None:
+                self.progress(min(self.evaluated, self.options.budget), self.options.budget)
+            if self._spent():
+                return
+            if self._enough():
+                self.conclusive = True
+                self._try_rivals()
+                return
+            if len(self.hypotheses) > batches.APART:
+                self._clustered()
+
+    def _steps(self) -> Iterator[None]:
+        """Test batches of minimal sets, one a step, until none is left, none is needed or a deadline has passed."""
         arrangements = enumeration.shuffled_arrangements(self.rng, self.n_target, self.minimal - 1)
         whole = len(arrangements) == math.perm(self.n_target, self.minimal - 1)
-        batch = options.start if self.single and not self.normals else options.first
-        pace = Pace(self.deadline, options.chunks)
+        one_of_many = self.single and not self.normals
+        batch = batches.START if one_of_many else batches.FIRST
+        pace = Pace(self.deadline, batches.CHUNKS)
         tried, sets_done = self._tried(), 0
         for wave, points in enumerate(self._waves()):
             sets = self._prepared(points, len(arrangements))
@@ -104,53 +129,34 @@ class Search:
             self.first_sets = self.first_sets or sets
             tasks, done = len(points) * len(arrangements), 0
             while done < tasks:
-                wanted = max(options.chunks, batch // (self.n_target - self.minimal + 1))
+                wanted = max(batches.CHUNKS, batch // (self.n_target - self.minimal + 1))
                 last = min(tasks, done + pace.block(wanted))
                 if last == done:
                     return
                 self._try(sets, test, arrangements, first=done, last=last)
-                done, batch = last, self._next_batch(batch)
-                if self.progress is not None:
-                    self.progress(min(self.evaluated, self.options.budget), self.options.budget)
-                if self._spent():
-                    return
-                if self._enough():
+                done, batch = last, batches.next_batch(batch, self.solved if one_of_many else None)
+                yield
+            if whole:
+                sets_done += len(points)
+                if tried is not None:
+                    tried.add(points)
+                if self._none_missed(tried, sets_done):
                     self.conclusive = True
-                    self._try_rivals()
                     return
-                if done == tasks and whole:
-                    sets_done += len(points)
-                    if tried is not None:
-                        tried.add(points)
-                    if self._none_missed(tried, sets_done):
-                        self.conclusive = True
-                        return
-                if len(self.hypotheses) > options.most_batches:
-                    self._clustered()
         if whole:
             self.missed = 0.0  # everything was tried
-
-    def _next_batch(self, batch: int) -> int:
-        """Number of minimal sets in the batch that follows one of ``batch`` sets."""
-        options = self.options.batches
-        if not self.single or self.normals:
-            return min(2 * batch, options.largest)
-        return min(max(batch, int(options.growth * self.solved)), options.largest)
 
     def _waves(self) -> Iterator[Integers]:
         """Waves of minimal sets, those first that are likely to be visible and to predict well."""
         if self.normals:
-            sets, visibility = self.options.sets, self.options.visibility
-            return covering_waves(
-                self.positions, self.facing, self.minimal, sets, visibility, view_cosine=self.view_cosine
-            )
-        return minimal_sets(self.positions, self.minimal, self.rng, self.options.sets)
+            return covering_waves(self.positions, self.facing, self.minimal, self.view_cosine)
+        return minimal_sets(self.positions, self.minimal, self.rng)
 
     def _tried(self) -> TriedSets | None:
         """Record of the sets tried, which tells when nothing was missed; None without normals or for motions."""
         if self.visible is None or not self.single:
             return None
-        return TriedSets(self.visible, self.options.visibility)
+        return TriedSets(self.visible)
 
     def _none_missed(self, tried: TriedSets | None, sets_done: int) -> bool:
         """Whether a pose that explains as many points as the best one would have been met by the sets tried."""
@@ -160,8 +166,8 @@ class Search:
         elif not self.single or matched <= self.minimal + 1:
             return False
         else:
-            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done, self.options.visibility)
-        return self.missed <= self.options.visibility.missed
+            self.missed = missed_at_random(matched, self.n, self.minimal, sets_done)
+        return self.missed <= MISSED
 
     def _most_matched(self) -> int:
         """Points that the hypothesis with the highest evidence matches, or a minimal set and one more."""
@@ -179,9 +185,8 @@ class Search:
 
     def _test(self, wave: int) -> SequentialTest:
         """The sequential test of a wave: hopeful at first, then ever more patient with hidden points."""
-        options = self.options.test
-        visible = (options.visible if self.single else options.visible_of_many) * min(1.0, self.n_target / self.n)
-        return sequential_test(options, self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
+        visible = (VISIBLE if self.single else VISIBLE_OF_MANY) * min(1.0, self.n_target / self.n)
+        return sequential_test(self.clutter, visible, wave, least=self.minimal + 1, normals=self.normals)
 
     def _spent(self) -> bool:
         limit = self.options.max_seconds
@@ -218,23 +223,31 @@ class Search:
         *,
         first: int,
         last: int,
-        among: FewDetections | None = None,
+        known: Integers | None = None,
     ) -> None:
-        """Test one batch of tasks, some of the detections alone if need be, and verify the best survivors."""
-        options = self.options.batches
-        tables, grid, allowed = self.padded, self.grid, self.allowed
-        if among is not None:
-            tables, grid, allowed = among.tables, among.grid, among.allowed
-        solved = (last - first) * (grid.positions.shape[1] - self.minimal + 1)
-        most, keep, threads = options.kept_of(solved, self.single)
+        """Test one batch of tasks and verify the best survivors; for rivals of a ``known`` assignment (n,) see `_keep`.
+
+        Rivals have its detections: ``arrangements`` name no others.
+        """
+        images = self.n_target if known is None else int((known >= 0).sum())
+        each = images - self.minimal + 1
+        solved = (last - first) * each
+        most = batches.verified_of(solved, self.single)
         survivors, ratios, counts = run_sequential_tests(
-            tables, grid, test, sets, arrangements,
-            first=first, last=last, allowed=allowed, keep=keep, chunks=options.chunks, threads=threads,
+            self.padded, self.grid, test, sets, arrangements,
+            first=first, last=last, allowed=self.allowed if known is None else self._allowed_to(known),
+            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
+            threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
-        if among is not None:
-            survivors[..., 2:] = among.images[survivors[..., 2:]]
-        known = None if among is None else among.assignment
+        # what is solved beside them, for an image that they may not have, is no try
+        counts[:, 0] = counts[:, 0] // (self.n_target - self.minimal + 1) * each
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
+
+    def _allowed_to(self, assignment: Integers) -> NDArray[np.bool_]:
+        """The possible correspondences (n, n') with the detections of an assignment (n,)."""
+        mask = np.zeros(self.shape, np.bool_)
+        mask[:, assignment[assignment >= 0]] = True
+        return mask & self.allowed if self.allowed.size else mask
 
     def _keep(
         self,
@@ -256,12 +269,12 @@ class Search:
         self.evaluated += solved + looked_up
         found = Survivors.of(points, survivors, ratios, most)
         if known is not None and len(found.ratios):
-            found = found.rivals_of(known, self.options.refinement.rival_ratio)
+            found = found.rivals_of(known, RIVAL_RATIO)
         if not len(found.ratios):
             return
         first, level, before = len(found.ratios), self._false_alarm_level(), len(self.hypotheses)
         if self.single and found.ratios[0] > level:
-            first = int((found.ratios >= self.options.batches.fair_part * found.ratios[0]).sum())
+            first = int((found.ratios >= FAIR_PART * found.ratios[0]).sum())
         self._verify(found.points[:first], found.images[:first])
         met = len(self.hypotheses) > before and self.hypotheses[-1].evidence.max() > level
         if first < len(found.ratios) and not met:
@@ -269,44 +282,34 @@ class Search:
 
     def _verify(self, points: Integers, images: Integers) -> None:
         """Keep solved minimal sets with their evidence and candidates; at the deadline in force, those verified."""
-        size, batches = max(VERIFIED // max(self.n * len(self.density), 1), 1), list[Hypotheses]()
+        size, found = max(VERIFIED // max(self.n * len(self.density), 1), 1), list[Hypotheses]()
         try:
             for k in range(0, len(points), size):
                 checkpoint()
                 p, q = points[k : k + size], images[k : k + size]
-                judged = verify(self.tables, p, q, self.density, self.allowed, options=self.options.verification)
+                judged = verify(self.tables, p, q, self.density, self.allowed)
                 self.evaluated += len(p) * (self.n - self.minimal)
-                batches += Hypotheses(p, q, *judged).real()
+                found += Hypotheses(p, q, *judged).real()
         finally:
-            self.hypotheses += [Hypotheses.joined(batches)] if batches else []
+            self.hypotheses += [Hypotheses.joined(found)] if found else []
 
     def refine(self) -> None:
-        """Solve minimal sets of the best clusters' own correspondences, wide ones.
-
-        Another set predicts what the first one missed, and often better.
-        """
+        """Solve minimal sets of the best clusters' own correspondences; see `refinement`."""
         if self.refined_at == self.solved:
             return
         again, self.refined_at = self.refined_at >= 0, self.solved
-        options, solutions = self.options.refinement, hypothesis_kernels(self.tables).solutions
+        solutions = hypothesis_kernels(self.tables).solutions
         leaders, _, hypotheses = self._clustered()
         beyond_chance = int((hypotheses.evidence[leaders] > self._false_alarm_level()).sum())
         if again and self.single and 0 < beyond_chance == self.refined_clusters:
             return  # no rivals since
         self.refined_clusters = beyond_chance
-        points, images = [], []
-        sets = self.sure_sets if beyond_chance else options.sets
-        for leader in leaders[: beyond_chance or max(options.clusters, int(options.cluster_part * len(leaders)))]:
-            (matched,) = (hypotheses.best[leader] >= 0).nonzero()
-            chosen = widest(self.positions, matched, self.minimal, sets, self.rng, options=self.options.sets)
-            points.append(np.repeat(chosen, solutions, axis=0))
-            images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
-        if points:
-            stacked = np.concatenate(points)
-            solved = np.empty((len(stacked), 1 + self.minimal), np.int64)
-            solved[:, 0] = np.arange(len(stacked)) % solutions
-            solved[:, 1:] = np.concatenate(images)
-            self._verify(stacked, solved)
+        points, images = refining_sets(
+            hypotheses, leaders, beyond_chance, self.positions, solutions,
+            count=self.sure_sets if beyond_chance else SETS, rng=self.rng,
+        )  # fmt: skip
+        if len(points):
+            self._verify(points, images)
 
     def clusters(self) -> HypothesisClusters:
         """The clusters at the end; where one is beyond chance, it and its rivals."""
@@ -324,27 +327,22 @@ class Search:
         """
         _, _, hypotheses = self._clustered()
         level, evidence = self._false_alarm_level(), hypotheses.evidence
-        near = evidence > evidence.max(initial=0.0) - self.options.refinement.lag
+        near = evidence > evidence.max(initial=0.0) - LAG
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
-        first: dict[bytes, int] = {}
-        for number in near.nonzero()[0].tolist():
-            first.setdefault(hypotheses.best[number].tobytes(), number)
-        return np.ascontiguousarray(hypotheses.best[list(first.values())[: self.options.hypotheses]])
+        return hypotheses.assignments(near, self.options.hypotheses)
 
     def _rivals(self, evidence: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which hypotheses, strongest first, come near the first one."""
-        return evidence > min(self._false_alarm_level(), self.options.refinement.rival_evidence * float(evidence[0]))
+        return evidence > min(self._false_alarm_level(), RIVAL_EVIDENCE * float(evidence[0]))
 
     def _clustered(self) -> tuple[Integers, Integers, Hypotheses]:
         """Leaders (G,) and candidates (G, n, c) of the clusters of all hypotheses, and these, strongest first."""
         if self._known is not None and len(self.hypotheses) == 1 and self.hypotheses[0] is self._known[2]:
             return self._known
-        none = Hypotheses.empty(self.minimal, self.n, self.options.verification.candidates)
-        hypotheses = Hypotheses.joined(self.hypotheses or [none]).strongest(self.options.batches.remembered)
+        none = Hypotheses.empty(self.minimal, self.n, CANDIDATES)
+        hypotheses = Hypotheses.joined(self.hypotheses or [none]).strongest(batches.REMEMBERED)
         self.hypotheses = [hypotheses]
-        leaders, lists = cluster(
-            hypotheses.evidence, hypotheses.best, hypotheses.candidates, self.options.groups, self.options.clustering
-        )
+        leaders, lists = cluster(hypotheses.evidence, hypotheses.best, hypotheses.candidates, GROUPS)
         self._known = leaders, lists, hypotheses
         return self._known

@@ -10,55 +10,35 @@ survivors are verified with the covariance of each prediction in `rootmatch.samp
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.errors import InputError
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
 from rootmatch.jit.threads import chunk_bounds, in_chunks
-from rootmatch.options import Options, option
 from rootmatch.problems.padding import padded_rows, target_columns
 from rootmatch.samplers.guided.detection_grid import DetectionGrid
 from rootmatch.samplers.guided.dispatch import hypothesis_kernels, set_coordinates, set_known, solve_set
 from rootmatch.samplers.guided.likelihood_ratio import keep_likeliest
 from rootmatch.samplers.guided.screening import Screened, Work, screen
 
-
-@dataclass(frozen=True)
-class SequentialTestOptions(Options):
-    """What the sequential test assumes of true and false hypotheses; its work is measured in benchmarks/guided.py."""
-
-    visible: float = option(0.85, above=0.0, most=1.0)
-    """Fraction of the source points assumed visible at first, for one motion. A round value, not tuned."""
-    visible_of_many: float = option(0.3, above=0.0, most=1.0)
-    """Fraction of the source points assumed visible at first, for several motions, each of which sees its own points
-    alone. A round value, not tuned."""
-    decay: float = option(0.75, above=0.0, most=1.0)
-    """Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points.
-    A round value, not tuned."""
-    least_visible: float = option(0.2, above=0.0, most=1.0)
-    """Fraction below which the assumption never falls. A round value, not tuned."""
-    least_visible_odds: float = option(1.5, above=1.0)
-    """Least fraction over the chance of a hit by clutter; below 1 a hit would be no evidence. Not tuned."""
-    most_clutter: float = option(0.6, above=0.0, most=1.0)
-    """Chance of a hit by clutter beyond which it is not believed. A round value, not tuned."""
-    sharpness: float = option(2.5, above=0.0)
-    """The gate over the deviation of a true detection from its prediction, which also has the errors of the minimal
-    set. A round value, not tuned."""
-    drop_ratio: float = option(0.03, above=0.0, most=1.0)
-    """Likelihood ratio below which a hypothesis is dropped. A round value, not tuned."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.least_visible_odds * self.most_clutter >= 1.0:
-            raise InputError(
-                f"SequentialTestOptions: least_visible_odds · most_clutter is "
-                f"{self.least_visible_odds * self.most_clutter:g}; it is a probability, give a product below 1"
-            )
+VISIBLE, VISIBLE_OF_MANY = 0.85, 0.3
+"""Fraction of the source points assumed visible at first, for one motion and for several, each of which sees its own
+points alone."""
+DECAY = 0.75
+"""Factor on that fraction from one wave of minimal sets to the next: ever more patience with hidden points."""
+LEAST_VISIBLE = 0.2
+"""Fraction below which the assumption never falls."""
+LEAST_VISIBLE_ODDS = 1.5
+"""Least fraction over the chance of a hit by clutter; below 1 a hit would be no evidence."""
+MOST_CLUTTER = 0.6
+"""Chance of a hit by clutter beyond which it is not believed; times `LEAST_VISIBLE_ODDS` it is a probability."""
+SHARPNESS = 2.5
+"""The gate over the deviation of a true detection from its prediction, which also has the errors of the minimal set."""
+DROP_RATIO = 0.03
+"""Likelihood ratio below which a hypothesis is dropped."""
 
 
 class SequentialTest(NamedTuple):
@@ -76,35 +56,37 @@ class SequentialTest(NamedTuple):
     """Correspondences, the minimal set included, that a reported survivor must have."""
     normals: bool
     """Whether any source point has a normal."""
+    facing: float = 0.0
+    """Cosine between normal and direction to the camera below which a point is not looked up."""
 
 
 def sequential_test(
-    options: SequentialTestOptions, clutter: float, visible: float, wave: int, least: int, normals: bool
+    clutter: float, visible: float, wave: int, *, least: int, normals: bool, facing: float = 0.0
 ) -> SequentialTest:
     """The sequential test for one wave of minimal sets.
 
     Parameters
     ----------
-    options : SequentialTestOptions
     clutter : float
         Mean number of clutter detections within a gate.
     visible : float
         Fraction of the source points assumed visible in the first wave.
     wave : int
         Number of the wave, from 0.
-    least, normals
+    least, normals, facing
         See `SequentialTest`.
     """
-    met = min(1.0 - math.exp(-clutter), options.most_clutter)
-    seen = max(visible * options.decay**wave, options.least_visible, options.least_visible_odds * met)
-    fall = 0.5 * options.sharpness**2
+    met = min(1.0 - math.exp(-clutter), MOST_CLUTTER)
+    seen = max(visible * DECAY**wave, LEAST_VISIBLE, LEAST_VISIBLE_ODDS * met)
+    fall = 0.5 * SHARPNESS**2
     return SequentialTest(
         hit=math.log(seen / met) + math.log(fall),
         fall=fall,
         miss=math.log((1.0 - seen) / (1.0 - met)),
-        floor=math.log(options.drop_ratio),
+        floor=math.log(DROP_RATIO),
         least=least,
         normals=normals,
+        facing=facing,
     )
 
 

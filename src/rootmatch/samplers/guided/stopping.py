@@ -18,16 +18,13 @@ class StoppingOptions(Options):
 
     beyond_chance: float = option(7.0, above=0.0)
     """Evidence above the logarithm of the number of tests from which a hypothesis is no false alarm: 7 is one false
-    alarm in a thousand searches. By construction, not tuned."""
+    alarm in a thousand searches. By construction."""
     complete: float = option(0.9, above=0.0, most=1.0)
-    """Fraction of the points that can be matched from which the hypotheses are complete and the search ends. A round
-    value, not tuned."""
-    patience: float = option(1.0, least=0.0)
-    """Minimal sets of the smallest motion that must have been solved, on average, before incomplete hypotheses end
-    the search. A round value, not tuned."""
-    overlap: float = option(0.5, least=0.0, most=1.0)
-    """Fraction of its points that a hypothesis may share with stronger ones and still count as another motion. A round
-    value, not tuned."""
+    """Fraction of the points that can be matched from which the hypotheses are complete and the search ends."""
+
+
+OVERLAP = 0.5
+"""Fraction of its points that a hypothesis may share with stronger ones and still count as another motion."""
 
 
 def false_alarm_level(tested: int, options: StoppingOptions) -> float:
@@ -66,11 +63,10 @@ def enough_found(
     sizes: list[int] = []
     for best in hypotheses.best[leaders[hypotheses.evidence[leaders] > level]]:
         matched = best >= 0
-        if (matched & covered).sum() <= options.overlap * matched.sum():
+        if (matched & covered).sum() <= OVERLAP * matched.sum():
             covered |= matched
             sizes.append(int(matched.sum()))
     if covered.sum() >= options.complete * min(n, n_target):
         return True
     # minimal sets that are solved, on average, until one of the smallest motion's is among them
-    expected = math.perm(n_target, minimal) * (n / min(sizes)) ** minimal
-    return len(sizes) >= motions and solved >= options.patience * expected
+    return len(sizes) >= motions and solved >= math.perm(n_target, minimal) * (n / min(sizes)) ** minimal

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, scalar
-from rootmatch.options import Options, option
 from rootmatch.problems.limits import GATE
 from rootmatch.samplers.guided.dispatch import predict_set
 
@@ -19,17 +17,10 @@ BEHIND2 = 1e11
 """χ² of a detection behind the camera: beyond every gate."""
 
 
-@dataclass(frozen=True)
-class VerificationOptions(Options):
-    """How hypotheses are verified."""
-
-    gate: float = option(GATE, above=0.0)
-    """Distance from a prediction, in standard deviations of it, within which a detection is a candidate: the gate of
-    residuals."""
-    visible: tuple[float, ...] = option((0.95, 0.6, 0.25, 0.1), above=0.0, most=1.0)
-    """Probabilities that a source point is visible, over which the evidence is averaged. Round values, not tuned."""
-    candidates: int = option(4, least=1)
-    """Detections kept for one source point of a hypothesis. A round value, not tuned."""
+VISIBLE = (0.95, 0.6, 0.25, 0.1)
+"""Probabilities that a source point is visible, over which the evidence is averaged."""
+CANDIDATES = 4
+"""Detections kept for one source point of a hypothesis."""
 
 
 def verify(
@@ -38,7 +29,6 @@ def verify(
     images: NDArray[np.int64],
     density: NDArray[np.float64],
     allowed: NDArray[np.bool_],
-    options: VerificationOptions,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Evidence for hypotheses from the covariance of each prediction.
 
@@ -56,7 +46,6 @@ def verify(
     density : (n',) array
         λ about each detection.
     allowed : (n, n') bool array, or (0, 0) for all
-    options : VerificationOptions
 
     Returns
     -------
@@ -69,11 +58,11 @@ def verify(
     """
     count, n, n_target = len(points), tables.points.shape[1], tables.rays.shape[1]
     evidence, best = np.empty(count), np.empty((count, n), np.int64)
-    candidates = np.empty((count, n, options.candidates), np.int64)
+    candidates = np.empty((count, n, CANDIDATES), np.int64)
     scratch = (
-        np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(options.candidates), np.empty(n_target)
+        np.empty((13, n)), np.empty(n_target, np.int64), np.empty(n), np.empty(CANDIDATES), np.empty(n_target)
     )  # fmt: skip
-    gate2, visible = float(options.gate) ** 2, np.array(options.visible, np.float64)
+    gate2, visible = GATE**2, np.array(VISIBLE)
     roots, sets = images[:, 0].copy(), images[:, 1:].copy()
     _verify(tables, points, roots, sets, density, gate2, allowed, visible, *scratch, evidence, best, candidates)
     return evidence, best, candidates

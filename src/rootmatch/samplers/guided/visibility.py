@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
@@ -18,57 +17,34 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.random_tuples import distinct_sets
-from rootmatch.options import Options, option
-from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS, MinimalSetOptions, width
+from rootmatch.samplers.guided.minimal_sets import EVENNESS, FIRST_WAVE, LARGEST_WAVE, LISTED, width
 
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class VisibilityOptions(Options):
-    """How minimal sets are ordered where normals tell what is visible, and when enough of them were tried.
-
-    What it finds and costs: benchmarks/constellations.py.
-    """
-
-    views: int = option(512, least=1)
-    """Directions that stand for all. A round value, not tuned."""
-    facing: float = option(0.25, least=-1.0, most=1.0)
-    """Cosine between normal and direction to the camera above which a point counts as visible here: beyond 75° little
-    light comes back. An order and a probability follow from it; no point is taken to be hidden. Not tuned."""
-    detected: float = option(0.75, above=0.0, most=1.0)
-    """Fraction of the facing points that is detected in the views that the order is to cover. Not tuned."""
-    failure: float = option(0.5, above=0.0, most=1.0)
-    """Probability that a set leads to nothing though all of it is detected: noise, or clutter in its place. On the safe
-    side on the development seeds of benchmarks/constellations.py."""
-    ordered: int = option(400, least=1)
-    """Sets ordered by what they cover; the rest follow by width and number of views. Takes a fifth of a second once for
-    each object; not tuned."""
-    missed: float = option(0.005, above=0.0, most=1.0)
-    """Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
-    lost: float = option(0.25, above=0.0, most=1.0)
-    """Probability that a set leads to nothing though all of it is detected, where that is known: of triples listed by
-    shape, and without normals. In 180 development scenes of benchmarks/constellations.py (sim-15-20, sim-0-0,
-    sim-5-0-near) it was 0.06 to 0.08, in one scene of twenty above 0.25; in 62 of drones 0.13 where five points of six
-    are seen."""
-    lost_of_all: float = option(0.05, above=0.0, most=1.0)
-    """`lost` where all points are detected, so that no hidden one ends a test: 0.001 in 200 scenes of drones."""
-    largest_wave: int = option(32, least=1)
-    """Most triples listed by shape after which it is asked again whether enough were tried. Not tuned."""
-    least_matched: int = option(6, least=4)
-    """Points of a pose that must not have been missed, at least, where triples are listed by shape: two minimal sets.
-    Fewer hardly tell a pose from chance, and to look for them would take most of the time. A round value."""
-    shape_views: int = option(1_024, least=1)
-    """Directions from which the shapes of a triple's image are taken. A round value, not tuned."""
-    distances: tuple[float, ...] = option((20.0, 5.0, 2.9, 2.0), above=1.0)
-    """Distances of those cameras, over the object's radius: inverse distances are even. Round values, not tuned."""
-    rival: float = option(0.7, above=0.0, most=1.0)
-    """Fraction of the best hypothesis's detections that a rival explains at least. A round value, not tuned."""
-
-
-DEFAULT_VISIBILITY = VisibilityOptions()
+VIEWS = 512
+"""Directions that stand for all."""
+FACING = 0.25
+"""Cosine between normal and direction to the camera above which a point counts as visible here: beyond 75° little light
+comes back. An order and a probability follow from it; no point is taken to be hidden."""
+DETECTED = 0.75
+"""Fraction of the facing points that is detected in the views that the order is to cover."""
+FAILURE = 0.5
+"""Probability that a set leads to nothing though all of it is detected: noise, or clutter in its place. On the safe
+side on the development seeds of benchmarks/constellations.py."""
+ORDERED = 400
+"""Sets ordered by what they cover; the rest follow by width and number of views. Takes a fifth of a second once for
+each object."""
+MISSED = 0.005
+"""Probability of having missed a pose that explains as many points, below which a search ends. By construction."""
+LOST = 0.25
+"""Probability that a set leads to nothing though all of it is detected, where that is known: of triples listed by
+shape, and without normals. In 180 development scenes of benchmarks/constellations.py (sim-15-20, sim-0-0, sim-5-0-near)
+it was 0.06 to 0.08, in one scene of twenty above 0.25; in 62 of drones 0.13 where five points of six are seen."""
+LOST_OF_ALL = 0.05
+"""`LOST` where all points are detected, so that no hidden one ends a test: 0.001 in 200 scenes of drones."""
 
 
 def sphere(count: int) -> Floats:
@@ -79,16 +55,14 @@ def sphere(count: int) -> Floats:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def facing_points(
-    normals: Floats, options: VisibilityOptions = DEFAULT_VISIBILITY, view_cosine: Floats | None = None
-) -> Bools:
-    """Which points face the camera from each direction, (views, n); those without a normal always do.
+def facing_points(normals: Floats, view_cosine: Floats | None = None) -> Bools:
+    """Which points face the camera from each direction, (VIEWS, n); those without a normal always do.
 
     ``view_cosine`` (n,): cosines of the view angles, where they are given.
     """
     length = np.linalg.norm(normals, axis=1)
-    cosine = sphere(options.views) @ (normals / np.where(length > 0.0, length, 1.0)[:, None]).T
-    return np.asarray((cosine > (options.facing if view_cosine is None else view_cosine)) | (length == 0.0))
+    cosine = sphere(VIEWS) @ (normals / np.where(length > 0.0, length, 1.0)[:, None]).T
+    return np.asarray((cosine > (FACING if view_cosine is None else view_cosine)) | (length == 0.0))
 
 
 def some_of(visible: Bools, most: int, rng: np.random.Generator) -> Bools:
@@ -106,41 +80,27 @@ def within(sets: Integers, views: Bools) -> Bools:
 
 
 def covering_waves(
-    positions: Floats,
-    normals: Floats,
-    size: int,
-    sets: MinimalSetOptions = DEFAULT_SETS,
-    options: VisibilityOptions = DEFAULT_VISIBILITY,
-    view_cosine: Floats | None = None,
+    positions: Floats, normals: Floats, size: int, view_cosine: Floats | None = None
 ) -> Iterator[Integers]:
     """Waves of minimal sets (W, size) of points (n, 3): all, or as many as are listed.
 
     Those come first that cover views which the ones before do not. The order is kept for the last few objects, as one
     frame after another asks for it.
     """
-    ordered = covering_order(positions, normals, size, sets, options, view_cosine=view_cosine)
-    wave, done = sets.first_wave, 0
+    ordered = covering_order(positions, normals, size, view_cosine)
+    wave, done = FIRST_WAVE, 0
     while done < len(ordered):
         yield np.ascontiguousarray(ordered[done : done + wave])
-        done, wave = done + wave, min(2 * wave, sets.largest_wave)
+        done, wave = done + wave, min(2 * wave, LARGEST_WAVE)
 
 
-def covering_order(
-    positions: Floats,
-    normals: Floats,
-    size: int,
-    sets: MinimalSetOptions,
-    options: VisibilityOptions,
-    view_cosine: Floats | None = None,
-) -> Integers:
+def covering_order(positions: Floats, normals: Floats, size: int, view_cosine: Floats | None = None) -> Integers:
     """All sets (S, size) of `covering_waves`, one after the other."""
     return _covering(
         positions_bytes=positions.tobytes(),
         normals_bytes=normals.tobytes(),
         n=len(positions),
         size=size,
-        listed=sets,
-        options=options,
         view_cosine=None if view_cosine is None else tuple(view_cosine.tolist()),
     )
 
@@ -151,26 +111,24 @@ def _covering(
     normals_bytes: bytes,
     n: int,
     size: int,
-    listed: MinimalSetOptions,
-    options: VisibilityOptions,
     view_cosine: tuple[float, ...] | None,
 ) -> Integers:
     positions = np.frombuffer(positions_bytes).reshape(n, 3)
     normals = np.frombuffer(normals_bytes).reshape(n, 3)
     rng = np.random.default_rng([n, size])
-    views = facing_points(normals, options, None if view_cosine is None else np.array(view_cosine))
-    views &= rng.random(views.shape) < options.detected
-    if math.comb(n, size) <= listed.listed:
+    views = facing_points(normals, None if view_cosine is None else np.array(view_cosine))
+    views &= rng.random(views.shape) < DETECTED
+    if math.comb(n, size) <= LISTED:
         sets = np.array(list(combinations(range(n), size)), np.int64).reshape(-1, size)
     else:
-        sets = np.unique(distinct_sets(rng, listed.listed, n, size), axis=0)
-    wide = width(positions, sets) * rng.uniform(listed.evenness, 1.0, len(sets))
+        sets = np.unique(distinct_sets(rng, LISTED, n, size), axis=0)
+    wide = width(positions, sets) * rng.uniform(EVENNESS, 1.0, len(sets))
     worth = (wide / max(float(wide.max()), 1e-300)).astype(np.float32)
     covers = np.ascontiguousarray(within(sets, views).T).astype(np.float32)
-    needed = np.ones(options.views, np.float32)
+    needed = np.ones(VIEWS, np.float32)
     free = np.ones(len(sets), np.bool_)
     first = []
-    for _ in range(min(options.ordered, len(sets))):
+    for _ in range(min(ORDERED, len(sets))):
         checkpoint()
         gain = np.where(free, worth * (covers @ needed), -1.0)
         best = int(gain.argmax())
@@ -178,7 +136,7 @@ def _covering(
             break
         first.append(best)
         free[best] = False
-        needed *= 1.0 - np.float32(1.0 - options.failure) * covers[best]
+        needed *= 1.0 - np.float32(1.0 - FAILURE) * covers[best]
     rest = np.flatnonzero(free)
     rest = rest[np.argsort(-(worth * covers.sum(axis=1))[rest], kind="stable")]
     ordered: Integers = sets[np.concatenate([np.array(first, np.int64), rest])]
@@ -186,12 +144,10 @@ def _covering(
     return ordered
 
 
-def missed_at_random(
-    matched: int, n: int, size: int, sets: int, options: VisibilityOptions = DEFAULT_VISIBILITY
-) -> float:
+def missed_at_random(matched: int, n: int, size: int, sets: int) -> float:
     """Probability that none of so many sets met a pose with ``matched`` of n points detected, any of them."""
     inside = math.comb(matched, size) / math.comb(n, size)
-    lost = options.lost if matched < n else options.lost_of_all
+    lost = LOST if matched < n else LOST_OF_ALL
     return float((1.0 - (1.0 - lost) * inside) ** sets)
 
 
@@ -202,11 +158,10 @@ class TriedSets:
     ----------
     visible : (V, n) bool array
         Of `facing_points`.
-    options : VisibilityOptions
     """
 
-    def __init__(self, visible: Bools, options: VisibilityOptions = DEFAULT_VISIBILITY) -> None:
-        self.visible, self.options = visible, options
+    def __init__(self, visible: Bools) -> None:
+        self.visible = visible
         self.sets: list[Integers] = []
 
     def add(self, sets: Integers) -> None:
@@ -219,4 +174,4 @@ class TriedSets:
             return 1.0
         views = some_of(self.visible, matched, np.random.default_rng([matched, self.visible.shape[1]]))
         met = within(np.concatenate(self.sets), views).sum(axis=1)
-        return float((self.options.failure**met).mean())
+        return float((FAILURE**met).mean())

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace, checkpoint
+from rootmatch.jit.threads import threads_worth
 from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.crowding import crowding
 from rootmatch.samplers.guided.dispatch import has_listed
-from rootmatch.samplers.guided.local_search import LocalSearch
+from rootmatch.samplers.guided.local_search import CROWDED, LEAST, LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
+from rootmatch.samplers.guided.rivals import SAME
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
 from rootmatch.samplers.guided.triangle_shapes import image_cells
+from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED
 from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
 
 MOST_DETECTIONS = 128
@@ -28,6 +32,9 @@ SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
 SECONDS_PER_TRIPLE = 5e-8
 """Most sets, each tried whole, take at least so long for each triple of images (benchmarks/deadlines.py, task 970)."""
+LEAST_MATCHED = 6
+"""Points of a pose that must not have been missed, at least: two minimal sets. Fewer hardly tell a pose from chance,
+and to look for them would take most of the time."""
 
 
 def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) -> Search:
@@ -35,9 +42,9 @@ def search_of(task: SamplingTask, options: GuidedOptions, deadline: Deadline) ->
     normals = bool(task.tables.normals[:3].any())
     if task.motions == 1 and normals and has_listed(type(task.tables)) and task.shape[1] <= MOST_DETECTIONS:
         return VisibleSearch(task, options, deadline)
-    if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= options.local.least:
+    if task.motions == 1 and not normals and has_listed(type(task.tables)) and task.shape[0] >= LEAST:
         rays, sigma = np.ascontiguousarray(task.tables.rays.T), np.sqrt(task.tables.variance)
-        if crowding(rays, sigma) < options.local.crowded:
+        if crowding(rays, sigma) < CROWDED:
             return LocalSearch(task, options, deadline)
     return Search(task, options, deadline)
 
@@ -47,18 +54,16 @@ class VisibleSearch(Search):
 
     def __init__(self, task: SamplingTask, options: GuidedOptions, deadline: Deadline | None = None) -> None:
         super().__init__(task, options, deadline)
-        self.views = model_views(
-            self.positions, self.facing, options.sets, options.visibility, self.view_cosine
-        )  # fmt: skip
+        self.views = model_views(self.positions, self.facing, self.view_cosine)
         if task.more_images:
             self.views.prepare(self.tables)
-        self.least_cosine = options.visibility.facing if self.view_cosine is None else 0.0
+        self.least_cosine = FACING if self.view_cosine is None else 0.0
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
 
-    def run(self) -> None:
-        """Run wave after wave until one hypothesis is beyond chance and has no rivals, or none can have been missed."""
+    def _steps(self) -> Iterator[None]:
+        """See `Search`: triples of points that are visible together, with all images of a shape that they can have."""
         images = np.arange(self.n_target)
-        batch, pace = self.options.batches.first, Pace(self.deadline)
+        batch, pace = batches.FIRST, Pace(self.deadline)
         for number in range(len(self.views.edges)):
             sets = self.views.wave(number, self.tables)
             count, done = len(sets.shapes), 0
@@ -67,18 +72,9 @@ class VisibleSearch(Search):
                 if last == done:
                     return
                 self._try_visible(sets, done, last, images, self.allowed)
-                done, batch = last, min(2 * batch, self.options.batches.largest)
-                if self.progress is not None:
-                    self.progress(min(self.evaluated, self.options.budget), self.options.budget)
-                if self._spent():
-                    return
-                if self._enough():
-                    self.conclusive = True
-                    self._try_rivals()
-                    return
-                if len(self.hypotheses) > self.options.batches.most_batches:
-                    self._clustered()
-            matched = max(self._most_matched(), self.options.visibility.least_matched)
+                done, batch = last, batches.next_batch(batch)
+                yield
+            matched = max(self._most_matched(), LEAST_MATCHED)
             if self._none_missed_of(matched, number + 1):
                 self.conclusive = True
                 return
@@ -88,11 +84,8 @@ class VisibleSearch(Search):
         """See `Search`: only the detections of the strongest hypothesis are tried as images."""
         _, _, hypotheses = self._clustered()
         images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
-        mask = np.zeros((self.n, self.n_target), np.bool_)
-        mask[:, images] = True
-        if self.allowed.size:
-            mask &= self.allowed
-        least = max(self.minimal + 1, math.ceil(self.options.visibility.rival * len(images)))
+        mask = self._allowed_to(hypotheses.best[0])
+        least = max(self.minimal + 1, math.ceil(SAME * len(images)))
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
@@ -107,13 +100,13 @@ class VisibleSearch(Search):
 
         Those first whose poses explain most of the other detections.
         """
-        test = self._visible_test()._replace(floor=-math.inf, least=self.minimal)
+        test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
         found, images = [], np.arange(self.n_target)
         for number in range(len(self.views.edges)):
             sets = self.views.wave(number, self.tables)
             survivors, ratios, counts = run_visible_tests(
                 self.tables, self.grid, test, sets, self.cells,
-                images=images, facing=self.least_cosine, first=0, last=len(sets.shapes), allowed=self.allowed,
+                images=images, first=0, last=len(sets.shapes), allowed=self.allowed,
                 keep=max(most // 4, 1), chunks=8,  # a chunk looks for its weakest at each one that it keeps
             )  # fmt: skip
             self.evaluated += int(counts[:, ::2].sum())
@@ -129,15 +122,12 @@ class VisibleSearch(Search):
     def _none_missed_of(self, matched: int, waves: int) -> bool:
         """Whether the first waves would have met a pose that explains this many points."""
         self.missed = self.views.missed(matched, waves)
-        return self.missed <= self.options.visibility.missed
+        return self.missed <= MISSED
 
-    def _visible_test(self) -> SequentialTest:
-        """The sequential test, with the detection rate of the options for points that face the camera."""
-        options = self.options.test
-        clutter = float(self.density.mean()) * math.pi * self.grid.gate2
-        return sequential_test(
-            options, clutter, self.options.visibility.detected, 0, least=self.minimal + 1, normals=True
-        )
+    def _test(self, wave: int) -> SequentialTest:
+        """The sequential test, the same for all waves, with a detection rate for points that face the camera."""
+        least = self.minimal + 1
+        return sequential_test(self.clutter, DETECTED, 0, least=least, normals=True, facing=self.least_cosine)
 
     def _try_visible(
         self, sets: VisibleSets, first: int, last: int, images: NDArray[np.int64], allowed: NDArray[np.bool_]
@@ -152,14 +142,12 @@ class VisibleSearch(Search):
         triples = math.perm(len(images), self.minimal)
         checkpoint(SECONDS_PER_TRIPLE * triples)
         tasks = (last - first) * triples
-        options = self.options.batches
-        most = max(options.least_verified, tasks // options.sets_per_verified_with_normals)
-        keep = max(options.least_kept_per_chunk, int(most * options.chunk_surplus / options.chunks))
-        threads = max(1, min(numba.get_num_threads(), tasks // (SHAPES_PER_SOLVED * options.sets_per_thread)))
+        most = batches.verified_of_listed(tasks)
         survivors, ratios, counts = run_visible_tests(
-            self.tables, self.grid, self._visible_test(), sets, self.cells,
-            images=images, facing=self.least_cosine, first=first, last=last, allowed=allowed,
-            keep=keep, chunks=options.chunks, threads=threads,
+            self.tables, self.grid, self._test(0), sets, self.cells,
+            images=images, first=first, last=last, allowed=allowed,
+            keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
+            threads=threads_worth(tasks // (SHAPES_PER_SOLVED * batches.WORTH_A_THREAD)),
         )  # fmt: skip
         self.evaluated += tasks // SHAPES_PER_SOLVED
         self._keep(sets.prepared.points, survivors, ratios, counts, most)

@@ -7,7 +7,6 @@ to be visible beside the triple.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,9 +15,9 @@ from numpy.typing import NDArray
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.jit.threads import chunk_bounds, in_chunks
-from rootmatch.samplers.guided.detection_grid import DetectionGrid, detection_at, field_of
+from rootmatch.samplers.guided.detection_grid import DetectionGrid
 from rootmatch.samplers.guided.dispatch import gather_listed, listed_frame, solve_listed
-from rootmatch.samplers.guided.likelihood_ratio import weakest_of
+from rootmatch.samplers.guided.likelihood_ratio import keep_survivor, likelihood_ratio, weakest_of
 from rootmatch.samplers.guided.screening import ROOTS, away
 from rootmatch.samplers.guided.sequential_test import QUICK, PreparedSets, SequentialTest
 
@@ -44,7 +43,6 @@ def run_visible_tests(
     sets: VisibleSets,
     cells: NDArray[np.int16],
     images: NDArray[np.int64],
-    facing: float,
     first: int,
     last: int,
     allowed: NDArray[np.bool_],
@@ -55,8 +53,7 @@ def run_visible_tests(
     """Surviving hypotheses of the sets ``first … last − 1``, those of the highest ratio.
 
     As `run_sequential_tests`; ``cells`` (n', n', n') of `image_cells`, ``images`` (L,) the detections that the triple's
-    images are taken from, ``facing`` the cosine between normal and direction to the camera below which a point is not
-    looked up.
+    images are taken from.
     """
     prepared = sets.prepared
     survivors = np.full((chunks, keep, 5), -1, np.int64)
@@ -72,7 +69,7 @@ def run_visible_tests(
         passed, picked = np.zeros((ROOTS, BLOCK), np.bool_), np.zeros((3, BLOCK), np.int64)
         row, stamp = np.zeros(len(images) + 1, np.int64), np.zeros(n_target, np.int64)
         _test_some(
-            tables, grid, test, prepared, sets.shapes, cells, images, facing, allowed, first_task, last_task,
+            tables, grid, test, prepared, sets.shapes, cells, images, allowed, first_task, last_task,
             np.array(bounds), scratch, block, passed, picked, row, stamp, survivors, ratios, counts,
         )  # fmt: skip
 
@@ -82,8 +79,8 @@ def run_visible_tests(
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _test_some(  # type: ignore[no-untyped-def]
-    tables, grid, test, sets, shapes, cells, images, facing, allowed, first, last, bounds, scratch, block, passed,
-    picked, row, stamp, survivors, ratios, counts,
+    tables, grid, test, sets, shapes, cells, images, allowed, first, last, bounds, scratch, block, passed, picked,
+    row, stamp, survivors, ratios, counts,
 ):  # fmt: skip
     """Tasks ``first … last − 1`` of chunks between ``bounds``: a set with one image of its first point.
 
@@ -119,7 +116,7 @@ def _test_some(  # type: ignore[no-untyped-def]
                     filled += 1
                     if filled == BLOCK:
                         some_tested, some_looked = _test_block(
-                            tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
+                            tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled,
                             masked, allowed, scratch, block, passed, picked, stamp, tick,
                             survivors[chunk], ratios[chunk],
                         )  # fmt: skip
@@ -127,7 +124,7 @@ def _test_some(  # type: ignore[no-untyped-def]
                         tick, filled = tick + some_tested, 0
             if filled > 0 and (one == several - 1 or task == end - 1):  # a block is of one set
                 some_tested, some_looked = _test_block(
-                    tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled, facing,
+                    tables, grid, test, i, others_of[s], coordinates_of[s], own_of[s], s, filled,
                     masked, allowed, scratch, block, passed, picked, stamp, tick, survivors[chunk], ratios[chunk],
                 )  # fmt: skip
                 solved, tested, looked = solved + filled, tested + some_tested, looked + some_looked
@@ -139,8 +136,8 @@ def _test_some(  # type: ignore[no-untyped-def]
 
 @part
 def _test_block(  # type: ignore[no-untyped-def]
-    tables, grid, test, i, others, coordinates, own, s, filled, facing, masked, allowed, scratch, block, passed, picked,
-    stamp, tick, survivors, ratios,
+    tables, grid, test, i, others, coordinates, own, s, filled, masked, allowed, scratch, block, passed, picked, stamp,
+    tick, survivors, ratios,
 ):  # fmt: skip
     """Solve and test the listed image triples of one set; solutions tested and points looked up."""
     solve_listed(tables, i, block, filled, scratch)
@@ -163,60 +160,11 @@ def _test_block(  # type: ignore[no-untyped-def]
             tested += 1
             stamp[picked[0, k]] = stamp[picked[1, k]] = stamp[picked[2, k]] = tick + tested
             _, frame = listed_frame(tables, i, block, k, scratch, root)
-            ratio, hits, own_lookups = _likelihood_ratio(
-                grid, test, others, coordinates, facing, masked, allowed, frame, stamp, tick + tested
+            ratio, hits, own_lookups = likelihood_ratio(
+                grid, test, others, coordinates, masked, allowed, frame, stamp, tick + tested
             )
             looked += own_lookups
             if ratio > ratios[weakest] and hits + 3 >= test.least:
                 found = s, root, picked[0, k], picked[1, k], picked[2, k]
                 weakest = keep_survivor(survivors, ratios, weakest, ratio, found)
     return tested, looked
-
-
-@part
-def keep_survivor(survivors, ratios, weakest, ratio, found):  # type: ignore[no-untyped-def]
-    """Put a set, root and three images in the place of the weakest survivor; the place of the weakest afterwards."""
-    ratios[weakest] = ratio
-    for p in range(5):
-        survivors[weakest, p] = found[p]
-    return weakest_of(ratios)
-
-
-@part
-def _likelihood_ratio(grid, test, others, coordinates, facing, masked, allowed, frame, stamp, tick):  # type: ignore[no-untyped-def]
-    """Log-likelihood ratio of a frame in the grid's basis, hits, points looked up; −∞ when dropped."""
-    ox, oy, oz, ex, ey, ez, fx, fy, fz, gx, gy, gz = frame
-    ratio = 0.0
-    hits = 0
-    looked = 0
-    fall = test.fall / grid.gate2
-    cells, positions, rays, field, gate2 = grid.cells, grid.positions, grid.rays, field_of(grid), grid.gate2
-    whole = grid.whole
-    facing2 = facing * facing
-    for r in range(others.shape[0]):
-        a, b, c = coordinates[r, 0], coordinates[r, 1], coordinates[r, 2]
-        x = ox + a * ex + b * fx + c * gx
-        y = oy + a * ey + b * fy + c * gy
-        z = oz + a * ez + b * fz + c * gz
-        a, b, c = coordinates[r, 3], coordinates[r, 4], coordinates[r, 5]
-        u, v, w = a * ex + b * fx + c * gx, a * ey + b * fy + c * gy, a * ez + b * fz + c * gz
-        along = u * x + v * y + w * z
-        distance2 = x * x + y * y + z * z
-        # beyond its view angle, or so nearly on the far side that it need not be seen
-        if along + coordinates[r, 6] * math.sqrt(distance2) > 0.0:
-            continue
-        if along * along < facing2 * (u * u + v * v + w * w) * distance2:
-            continue
-        looked += 1
-        k, distance2 = detection_at(cells, positions, rays, field, gate2, whole, x, y, z)
-        if k >= 0 and stamp[k] != tick and (not masked or allowed[others[r], k]):
-            stamp[k] = tick
-            hit = test.hit - fall * distance2
-            ratio += hit if hit > test.miss else test.miss
-            hits += 1
-        else:
-            ratio += test.miss
-            if ratio < test.floor:
-                ratio = -np.inf
-                break
-    return ratio, hits, looked

@@ -23,7 +23,7 @@ GATE = 4.5
 triples are."""
 WIDE = 8.0
 """Deviation in σ within which a point joins the motion of a triple, whose own error it covers too. As in the search for
-large sets (`rootmatch.samplers.point_sets.options.PointSetOptions`)."""
+large sets."""
 NEAR = 6.0
 """Gate in σ once the motion is fitted to all of its points. A round value."""
 MOST_LOOKED_UP = 3_000_000

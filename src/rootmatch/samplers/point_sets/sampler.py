@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from rootmatch.backends import cpu
 from rootmatch.deadline import Deadline
 from rootmatch.problems.points import PointClouds
 from rootmatch.samplers.base import SampledTensor, SamplingTask
-from rootmatch.samplers.exhaustive import given_tensor
-from rootmatch.samplers.guided.candidate_hyperedges import hyperedges_among, random_hyperedges
+from rootmatch.samplers.guided.candidate_hyperedges import sampled_among
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.point_sets.search import MotionSearch
+from rootmatch.samplers.point_sets.motion_search import MotionSearch
 
 SEARCHED = 0.7
-"""Share of the time that is left at a deadline which the search may take. A round value."""
+"""Share of the time that is left at a deadline which the search may take."""
+CHANCE_SAMPLES = 100_000
+"""Random hyper-edges that estimate the mean weight by chance: three constraints agree far more rarely than one."""
 
 
 def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOptions) -> SampledTensor:
@@ -20,21 +20,13 @@ def point_set_tensor(task: SamplingTask, clouds: PointClouds, options: GuidedOpt
     deadline = task.deadline.part(SEARCHED)
     if options.max_seconds is not None and options.max_seconds < deadline.left():
         deadline = Deadline(options.max_seconds)
-    search = MotionSearch(task, clouds, options.point_sets, deadline)
+    search = MotionSearch(task, clouds, deadline)
     with deadline.within():
         search.run(options.budget)
-    source, target, coverage = hyperedges_among(search.clusters(), task.shape, task.order, options, search.rng)
-    tensor = given_tensor(task, source, target)
-    samples = options.point_sets.chance_samples
-    drawn = random_hyperedges(task.shape, task.order, samples, search.rng)
-    by_chance = cpu.residuals(task.tables, task.kind, *drawn)
-    total = max(1.0, float(task.affinity.weights(by_chance[by_chance <= task.affinity.gate]).sum()))
-    return SampledTensor(
-        tensor,
-        search.evaluated + len(source) + samples,
-        coverage,
-        total / samples,
-        search.conclusive,
-        partial=True,
+    sampled = sampled_among(
+        task, search.clusters, options, search.rng, search.evaluated,
+        chance_samples=CHANCE_SAMPLES,
+        conclusive=search.conclusive,
         assignments=search.assignments() if task.motions == 1 else None,
-    )
+    )  # fmt: skip
+    return sampled._replace(chance_weight=sampled.chance, evaluated=sampled.evaluated + CHANCE_SAMPLES)

@@ -15,7 +15,7 @@ from rootmatch.jit.decorators import FASTMATH, driver, kernel
 from rootmatch.samplers.two_views.likelihood import likelihood_ratio, line_of, place
 
 LEAST_SHARE = 1e-3
-"""Share below which a pair of points moves no pose. Not tuned."""
+"""Share below which a pair of points moves no pose."""
 DAMPING = 1e-9
 """Share of the diagonal that is added to it, against rounding. By construction."""
 DIMENSIONS = 4
@@ -140,7 +140,7 @@ def refine_poses(views, judge, blurs, breadth2, start, end, poses, ratios, sums,
     Parameters
     ----------
     views, judge
-        See `rootmatch.samplers.two_views.pose_search.search_triples`.
+        See `rootmatch.samplers.two_views.set_kernels.search_triples`.
     blurs : (T,) array
         Variance that the pose's error adds to the noise, of each step.
     breadth2 : float

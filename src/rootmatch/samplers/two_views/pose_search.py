@@ -1,136 +1,345 @@
-"""Relative poses of minimal sets with every image they may have, the likeliest kept: compiled."""
+"""The search for the relative pose of two views: minimal sets until several of them lead to the same assignment."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from rootmatch.algebra.vector import column
-from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver, kernel
-from rootmatch.samplers.two_views.likelihood import point_ratio
-from rootmatch.samplers.two_views.minimal_poses import ROOTS, pair_poses, triple_poses
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.deadline import NEVER, Deadline, OutOfTime, checkpoint, in_force
+from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
+from rootmatch.problems.points import TwoViews
+from rootmatch.samplers.base import SamplingTask
+from rootmatch.samplers.guided.detection_grid import mean_basis
+from rootmatch.samplers.guided.hypotheses import HypothesisClusters
+from rootmatch.samplers.guided.minimal_sets import minimal_sets
+from rootmatch.samplers.two_views.minimal_poses import FIELDS, ROOTS
+from rootmatch.samplers.two_views.pose_refinement import DIMENSIONS, refine_poses
+from rootmatch.samplers.two_views.set_kernels import search_pairs, search_triples
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+LEAST_COSINE = 0.05
+"""Cosine to the mean bearing below which a detection is off the plane on which densities are measured: 87°."""
+BLURS = (2.25, 1.0, 0.5, 0.25, 0.1)
+"""Variance that the pose's error adds in the steps of a refinement, in those of the noise."""
+SOLVED = 0.6
+"""Share of the time left at a deadline for the minimal sets of a wave, or more: what is found is to be refined."""
+SECONDS_PER_POSE = 3e-7
+"""To judge the poses of one image of a minimal set, for each detection: a tenth where no pose has it."""
+WORTH_A_THREAD = 0.005
+"""Such seconds that are worth waking a thread for: they are more than a piece takes. Changes no result."""
+SECONDS_PER_RATIO = 2e-7
+"""Time to compute one likelihood ratio in a step of a refinement."""
+REFINED = 4_000_000
+"""Likelihood ratios of the poses that are refined together: 32 MB."""
+RARE = 0.1
+"""Ratio to the likeliest detection of a point from which another one is a candidate too."""
+
+FIRST_WAVE, WAVE = 3, 2
+"""Minimal sets of source points that are tried before the first look at what was found, and before each further one.
+Accuracy and time with these and the following numbers are those of benchmarks/two_views.py."""
+MOST_SETS = 64
+"""Most minimal sets of source points that are tried."""
+BUDGET = 4_000_000
+"""Most minimal sets with images that are solved."""
+AGREEING = 3
+"""Minimal sets that must have led to the likeliest assignment before the search ends."""
+SAME = 0.7
+"""Share of matches that two assignments must have in common to be the same."""
+POSES, POSES_REFINED = 64, 16
+"""Poses of a minimal set that are kept, and the likeliest of them, which are refined on all points."""
+ASSIGNMENTS = 12
+"""Assignments that are handed on, to be fitted by a pose each."""
+CLUSTERS, CANDIDATES = 4, 3
+"""The likeliest of them whose hyper-edges are evaluated, and the detections of a source point that take part."""
+TRUST = 0.25
+"""Factor on differences in evidence where hypotheses vote on correspondences. On the development seeds (b = 5, σ = 1,
+20 + 20) 0.1, 0.25 and 0.5 have .94, .94 and .93 right."""
+LEAST_SHARE = 0.15
+"""Expected share of a correspondence below which it is left out of what they agree on."""
+VISIBLE = 0.8
+"""Probability that a source point is detected."""
+REJECT, DRIFT = -4.0, 0.3
+"""Log-likelihood ratio at which the sequential test rejects a pose, less so much for each point that was looked at:
+among dense clutter a point of the right pose is worth less than nothing now and then. Of the true poses of 50 + 25
+points (b = 5, σ = 1) nine tenths stay above both."""
+FITS = 6.0
+"""Deviation, in σ, within which the correspondences of a minimal set fit their own pose."""
+SPREAD = 6.0
+"""Largest ratio of the inverse distances of a minimal set: of one order of magnitude."""
+SET_BLUR = 1.5
+"""Deviation, in σ, that the error of a minimal set's pose adds."""
+BREADTH = math.pi / math.sqrt(48.0)
+"""Standard deviation of the logarithm of the inverse distances: that of their log-logistic density."""
 
 
-@kernel
-def judge_panel(views, judge, order, panel, low, high, columns, poses, evidence, counts):  # type: ignore[no-untyped-def]
-    """Judge the poses of the images ``low … high − 1`` in a panel by all points, and keep the likeliest.
+@dataclass(frozen=True)
+class RelativeHypothesis:
+    """A refined relative pose and the assignment that it makes likeliest."""
 
-    A pose counts by its log-likelihood ratio, of the source points or of the detections, whichever is less: many points
-    may meet one detection. A sequential test ends most after a few points.
-    """
-    n = order.shape[0]
-    inverse_density, possible, visible, found, blur, reject, drift = judge
-    for root in range(ROOTS):
-        for last in range(low, high):
-            size = panel[root, 5, last]
-            if not size > 0.0:
-                continue
-            counts[1] += 1
-            c, s = panel[root, 0, last], panel[root, 1, last]
-            t = (panel[root, 2, last], panel[root, 3, last], panel[root, 4, last])
-            for k in range(columns.shape[0]):
-                columns[k] = 0.0
-            total, limit = 0.0, reject
-            for rank in range(n):
-                point = order[rank]
-                ratio = point_ratio(
-                    c, s, t, column(views.source, point), views.source_variance[point], views, blur, 1.0 / size,
-                    inverse_density, possible[point], columns,
-                )  # fmt: skip
-                total += math.log(1.0 - visible + visible * ratio)
-                counts[2] += 1
-                limit = reject - drift * (rank + 1)
-                if total < limit:
-                    break
-            if total < limit or total <= evidence[0]:
-                continue
-            other = 0.0
-            for k in range(columns.shape[0]):
-                other += math.log(1.0 - found + found * columns[k])
-            total = min(total, other)
-            if total <= evidence[0]:
-                continue
-            # the least likely stands first
-            evidence[0] = total
-            for field in range(panel.shape[1]):
-                poses[0, field] = panel[root, field, last]
-            least = 0
-            for kept in range(evidence.shape[0]):
-                if evidence[kept] < evidence[least]:
-                    least = kept
-            evidence[0], evidence[least] = evidence[least], evidence[0]
-            for field in range(panel.shape[1]):
-                poses[0, field], poses[least, field] = poses[least, field], poses[0, field]
+    evidence: float
+    """Log-likelihood ratio of the assignment against clutter."""
+    assignment: Integers
+    """(n,) image of each source point, −1 for none."""
+    ratios: Floats
+    """(n, n') likelihood ratios of all pairs."""
+    minimal_set: int
+    """Number of the minimal set that led to it."""
+
+    def like(self, other: RelativeHypothesis) -> bool:
+        """Whether two assignments have so much in common that they come from one pose."""
+        common = (self.assignment == other.assignment) & (self.assignment >= 0)
+        return bool(common.sum() >= SAME * max((self.assignment >= 0).sum(), 1))
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def search_triples(  # type: ignore[no-untyped-def]
-    views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
-):
-    """Sets ``start … end − 1`` of three source points (S, 3), with some of their images.
+class PoseSearch:
+    """One search and its hypotheses so far, strongest first.
 
     Parameters
     ----------
-    views : TwoViews
-    judge : tuple
-        Over the density about each detection (n',), possible correspondences (n, n') as numbers, probability that a
-        source point is detected and that a detection is of one, variance that a pose adds, and the log-likelihood
-        ratio at which a pose is rejected: at first, and how much lower for each point.
-    orders : (S, n) int64 array
-        In which the points judge.
-    limits : (2,) array
-        Squared gate of the set's own correspondences, and largest ratio of their inverse distances.
-    begin, stop : int
-        The images, number (first · n' + second) · n' + last, from ``begin`` to ``stop − 1``; of n'³.
-    panel, columns : (ROOTS, FIELDS, n') and (n',) arrays
-        Scratch.
-    poses, evidence : (S, K, FIELDS) and (S, K) arrays
-        The likeliest so far; ``evidence`` −∞ at first.
-    counts : (S, 3) int64 array
-        Added to: minimal sets solved, poses judged, points looked up.
+    task : SamplingTask
+        Of two views.
+    deadline : Deadline
+    budget : int
+        Most minimal sets with images that are solved, but for the first one of source points.
     """
-    views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
-    poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
-    n_target = columns.shape[0]
-    possible = judge[1]
-    for index in range(start, end):
-        i = sets[index]
-        for number in range(begin // n_target, (stop - 1) // n_target + 1):
-            first = number // n_target
-            second = number - first * n_target
-            low, high = max(begin - number * n_target, 0), min(stop - number * n_target, n_target)
-            if first != second and possible[i[0], first] > 0.0 and possible[i[1], second] > 0.0:
-                triple_poses(views, i, first, second, limits[0], limits[1], panel)
-                for last in range(low, high):
-                    if not possible[i[2], last] > 0.0:
-                        for root in range(ROOTS):
-                            panel[root, 5, last] = 0.0
-                counts[index, 0] += high - low - int(low <= first < high) - int(low <= second < high)
-                judge_panel(
-                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
-                )
+
+    def __init__(self, task: SamplingTask, deadline: Deadline = NEVER, budget: int = BUDGET) -> None:
+        if task.views is None:
+            raise ValueError("the task is not of two views")
+        self.task, self.views, self.deadline = task, task.views, deadline
+        self.budget = min(budget, BUDGET)
+        self.n, self.n_target = task.shape
+        self.rng = np.random.default_rng([task.seed, *task.shape])
+        self.minimal = 2 if self.views.planar else 3
+        self.noise = float(np.median(self.views.source_variance) + np.median(self.views.target_variance))
+        possible = np.ones(task.shape) if task.candidates is None else task.candidates.astype(np.float64)
+        detected = VISIBLE * min(1.0, self.n / self.n_target)
+        self.judge = (
+            1.0 / _density(self.views), np.ascontiguousarray(possible), VISIBLE,
+            detected, SET_BLUR**2 * self.noise, REJECT, DRIFT,
+        )  # fmt: skip
+        self.hypotheses: list[RelativeHypothesis] = []
+        self.sets = 0
+        self.solved = self.tested = self.evaluated = 0
+        self.conclusive = False
+        self.cut = False
+        """Whether the deadline came in the middle of a wave."""
+
+    def run(self) -> None:
+        """Run wave after wave until enough of them agree, all sets were tried, or the budget is spent."""
+        positions = np.ascontiguousarray(self.views.source.T)
+        for sets in minimal_sets(positions, self.minimal, self.rng, FIRST_WAVE, WAVE):
+            # of many images a single set may be more than the budget
+            self._try(sets[: max((self.budget - self.solved) // self.n_target**self.minimal, 1)])
+            self.conclusive = bool(self.hypotheses)
+            if self.task.progress is not None:
+                self.task.progress(min(self.solved, self.budget), self.budget)
+            if self._agreed() or self._spent():
+                return
+
+    def _spent(self) -> bool:
+        spent = self.sets >= MOST_SETS or self.solved >= self.budget
+        return spent or self.cut or self.deadline.passed()
+
+    def _agreed(self) -> bool:
+        """Whether several minimal sets have led to the likeliest assignment."""
+        if not self.hypotheses:
+            return False
+        first = self.hypotheses[0]
+        led = {other.minimal_set for other in self.hypotheses if other.like(first)}
+        return len(led) >= AGREEING
+
+    def _try(self, sets: Integers) -> None:
+        """Try minimal sets with all their images, and refine the likeliest poses of each."""
+        count = len(sets)
+        orders = self.rng.permuted(np.tile(np.arange(self.n), (count, 1)), axis=1)
+        # each of some threads keeps the likeliest poses of its share of the images of all sets
+        shares = max(int(numba.get_num_threads()), 1)
+        poses = np.zeros((shares, count, POSES, FIELDS))
+        evidence = np.full((shares, count, POSES), -np.inf)
+        counts = np.zeros((shares, count, 3), np.int64)
+        limits = np.array([FITS**2, SPREAD])
+        search = search_pairs if self.views.planar else search_triples
+        each = SECONDS_PER_POSE * self.n_target
+
+        def piece(begin: int, stop: int) -> None:
+            """Some of the images of all sets."""
+            threads = threads_worth(min(shares, int(each * (stop - begin) * count / WORTH_A_THREAD)))
+            ends = np.linspace(begin, stop, threads + 1).astype(np.int64).tolist()
+
+            def work(start: int, end: int) -> None:
+                panel, columns = np.zeros((ROOTS, FIELDS, self.n_target)), np.zeros(self.n_target)
+                for share in range(start, end):
+                    if ends[share] < ends[share + 1]:
+                        search(
+                            self.views, self.judge, sets, orders, limits, 0, count, ends[share], ends[share + 1], panel,
+                            columns, poses[share], evidence[share], counts[share],
+                        )  # fmt: skip
+
+            in_threads(work, threads, threads)
+
+        try:
+            reserve = LONGEST + 2.0 * SECONDS_PER_RATIO * count * POSES_REFINED * self.n * self.n_target
+            with self.deadline.part(SOLVED, reserve).enforced():
+                _in_pieces(piece, self._images(sets), max(int(LONGEST / each), 1))
+        except OutOfTime:
+            self.cut = True
+        solved, tested, looked_up = counts.sum(axis=(0, 1)).tolist()
+        self.solved += solved
+        self.tested += tested
+        self.evaluated += solved + looked_up
+        every = evidence.swapaxes(0, 1).reshape(count, -1)
+        order = np.argsort(-every, axis=1, kind="stable")[:, :POSES_REFINED]
+        real = np.take_along_axis(every, order, axis=1) > -np.inf
+        chosen = np.take_along_axis(poses.swapaxes(0, 1).reshape(count, -1, FIELDS), order[:, :, None], axis=1)[real]
+        which = np.broadcast_to(np.arange(self.sets, self.sets + count)[:, None], real.shape)[real]
+        self.sets += count
+        with self.deadline.within():
+            self._take(chosen, which)
+
+    def _images(self, sets: Integers) -> Integers:
+        """First and last + 1 (K, 2) of the images that some of the sets may have, as `search_triples` numbers them.
+
+        What cannot be, as a forbidden match, would cost nothing and tell nothing of the cost of the next ones.
+        """
+        first, second = (np.asarray((self.judge[1] > 0.0)[sets[:, place]].any(axis=0)) for place in (0, 1))
+        possible = first if self.views.planar else (first[:, None] & second).ravel()
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], possible.astype(np.int8), [0]])))
+        return self.n_target * ends.reshape(-1, 2)
+
+    def _take(self, poses: Floats, which: Integers) -> None:
+        """Refine poses (K, FIELDS) of minimal sets (K,), and keep the likeliest, some at a time to bound the memory."""
+        step = max(1, REFINED // (self.n * self.n_target))
+        for first in range(0, len(poses), step):
+            some = slice(first, first + step)
+            checkpoint(SECONDS_PER_RATIO * len(poses[some]) * self.n * self.n_target)
+            for ratios, number in zip(self._refined(poses[some]), which[some].tolist(), strict=True):
+                checkpoint()
+                value, assignment = self._assigned(ratios)
+                if (assignment >= 0).sum() > self.minimal:
+                    self.hypotheses.append(RelativeHypothesis(value, assignment, ratios.copy(), number))
+                    self.hypotheses.sort(key=lambda one: -one.evidence)
+                    del self.hypotheses[POSES:]
+
+    def _refined(self, poses: Floats) -> Floats:
+        """Likelihood ratios (K, n, n') at poses (K, FIELDS), refined on all points."""
+        poses = np.ascontiguousarray(poses)
+        ratios = np.zeros((len(poses), self.n, self.n_target))
+        blurs = np.array(BLURS) * self.noise
+
+        def work(start: int, end: int) -> None:
+            sums, normal, side = np.zeros(self.n + self.n_target), np.zeros((DIMENSIONS,) * 2), np.zeros(DIMENSIONS)
+            refine_poses(
+                self.views, self.judge, blurs, BREADTH**2, start, end, poses, ratios, sums, normal, side
+            )  # fmt: skip
+
+        in_threads(work, len(poses), threads_worth(len(poses) // 8))
+        return ratios
+
+    def _assigned(self, ratios: Floats) -> tuple[float, Integers]:
+        """The likeliest assignment (n,) and its log-likelihood ratio against clutter."""
+        with np.errstate(divide="ignore"):
+            gain = np.maximum(np.log(ratios * (VISIBLE / (1.0 - VISIBLE))), 0.0)
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
+        rows, columns = linear_sum_assignment(gain, maximize=True)
+        gained = gain[rows, columns]
+        assignment = np.full(self.n, -1, np.int64)
+        assignment[rows[gained > 0.0]] = columns[gained > 0.0]
+        return self.n * math.log(1.0 - VISIBLE) + float(gained.sum()), assignment
+
+    def assignments(self) -> Integers:
+        """Assignments (K, n) of the hypotheses, each once, strongest first."""
+        distinct = {one.assignment.tobytes(): one.assignment for one in self.hypotheses}
+        kept = list(distinct.values())[:ASSIGNMENTS]
+        return np.array(kept, np.int64).reshape(-1, self.n)
+
+    def consensus(self) -> Integers | None:
+        """The assignment (n,) with the most matches that are expected to be right, over all hypotheses.
+
+        Their evidence says too much, as the error of a pose shifts all points together: its differences count for
+        `TRUST` of themselves.
+        """
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
+        if not self.hypotheses:
+            return None
+        first = self.hypotheses[0]
+        expected = np.zeros(first.ratios.shape)
+        total = 0.0
+        for one in self.hypotheses:
+            checkpoint()
+            weight = math.exp(TRUST * (one.evidence - first.evidence))
+            rows, columns = one.ratios.sum(axis=1, keepdims=True), one.ratios.sum(axis=0, keepdims=True)
+            expected += weight * one.ratios / (1.0 + rows + columns - one.ratios)
+            total += weight
+        expected /= total
+        source, target = linear_sum_assignment(expected, maximize=True)
+        # a point is left out where it more probably has no image than this one, by far
+        enough = expected[source, target] > LEAST_SHARE
+        assignment = np.full(self.n, -1, np.int64)
+        assignment[source[enough]] = target[enough]
+        return assignment
+
+    def clusters(self) -> HypothesisClusters:
+        """The strongest hypotheses that differ, each with the detections that its points may have."""
+        leaders: list[RelativeHypothesis] = []
+        for one in self.hypotheses:
+            if len(leaders) < CLUSTERS and not any(
+                np.array_equal(one.assignment, other.assignment) for other in leaders
+            ):
+                leaders.append(one)
+        width = min(CANDIDATES, self.n_target)
+        lists = np.full((len(leaders), self.n, width), -1, np.int64)
+        for g, one in enumerate(leaders):
+            checkpoint()
+            worth = one.ratios.copy()
+            matched = np.flatnonzero(one.assignment >= 0)
+            worth[matched, one.assignment[matched]] = np.inf
+            order = np.argsort(-worth, axis=1, kind="stable")[:, :width]
+            enough = np.take_along_axis(one.ratios, order, axis=1) >= np.maximum(
+                RARE * one.ratios.max(axis=1, keepdims=True), 1e-300
+            )
+            enough[matched, 0] = True
+            lists[g] = np.where(np.logical_and.accumulate(enough, axis=1), order, -1)
+        evidence = np.array([one.evidence for one in leaders])
+        return HypothesisClusters(lists, evidence, math.log(max(self.tested, 1)))
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def search_pairs(  # type: ignore[no-untyped-def]
-    views, judge, sets, orders, limits, start, end, begin, stop, panel, columns, poses, evidence, counts
-):
-    """Search sets of two source points (S, 2), as `search_triples`, for planar motion; images are first · n' + last."""
-    views, judge, sets, orders, panel, columns = borrowed((views, judge, sets, orders, panel, columns))
-    poses, evidence, counts, limits = borrowed((poses, evidence, counts, limits))
-    n_target = columns.shape[0]
-    possible = judge[1]
-    for index in range(start, end):
-        i = sets[index]
-        for first in range(begin // n_target, (stop - 1) // n_target + 1):
-            low, high = max(begin - first * n_target, 0), min(stop - first * n_target, n_target)
-            if possible[i[0], first] > 0.0:
-                pair_poses(views, i, first, limits[0], limits[1], panel)
-                for last in range(low, high):
-                    if not possible[i[1], last] > 0.0:
-                        for root in range(ROOTS):
-                            panel[root, 5, last] = 0.0
-                counts[index, 0] += high - low - int(low <= first < high)
-                judge_panel(
-                    views, judge, orders[index], panel, low, high, columns, poses[index], evidence[index], counts[index]
-                )
+def _in_pieces(work: Callable[[int, int], None], ranges: Integers, largest: int) -> None:
+    """Call ``work`` for pieces of ranges, from one task to what takes `LONGEST`, as `rootmatch.jit.threads.Ranges`.
+
+    None is larger than a given one: images that no pose has tell nothing of the cost of those that some have.
+
+    Raises
+    ------
+    OutOfTime
+        If the deadline in force passes before all is begun.
+    """
+    deadline, size = in_force(), 1
+    for begin, end in ranges.tolist():
+        while begin < end:
+            checkpoint()
+            stop, started = min(begin + size, end), deadline.clock()
+            work(begin, stop)
+            each = max((deadline.clock() - started) / (stop - begin), 1e-9)
+            longest = min(LONGEST, 0.5 * deadline.left())
+            size = max(1, min(int(longest / each), GROWTH * (stop - begin), largest))
+            begin = stop
+
+
+def _density(views: TwoViews) -> Floats:
+    """Detections in a steradian about each (n',), were they uniform: in a second image they are all over it."""
+    rotated = mean_basis(views.target) @ views.target
+    ahead = rotated[2] > LEAST_COSINE
+    positions, count = rotated[:2, ahead] / rotated[2, ahead], int(ahead.sum())
+    # the bounding box of uniform points, corrected for being too small
+    area = float(np.prod(np.ptp(positions, axis=1))) * ((count + 1) / max(count - 1, 1)) ** 2 if count > 1 else 1.0
+    # an area of the plane is seen under this angle
+    return np.asarray(count / max(area, 1e-12) / np.where(ahead, rotated[2], 1.0) ** 3, np.float64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.jit.threads import GROWTH, LONGEST, in_threads, threads_worth
 from rootmatch.solvers.ascent.assignment_state import State, empty_state, objective
-from rootmatch.solvers.ascent.local_search import Ascended, climb, climb_from, state_of
+from rootmatch.solvers.ascent.climb import Ascended, climb, climb_from, state_of
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 

@@ -9,17 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, checkpoint
+from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.solvers.alternatives import best_neighbours
 from rootmatch.solvers.ascent.assignment_state import State, empty_state
 from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
-from rootmatch.solvers.ascent.local_search import scored_neighbours
 from rootmatch.solvers.ascent.options import AscentOptions
 from rootmatch.solvers.ascent.random_walk_start import random_walk_start
 from rootmatch.solvers.ascent.start_ranking import candidates
 from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
-from rootmatch.solvers.ascent.stopping import patience, stands_out
+from rootmatch.solvers.ascent.stopping import PATIENCE_AFTER_WALK, patience, stands_out
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 from rootmatch.solvers.base import Alternatives, Solution
 from rootmatch.solvers.rrwhm import ReweightedWalk
+
+POOL = 4
+"""Best supported hyper-edges that are candidates, for each start."""
+STARTS_PER_CORRESPONDENCE = 2
+"""Starts of small problems, which have no more that differ."""
+FIRST_ROUND, LARGEST_ROUND = 2, 64
+"""Candidates tried together at first, twice as many each time, and at most: the first few often find the optimum, and
+those inside it are then not tried."""
+USUAL_WEIGHT = 0.5
+"""Usual weight of a hyper-edge over the largest, for the score that a candidate may lead to."""
+CORE_DENSITY = 0.2
+"""Weight over the largest that the hyper-edges of a core must have on average, those missing counted as 0."""
+HOPELESS = 1e-3
+"""Score over the best below which a candidate is not tried."""
+FORCED_GAIN = 0.5
+"""Score of a core over the gains that it displaces from which it is forced into the best assignment: an ascent may win
+the rest."""
+POLISHED, POLISHED_SCORE = 12, 0.7
+"""Optima that go on with exchanges of two points, at a time, and their least score over the best.
+benchmarks/solvers.py: for all of them it would cost most of the time."""
+CLAIMED = 0.2
+"""Gain over the median gain from which a point is claimed by an assignment: alternatives that move a claimed point come
+first. As `rootmatch.hypergraph.assignment.drop_unsupported`."""
+DOUBTFUL_PART = 0.25
+"""Fraction of the alternatives left to those that move only doubtful points."""
+NEIGHBOURS_PER_KEPT = 4
+"""Single changes that are scored for each alternative to report."""
 
 
 class MultiStart:
@@ -29,16 +57,16 @@ class MultiStart:
         self.options, self.index, self.deadline = options, index, deadline
         self.ascents = BoundedAscents(options, index, deadline)
         n, n_target = index.n, index.n_target
-        self.starts = min(options.starts, options.starts_per_correspondence * n * n_target)
+        self.starts = min(options.starts, STARTS_PER_CORRESPONDENCE * n * n_target)
         self.heaviest = index.weights.max(initial=0.0) or 1.0
-        self.density = max(options.core_density * self.heaviest, options.penalty)
+        self.density = max(CORE_DENSITY * self.heaviest, options.penalty)
         self.found: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
         self.empty = empty_state(index)
         self.best, self.value = self.empty.image, 0.0
-        self.patience = patience(options.stopping, n * n_target, self.ascents.usual_reads)
+        self.patience = patience(n * n_target, self.ascents.usual_reads)
 
     def climb(
         self, root: State, bases: NDArray[np.int64], stage: str, *, exchanges: bool = False, due: int = 0
@@ -59,7 +87,7 @@ class MultiStart:
     @cached_property
     def ranked(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Candidates, (P, d), and their ranks."""
-        return candidates(self.index, self.options.pool * self.starts, self.options.ranking_reads)
+        return candidates(self.index, POOL * self.starts, self.options.ranking_reads)
 
     @property
     def candidates(self) -> NDArray[np.int32]:
@@ -69,7 +97,7 @@ class MultiStart:
     @cached_property
     def promise(self) -> NDArray[np.float64]:
         """The score of each candidate with all those that support it, were they one group of usual weights."""
-        order, usual = self.index.indices.shape[1], self.options.usual_weight * self.heaviest
+        order, usual = self.index.indices.shape[1], USUAL_WEIGHT * self.heaviest
         return usual * _choose(order + self.ranked[1] / (order * usual), order)
 
     def dominates(self) -> bool:
@@ -93,17 +121,16 @@ class MultiStart:
         steps = self.options.walk
         balancing = ReweightedWalk().balancing * SECONDS_PER_GAIN
         checkpoint(2.0 * steps * balancing * self.index.n * self.index.n_target)
-        start = random_walk_start(self.index, steps, self.options.walk_start) if steps else self.empty.image
+        start = random_walk_start(self.index, steps) if steps else self.empty.image
         self.climb(self.empty, start[None], "walk")
 
     def from_cores(self) -> None:
         """Steps 2 and 3, in rounds: cores are grown, and ascents made from them."""
-        options = self.options
-        after_walk = min(options.stopping.patience_after_walk, self.patience)
-        open_ = self.promise >= options.hopeless * self.value
+        after_walk = min(PATIENCE_AFTER_WALK, self.patience)
+        open_ = self.promise >= HOPELESS * self.value
         grown: dict[bytes, tuple[NDArray[np.int64], float]] = {}
         shared = max(2, self.candidates.shape[1] - 1)
-        tried, size, idle, walked = 0, options.first_round, 0, self.value
+        tried, size, idle, walked = 0, FIRST_ROUND, 0, self.value
         images = np.empty((0, self.index.n), np.int64)
         while tried < self.starts and not self.settled() and not self.ascents.left_out:
             if idle >= (self.patience if self.value > walked else after_walk):
@@ -118,12 +145,12 @@ class MultiStart:
             cores, core_values = self.as_cores([pair for key, pair in new.items() if key not in grown])
             grown.update(new)
             before = self.value
-            useful = (core_values > options.hopeless * before) & ~covered(cores, self.known())
+            useful = (core_values > HOPELESS * before) & ~covered(cores, self.known())
             if useful.any():
                 self.climb(self.empty, cores[useful], "cores")
             idle = 0 if self.value > before else idle + len(chosen)
             tried += len(chosen)
-            size = min(2 * size, options.largest_round)
+            size = min(2 * size, LARGEST_ROUND)
         self.cores, self.core_values = self.as_cores(_ranked(grown))
 
     def as_cores(self, grown: Alternatives) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -138,12 +165,12 @@ class MultiStart:
         if self.reached.get(self.best.tobytes(), 0) >= self.options.agreement:
             return True
         values = [value for _, value in self.found.values()]
-        return stands_out(self.options.stopping, values, sum(self.reached.values()))
+        return stands_out(values, sum(self.reached.values()))
 
     def from_rivals(self) -> None:
         """The rest of step 3, whether or not the best assignment is settled: its rivals."""
         order = self.candidates.shape[1]
-        open_ = self.promise >= self.options.hopeless * self.value
+        open_ = self.promise >= HOPELESS * self.value
         # Fewer, down to a quarter, where an ascent is expensive.
         most = self.options.rivals
         count = int(min(most, max(most / 4, most / 2 / self.ascents.effort)))
@@ -164,18 +191,17 @@ class MultiStart:
         while first < len(self.cores) and not self.ascents.left_out:
             root = self.state_of_best()
             bases, first = forced(
-                root, self.cores, self.core_values, first,
-                forced_gain=self.options.forced_gain, count=self.options.largest_round,
-            )  # fmt: skip
+                root, self.cores, self.core_values, first, forced_gain=FORCED_GAIN, count=LARGEST_ROUND
+            )
             if len(bases):
                 self.climb(root, bases, "forced")
 
     def polish(self) -> None:
         """Step 5, until the best assignment itself has been through it."""
         while self.best.tobytes() not in self.polished:
-            least = self.options.polished_score * self.value
+            least = POLISHED_SCORE * self.value
             near = [image for image, value in _ranked(self.found) if value >= least]
-            waiting = [image for image in near if image.tobytes() not in self.polished][: self.options.polished]
+            waiting = [image for image in near if image.tobytes() not in self.polished][:POLISHED]
             if not waiting:  # a deadline came before any ascent
                 return
             self.polished.update(image.tobytes() for image in waiting)
@@ -203,7 +229,7 @@ class MultiStart:
             "matched": float(matched.size),
         }
         wanted = matched.size > 0 and self.options.keep > 0
-        alternatives = self._alternatives(own >= self.options.claimed * np.median(own[matched])) if wanted else []
+        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if wanted else []
         return Solution(
             soft,
             best,
@@ -216,11 +242,12 @@ class MultiStart:
 
     def _alternatives(self, claimed: NDArray[np.bool_]) -> Alternatives:
         """The best other assignments; most places go to those that move a claimed point, not only a doubtful one."""
-        keep = self.options.keep
-        count = self.options.neighbours_per_kept * keep
-        images, values = scored_neighbours(self.index, self.state_of_best(), self.options.penalty, count)
-        for image, value in zip(images, values, strict=True):
-            self.found.setdefault(image.tobytes(), (image, float(value)))
+        index, keep = self.index, self.options.keep
+        shape, order = (index.n, index.n_target), index.indices.shape[1]
+        tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
+        due = self.options.penalty * math.comb(int((self.best >= 0).sum()), order)
+        for image, score in best_neighbours(tensor, self.best, NEIGHBOURS_PER_KEPT * keep):
+            self.found.setdefault(image.tobytes(), (image, score - due))
         # Cores are assignments too, which stopped short of being drawn into the best one.
         for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
             self.found.setdefault(core.tobytes(), (core, value))
@@ -229,7 +256,7 @@ class MultiStart:
         moved = (images >= 0) & (images != self.best)
         matters = (moved & (self.best >= 0) & claimed).any(axis=1)
         similar = np.flatnonzero(moved.any(axis=1) & ~matters)
-        doubtful = int(self.options.doubtful_part * keep)
+        doubtful = int(DOUBTFUL_PART * keep)
         chosen = np.flatnonzero(matters)[: keep - min(doubtful, len(similar))]
         chosen = np.sort(np.append(chosen, similar[: keep - len(chosen)]))
         return [ranked[number] for number in chosen.tolist()]

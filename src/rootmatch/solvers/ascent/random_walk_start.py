@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import discretise
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
-from rootmatch.options import Options, option
 from rootmatch.solvers.ascent.pair_table import place_of_pair
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 from rootmatch.solvers.rrwhm import ReweightedWalk
 
-
-@dataclass(frozen=True)
-class WalkOptions(Options):
-    """Which correspondences the walk goes on with where there is a table of pairs."""
-
-    heaviest: int = option(128, least=1)
-    """Correspondences that keep their mass after a step, at least: 127.65 against 127.65 and 80.4 against 80.3 of the
-    full walk on 80 instances (docs/notebook/performance.md)."""
-    heaviest_part: int = option(8, least=1)
-    """Large problems keep one correspondence of so many, if that is more than `heaviest`; both were set together."""
-    tolerance: float = option(1e-6, least=0.0)
-    """Squared change of a step below which the walk is over; as `ReweightedWalk`."""
+HEAVIEST, HEAVIEST_PART = 128, 8
+"""Correspondences that keep their mass after a step where there is a table of pairs: so many or, if that is more, one
+of so many. 127.65 against 127.65 and 80.4 against 80.3 of the full walk on 80 instances
+(docs/notebook/performance.md)."""
 
 
-DEFAULT_WALK = WalkOptions()
-
-
-def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEFAULT_WALK) -> NDArray[np.int64]:
+def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     """Assignment (n,) after some steps of `ReweightedWalk`.
 
     With a table of pairs, after each step only the heaviest correspondences keep their mass: then few pairs are looked
@@ -44,7 +30,7 @@ def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEF
         return discretise(ReweightedWalk(iterations=steps).walked(tensor)[0])
     usual = ReweightedWalk()
     count = index.unary.size
-    most = max(options.heaviest, count // options.heaviest_part)
+    most = max(HEAVIEST, count // HEAVIEST_PART)
     x = np.full(count, 1.0 / count)
     # Of the uniform x; what pairs have in common with the third is each hyper-edge once.
     v = index.marginals / count**2
@@ -62,7 +48,7 @@ def random_walk_start(index: SubsetIndex, steps: int, options: WalkOptions = DEF
             new = kept / kept.sum()
         change = float(((new - x) ** 2).sum())
         x = new
-        if change < options.tolerance:
+        if change < usual.tolerance:
             break
         v = np.zeros(count)
         _contract_among(index, x, chosen, v)

@@ -20,7 +20,7 @@ class MultiStartAscent(AscentOptions):
     less ``penalty · C(|X|, d)``. The true assignment is its optimum long after power iteration has ceased to find it.
 
     1. A few steps of a reweighted random walk, which uses all hyper-edges at once, and the best move from there (see
-       `local_search`) until none is left: the better start where every hyper-edge is a little right. Where it holds two
+       `climb`) until none is left: the better start where every hyper-edge is a little right. Where it holds two
        thirds of all weight, no other assignment can score much more, and step 5 follows at once.
     2. Support of each hyper-edge: the weights of those that share d−1 correspondences with it. Candidates are the best
        supported hyper-edges of all, and the best one of each correspondence. Each grows, by an ascent with a penalty

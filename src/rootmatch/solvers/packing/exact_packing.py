@@ -15,6 +15,9 @@ CLOSED = 1e-9
 """Loss, relative to the bound, that is rounding."""
 DIGITS = 6
 """Decimals of the relaxed optimum that count when it is rounded; what is beyond is the accuracy of HiGHS."""
+PATIENCE = 150
+"""Steps without success after which the tabu search that branch and bound begins with ends: without that search the
+best packing was missed in 5 of 60 selections among 32 to 40 points and clutter, whose nodes ran out."""
 TINY = 1e-300
 """Minimum divisor."""
 
@@ -72,7 +75,6 @@ def best_packing(
     most: int,
     start: NDArray[np.bool_],
     nodes: int,
-    patience: int = 150,
 ) -> NDArray[np.bool_]:
     """Disjoint sets (G,) of the largest total value, limited in number.
 
@@ -89,11 +91,9 @@ def best_packing(
         Disjoint sets to begin with.
     nodes : int
         Most nodes of branch and bound, after which the best packing found so far is returned.
-    patience : int
-        Of the tabu search that branch and bound begins with.
     """
     # the better the start, the quicker is branch and bound
-    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, patience)
+    chosen: NDArray[np.bool_] = pack(elements, values, len(relaxed.price), most, start, PATIENCE)
     better = packing_above(float(values[chosen].sum()), elements, relaxed, most, nodes)
     return better if better.any() else chosen
 

@@ -13,11 +13,23 @@ from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.packing.cliques import cliques
 from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups, match_cost
-from rootmatch.solvers.packing.options import CliqueOptions
 
 Groups = NDArray[np.int64]
 SECONDS_PER_GROUP = 1e-4
 """Time to extend a group in all ways and to evaluate these, at most (benchmarks/matches.py --only motions)."""
+MOST_CLIQUES = 2_000_000
+"""Cliques beyond which groups grow from single hyper-edges."""
+LARGE = 7
+"""Members beyond the order from which chance makes no group, so that its parts need not compete."""
+SAMPLED, PER_ROUND = 4_096, 512
+"""Cliques that grow to large groups, of which each has hundreds; and those that grow before those within large groups
+are skipped."""
+LEADING = 64
+"""Large groups, those of the highest evidence, whose parts are skipped and which are separated from each other."""
+PER_SIZE = 30_000
+"""Groups of one size that grow further, those of the highest evidence."""
+LEAST_REST = 0.5
+"""Fraction of a group that must remain without another one's points for the rest to compete."""
 
 
 class GroupFit(NamedTuple):
@@ -42,21 +54,15 @@ class FittedGroups:
     fit : GroupFit
     fallback : HyperedgeGroups
         Source of the groups to be fitted where there are too many cliques.
-    options : CliqueOptions
     deadline : Deadline
         Of the growth.
     """
 
     def __init__(
-        self,
-        tensor: AffinityTensor,
-        fit: GroupFit,
-        fallback: HyperedgeGroups,
-        options: CliqueOptions,
-        deadline: Deadline = NEVER,
+        self, tensor: AffinityTensor, fit: GroupFit, fallback: HyperedgeGroups, deadline: Deadline = NEVER
     ) -> None:
         self.deadline = deadline
-        self.tensor, self.fit, self.fallback, self.options = tensor, fit, fallback, options
+        self.tensor, self.fit, self.fallback = tensor, fit, fallback
         self.made = 0
 
     def groups(self) -> Groups:
@@ -66,7 +72,7 @@ class FittedGroups:
         to each prediction, which with few points may be the wrong one; so small groups grow in every way that they
         can, one member at a time, as long as their evidence is positive.
         """
-        found = cliques(self.tensor.indices, self.tensor.shape, self.options.most_cliques)
+        found = cliques(self.tensor.indices, self.tensor.shape, MOST_CLIQUES)
         if found is None:
             groups = self.fallback.groups()
             self.made = self.fallback.made
@@ -76,37 +82,37 @@ class FittedGroups:
         groups = as_groups(found, *self.tensor.shape)
         groups = groups[self.evidence(groups) > 0.0]
         large = self._large(groups)
-        separated = apart(large[: self.options.leading], self.options.least_rest)
+        separated = apart(large[:LEADING])
         return distinct(np.concatenate([large, without_one(large), separated, *self._small(groups, large)]))
 
     def _large(self, groups: Groups) -> Groups:
         """Groups so large that chance makes none, those of the highest evidence first, from a sample of the cliques."""
         # in another order than the points', in which neighbours share what grows from them
-        waiting = groups[np.random.default_rng(0).permutation(len(groups))[: self.options.sampled]]
+        waiting = groups[np.random.default_rng(0).permutation(len(groups))[:SAMPLED]]
         large = np.empty((0, groups.shape[1]), np.int64)
         pace = Pace(self.deadline.part(0.5), 8)
-        while len(waiting) and (few := pace.block(min(self.options.per_round, len(waiting)))):
+        while len(waiting) and (few := pace.block(min(PER_ROUND, len(waiting)))):
             grown = self.fit.grown(waiting[:few])
-            grown = grown[sizes(grown) >= self.tensor.order + self.options.large]
+            grown = grown[sizes(grown) >= self.tensor.order + LARGE]
             large = distinct(np.concatenate([large, grown]))
             large = large[np.argsort(-self.evidence(large), kind="stable")]
             waiting = waiting[few:]
-            waiting = waiting[shared(waiting, large[: self.options.leading]) < self.tensor.order]
+            waiting = waiting[shared(waiting, large[:LEADING]) < self.tensor.order]
         return large
 
     def _small(self, level: Groups, large: Groups) -> list[Groups]:
         """Groups of each size from cliques on, as large as chance makes them."""
         levels = []
-        for _ in range(self.options.large):
+        for _ in range(LARGE):
             # one that shares a hyper-edge with a large group is of its motion, with something wrong at the most
-            level = level[shared(level, large[: self.options.leading]) < self.tensor.order]
+            level = level[shared(level, large[:LEADING]) < self.tensor.order]
             levels.append(level)
             if self.deadline.passed():
                 break
             level = level[: self.deadline.part(0.3).cut(len(level), SECONDS_PER_GROUP)]
             level = distinct(self.fit.extended(level))
             evidence = self.evidence(level)
-            best = np.argsort(-evidence, kind="stable")[: self.options.per_size]
+            best = np.argsort(-evidence, kind="stable")[:PER_SIZE]
             level = level[best[evidence[best] > 0.0]]
         return levels
 
@@ -165,15 +171,15 @@ def shared(groups: Groups, others: Groups) -> NDArray[np.int64]:
     return most
 
 
-def apart(groups: Groups, least_rest: float) -> Groups:
+def apart(groups: Groups) -> Groups:
     """Each group without what it shares with each of the others: a few points or images of two motions may fit both.
 
-    Where less than a fraction of the group would be left, it is left out.
+    Where less than `LEAST_REST` of the group would be left, it is left out.
     """
     less = []
     for number, group in enumerate(groups):
         others = np.delete(groups, number, axis=0)
         taken = (others >= 0) | (group[None, :, None] == others[:, None, :]).any(axis=2)
         remain = np.where(taken, -1, group[None])
-        less.append(remain[(remain >= 0).sum(axis=1) > least_rest * (group >= 0).sum()])
+        less.append(remain[(remain >= 0).sum(axis=1) > LEAST_REST * (group >= 0).sum()])
     return np.concatenate([*less, groups[:0]])

@@ -9,12 +9,18 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.solvers.packing.exact_packing import best_packing, packing_above, relaxation, rounded
-from rootmatch.solvers.packing.options import SelectionOptions
 
 RELAXED = 0.5
 """Share of the time left at a deadline that each step of the selection may take."""
 SECONDS_PER_NODE = 2e-5
 """Time of a node of branch and bound, at most."""
+NODES_OF_LARGE, NODES, NODES_OF_RIVALS = 400_000, 50_000, 5_000
+"""Nodes for the best large groups, of which some thousand are usual, with the small groups too, and for the replacement
+of one group."""
+RIVAL_OVERLAP = 0.5
+"""Fraction of the smaller of two groups in common from which they are the same one."""
+RIVAL_VALUE = 0.5
+"""Fraction of a group's evidence below which nothing that could take its place is looked for."""
 
 
 class GroupSelection:
@@ -26,10 +32,9 @@ class GroupSelection:
         values: NDArray[np.float64],
         shape: tuple[int, int],
         motions: int | Literal["auto"],
-        options: SelectionOptions,
         deadline: Deadline = NEVER,
     ) -> None:
-        self.options, self.deadline = options, deadline
+        self.deadline = deadline
         self.groups, self.values, self.shape = groups, values, shape
         self.sizes = (groups >= 0).sum(axis=1)
         self.most = len(groups) if motions == "auto" else int(motions)
@@ -46,7 +51,7 @@ class GroupSelection:
         """
         chosen = np.zeros(len(self.groups), np.bool_)
         large, every = np.flatnonzero(self.sizes >= least), np.arange(len(self.groups))
-        for allowed, nodes in ((large, self.options.nodes_of_large), (every, self.options.nodes)):
+        for allowed, nodes in ((large, NODES_OF_LARGE), (every, NODES)):
             if len(allowed) == 0:
                 continue
             elements, values = self.elements[allowed], self.values[allowed]
@@ -55,9 +60,7 @@ class GroupSelection:
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
             nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
-            found = best_packing(
-                elements, values, self.relaxed, self.most, start, nodes=nodes, patience=self.options.patience
-            )
+            found = best_packing(elements, values, self.relaxed, self.most, start, nodes)
             chosen = np.zeros(len(self.groups), np.bool_)
             chosen[allowed[found]] = True
         return chosen
@@ -86,11 +89,11 @@ class GroupSelection:
         for number in np.flatnonzero(chosen):
             if self.deadline.passed():
                 return others, 0.0  # what could take its place is not known
-            nodes = self.deadline.part(RELAXED).affordable(self.options.nodes_of_rivals, SECONDS_PER_NODE)
+            nodes = self.deadline.part(RELAXED).affordable(NODES_OF_RIVALS, SECONDS_PER_NODE)
             shared = ((self.groups == self.groups[number]) & (self.groups >= 0)).sum(axis=1)
-            same = self.options.rival_overlap * np.minimum(self.sizes, self.sizes[number])
+            same = RIVAL_OVERLAP * np.minimum(self.sizes, self.sizes[number])
             allowed = np.flatnonzero(shared < same)
-            least = self.values[chosen].sum() - self.options.rival_value * self.values[number]
+            least = self.values[chosen].sum() - RIVAL_VALUE * self.values[number]
             found = np.zeros(len(chosen), np.bool_)
             found[allowed] = packing_above(
                 least, self.elements[allowed], self.relaxed.of(allowed), self.most, nodes

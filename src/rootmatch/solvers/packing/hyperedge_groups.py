@@ -11,13 +11,22 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, Deadline, Pace
 from rootmatch.hypergraph.tensor import AffinityTensor
+from rootmatch.problems.limits import GATE
 from rootmatch.solvers.ascent.assignment_state import empty_state
-from rootmatch.solvers.ascent.local_search import climb_from, state_of
+from rootmatch.solvers.ascent.climb import climb_from, state_of
 from rootmatch.solvers.ascent.start_selection import within
 from rootmatch.solvers.ascent.subset_index import SubsetIndex, build_index, ranked_hyperedges
-from rootmatch.solvers.packing.options import GrowthOptions
 
 Groups = NDArray[np.int64]
+
+GATE2 = GATE**2
+"""Squared residual that a hyper-edge outside of the tensor is taken to have: that of the gate."""
+STARTS = 20_000
+"""Maximum number of hyper-edges that grow."""
+PER_ROUND = 512
+"""Groups grown before those within them are skipped."""
+LIMIT = 1_000
+"""Moves of one ascent. A bound that is never met."""
 
 
 class HyperedgeGroups:
@@ -28,23 +37,19 @@ class HyperedgeGroups:
     tensor : AffinityTensor
     chance_weight : float
         Mean weight of a random hyper-edge.
-    options : GrowthOptions
     deadline : Deadline
         Of the growth.
     """
 
-    def __init__(
-        self, tensor: AffinityTensor, chance_weight: float, options: GrowthOptions, deadline: Deadline = NEVER
-    ) -> None:
+    def __init__(self, tensor: AffinityTensor, chance_weight: float, deadline: Deadline = NEVER) -> None:
         self.deadline = deadline
         self.tensor, self.order, self.shape = tensor, tensor.order, tensor.shape
-        self.chance_weight, self.options, self.made = chance_weight, options, 0
-        self.gate2 = float(options.gate) ** 2
+        self.chance_weight, self.made = chance_weight, 0
 
     @cached_property
     def index(self) -> SubsetIndex:
         """Index of the agreement of the hyper-edges, the squared gate less the squared residual."""
-        agreement = np.maximum(self.gate2 + 2.0 * np.log(np.maximum(self.tensor.weights, 1e-300)), 0.0)
+        agreement = np.maximum(GATE2 + 2.0 * np.log(np.maximum(self.tensor.weights, 1e-300)), 0.0)
         return build_index(AffinityTensor.unchecked(self.tensor.indices, agreement, self.shape))
 
     def groups(self) -> Groups:
@@ -55,20 +60,20 @@ class HyperedgeGroups:
         """
         index = self.index
         rank, _ = ranked_hyperedges(index)
-        candidates = index.indices[np.argsort(-rank, kind="stable")[: self.options.starts]]
+        candidates = index.indices[np.argsort(-rank, kind="stable")[:STARTS]]
         empty = empty_state(index)
         found: dict[bytes, Groups] = {}
         threads = numba.get_num_threads()
         waiting = np.arange(len(candidates))
         pace = Pace(self.deadline)
-        while len(waiting) and (few := pace.block(min(self.options.per_round, len(waiting)))):
+        while len(waiting) and (few := pace.block(min(PER_ROUND, len(waiting)))):
             now, waiting = waiting[:few], waiting[few:]
             bases = np.full((len(now), index.n), -1)
             source, target = np.divmod(candidates[now], index.n_target)
             bases[np.arange(len(now))[:, None], source] = target
             # squared residuals that pass by chance are uniform below the squared gate
-            by_chance = 0.5 * self.gate2
-            ends = climb_from(index, empty, bases, penalty=by_chance, limit=self.options.limit, threads=threads)
+            by_chance = 0.5 * GATE2
+            ends = climb_from(index, empty, bases, penalty=by_chance, limit=LIMIT, threads=threads)
             self.made += len(now)
             fresh = {image.tobytes(): image for image in ends.images if (image >= 0).sum() > self.order}
             fresh = {key: image for key, image in fresh.items() if key not in found}
@@ -105,7 +110,7 @@ class HyperedgeGroups:
     def _evidence(self, m: NDArray[np.int64], sums: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evidence of groups by their number of members and the summed agreement of their hyper-edges."""
         hyperedges = np.array([math.comb(int(size), self.order) for size in m], np.float64)
-        squared = self.gate2 - sums / hyperedges
+        squared = GATE2 - sums / hyperedges
         return np.asarray(
             (m - self.order + 1) * (-math.log(self.chance_weight) - 0.5 * squared) - m * match_cost(self.shape)
         )

@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from rootmatch.deadline import NEVER, Deadline
 from rootmatch.errors import InputError
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.options import option
 from rootmatch.solvers.base import Solution, empty_solution, is_empty
 from rootmatch.solvers.packing.fitted_groups import FittedGroups, GroupFit
 from rootmatch.solvers.packing.group_selection import GroupSelection
 from rootmatch.solvers.packing.hyperedge_groups import HyperedgeGroups
-from rootmatch.solvers.packing.options import PackingOptions
 
 GROWN = 0.5
 """Share of a deadline for the growth of groups, and of what is left then for the selection among them."""
 SECONDS_PER_GROUP = 1e-5
 """Time for a group that competes, at most (benchmarks/matches.py --only motions)."""
+COLUMNS = 6_000
+"""Maximum number of groups that compete, those of the highest evidence. Accuracy: benchmarks/accuracy.py."""
+LARGE = 2
+"""Members beyond the order of a large group, which are selected before all compete."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,11 @@ class GroupPacking:
     fit : GroupFit, optional
         Fits of whole groups, where the problem has them. Then ½ mean r² and log 1/w̄ are replaced by their χ² and by
         the weight of a detection at random: chance agrees in single hyper-edges, but not in all at once.
-    options : PackingOptions
     """
 
     motions: int | Literal["auto"] = "auto"
     chance_weight: float = 1e-3
     fit: GroupFit | None = None
-    options: PackingOptions = option(PackingOptions())
 
     def __post_init__(self) -> None:
         if not self.chance_weight > 0.0:
@@ -68,15 +68,15 @@ class GroupPacking:
         if is_empty(tensor) or tensor.size == 0:
             return empty_solution(tensor)
         growing = deadline.part(GROWN)
-        by_hyperedges = HyperedgeGroups(tensor, self.chance_weight, self.options.growth, growing)
+        by_hyperedges = HyperedgeGroups(tensor, self.chance_weight, growing)
         source: HyperedgeGroups | FittedGroups = by_hyperedges
         if self.fit is not None:
-            source = FittedGroups(tensor, self.fit, by_hyperedges, self.options.cliques, growing)
+            source = FittedGroups(tensor, self.fit, by_hyperedges, growing)
         groups, values = self._competing(source)
         few = deadline.part(GROWN).cut(len(groups), SECONDS_PER_GROUP)
         groups, values = groups[:few], values[:few]
-        packing = GroupSelection(groups, values, tensor.shape, self.motions, self.options.selection, deadline=deadline)
-        chosen = packing.best(tensor.order + self.options.selection.large)
+        packing = GroupSelection(groups, values, tensor.shape, self.motions, deadline)
+        chosen = packing.best(tensor.order + LARGE)
         alternatives, lead = packing.without_each(chosen)
         assignment, labels = self._enlarged(*packing.solution(chosen), source, deadline)
         soft = np.zeros(tensor.shape)
@@ -100,7 +100,7 @@ class GroupPacking:
         groups = source.groups()
         values = source.evidence(groups)
         positive = np.flatnonzero(values > 0.0)
-        best = positive[np.argsort(-values[positive], kind="stable")][: self.options.selection.columns]
+        best = positive[np.argsort(-values[positive], kind="stable")][:COLUMNS]
         return groups[best], values[best]
 
     def _enlarged(

@@ -23,12 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER
-from rootmatch.hypergraph.neighbourhood import Changes, one_change_neighbours
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_pieces, in_threads
-from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, objective
+from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
 LEAST_STEP = 1e-10
@@ -289,51 +288,3 @@ def _climb(
     in_threads(ascend, count, threads, PARTS)
     penalties = np.array([penalty * math.comb(size, order) for size in range(n + 1)])
     return Ascended(images, totals - penalties[sizes], moves, reads)
-
-
-def _change_of_score(
-    index: SubsetIndex, state: State, changes: Changes
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Change of f by each change of an assignment, and for exchanges what the term Q, not yet in it, may add."""
-    n, n_target, image = index.n, index.n_target, state.image
-    gains, unary = state.gains.reshape(n, n_target), index.unary.reshape(n, n_target)
-    most = index.marginals.reshape(n, n_target)
-    matched = image >= 0
-    own_gain = np.where(matched, gains[np.arange(n), image], 0.0)
-    own_unary = np.where(matched, unary[np.arange(n), image], 0.0)
-    i, k, j, l = changes  # noqa: E741
-    exchange, handed = (j >= 0) & (k >= 0), (j >= 0) & (k < 0)
-    value = np.where(handed, gains[j, l] + unary[j, l], gains[i, k] + unary[i, k])
-    value[exchange] += gains[j, l][exchange]
-    value[exchange] += unary[j, l][exchange]
-    value[exchange] += state.pairs[i, j][exchange]
-    value -= np.where(exchange, own_gain[i] + own_unary[i] + own_gain[j] + own_unary[j], own_gain[i] + own_unary[i])
-    return value, np.where(exchange, np.minimum(most[i, k], most[j, l]), 0.0)
-
-
-@driver(nogil=True)
-def _joint_weights(index, state, i, k, j, l, weight):  # type: ignore[no-untyped-def]  # noqa: E741
-    """The terms Q of exchanges; the indices are those of `Changes`."""
-    n_target = index.n_target
-    for r in range(i.size):
-        weight[r] = joint_weight(index, state, i[r] * n_target + k[r], j[r] * n_target + l[r], i[r], j[r])
-
-
-def scored_neighbours(
-    index: SubsetIndex, state: State, penalty: float, keep: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The best `keep` assignments that differ by one change (`one_change_neighbours`), exactly scored.
-
-    Returns the assignments (keep or fewer, n) and their objectives, best first.
-    """
-    changes = one_change_neighbours(state.image, index.n_target)
-    change, slack = _change_of_score(index, state, changes)
-    # The term Q of an exchange is looked up where it could decide which are among the best.
-    enough = np.partition(change, -keep)[-keep] if 0 < keep < change.size else -np.inf
-    open_ = np.flatnonzero((slack > 0) & (change + slack >= enough))
-    if open_.size:
-        weight = np.empty(open_.size)
-        _joint_weights(index, state, *changes.take(open_), weight)
-        change[open_] += weight
-    chosen = np.argsort(-change, kind="stable")[:keep]
-    return changes.take(chosen).applied_to(state.image), objective(index, state, penalty) + change[chosen]

@@ -18,7 +18,6 @@ from rootmatch.problems.points import PointClouds, distances
 from rootmatch.samplers.base import SamplingTask
 from rootmatch.samplers.guided.hypotheses import HypothesisClusters
 from rootmatch.samplers.point_sets.motions import Motions, fitted_motions
-from rootmatch.samplers.point_sets.options import PointSetOptions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -31,6 +30,25 @@ SECONDS_PER_PAIR = 1e-7
 """Time to sort a pair of targets by distance, for looking it up."""
 ENTRIES = 2_000_000
 """Pairs of points that are compared at once, so that a block of them takes some ten milliseconds."""
+
+TRIPLES, LEAST = 6_000, 12
+"""Most triples of source points that are tried, and least, however clear the best motion is: three of ten matched
+points in a hundred are among so many with 99.5 %."""
+DRAWS = 4
+"""Random triples of which the widest is tried: fewer are flat, more are all at the rim."""
+MISSED = 0.005
+"""Probability at which a motion that explains as many points as the best one may have been missed."""
+GATE, WIDE_GATE = 3.7, 8.0
+"""Deviation in σ up to which distances within a triple agree (of 10,000 right ones two are lost), and within which a
+point counts for the motion of a triple, whose own error it covers too."""
+PAIRS = 20_000
+"""Most pairs of targets that are tried for a side; a seeded selection of more."""
+REFINED = 4
+"""Motions of a triple, those that explain the most points, that are refined on these points."""
+KEPT, CANDIDATES = 20, 3
+"""Distinct motions that are kept, and targets that a point may have in each."""
+BEYOND = 5.0
+"""Evidence by which the best motion has to exceed the logarithm of the motions tried: e⁻⁵ is 0.7 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +66,8 @@ class MotionHypothesis:
 class MotionSearch:
     """Motions between the point sets of a task, the highest evidence first."""
 
-    def __init__(self, task: SamplingTask, clouds: PointClouds, options: PointSetOptions, deadline: Deadline) -> None:
-        self.clouds, self.options, self.deadline, self.task = clouds, options, deadline, task
+    def __init__(self, task: SamplingTask, clouds: PointClouds, deadline: Deadline) -> None:
+        self.clouds, self.deadline, self.task = clouds, deadline, task
         self.rng = np.random.default_rng(task.seed)
         self.n, self.n_target = task.shape
         self.dimension = clouds.source.shape[1]
@@ -74,7 +92,7 @@ class MotionSearch:
     @property
     def level(self) -> float:
         """Evidence that chance may reach."""
-        return math.log(self.judged + 1.0) + self.options.beyond
+        return math.log(self.judged + 1.0) + BEYOND
 
     @property
     def conclusive(self) -> bool:
@@ -83,8 +101,8 @@ class MotionSearch:
 
     def run(self, budget: int = 500_000_000) -> None:
         """Try triples until a motion as good as the best one can hardly have been missed, or the budget is spent."""
-        while self.tried < self.options.triples and self.evaluated < budget and not self.deadline.passed():
-            if self.tried >= self.options.least and self._finished():
+        while self.tried < TRIPLES and self.evaluated < budget and not self.deadline.passed():
+            if self.tried >= LEAST and self._finished():
                 return
             triple = self._triple()
             key = frozenset(triple.tolist())
@@ -95,18 +113,18 @@ class MotionSearch:
                 self._take(triple, self._alike(triple))
             self.tried += 1
             if self.task.progress is not None and self.tried % BLOCK == 0:
-                self.task.progress(self.tried, self.options.triples)
+                self.task.progress(self.tried, TRIPLES)
 
     def _finished(self) -> bool:
         """Whether a motion that explains as many points would have been found, at least once, by now."""
         if self.task.motions != 1 or not self.conclusive:
             return False
         matched = float((self.hypotheses[0].assignment >= 0).mean())
-        return self.tried * math.log1p(-min(matched**3, 1.0 - 1e-12)) < math.log(self.options.missed)
+        return self.tried * math.log1p(-min(matched**3, 1.0 - 1e-12)) < math.log(MISSED)
 
     def _triple(self) -> Integers:
         """The widest of some random triples, by area."""
-        drawn = self.rng.integers(0, self.n, (self.options.draws, 3))
+        drawn = self.rng.integers(0, self.n, (DRAWS, 3))
         a, b, c = drawn.T
         sides = np.sort(np.stack([self.near[a, b], self.near[b, c], self.near[a, c]]), axis=0)
         # Heron: 16 times the squared area, 0 for a point drawn twice
@@ -118,7 +136,7 @@ class MotionSearch:
         """Pairs of targets (P, 2) that may be two source points so far apart; all where the scale is unknown."""
         if self.clouds.scaled:
             return self.pairs
-        window = self.options.gate * self.widest
+        window = GATE * self.widest
         low, high = np.searchsorted(self.lengths, [length - window, length + window])
         return self.pairs[low:high]
 
@@ -126,18 +144,18 @@ class MotionSearch:
         """Whether none of the pairs is left out for being too many, whichever two of the points come first."""
         a, b, c = triple.tolist()
         sides = (self.near[a, b], self.near[b, c], self.near[a, c])
-        return max(len(self._pairs_as_long(side)) for side in sides) <= self.options.pairs
+        return max(len(self._pairs_as_long(side)) for side in sides) <= PAIRS
 
     def _alike(self, triple: Integers) -> Integers:
         """Triples of targets (H, 3) whose triangle is that of the source points, up to noise."""
         a, b, c = triple.tolist()
         if len({a, b, c}) < 3:
             return np.empty((0, 3), np.int64)
-        options, clouds = self.options, self.clouds
+        clouds = self.clouds
         ab, ac, bc = self.near[a, b], self.near[a, c], self.near[b, c]
         pairs = self._pairs_as_long(ab)
-        if len(pairs) > options.pairs:
-            pairs = pairs[np.sort(self.rng.permutation(len(pairs))[: options.pairs])]
+        if len(pairs) > PAIRS:
+            pairs = pairs[np.sort(self.rng.permutation(len(pairs))[:PAIRS])]
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         if self.allowed is not None:
             pairs = pairs[self.allowed[a, pairs[:, 0]] & self.allowed[b, pairs[:, 1]]]
@@ -147,7 +165,7 @@ class MotionSearch:
         length = self.far[k, l]
         scale = length / ab if clouds.scaled else np.ones(len(pairs))
         own = v[k] + v[l] + scale**2 * (u[a] + u[b])
-        alike = np.abs(length - scale * ab) <= options.gate * np.sqrt(own)
+        alike = np.abs(length - scale * ab) <= GATE * np.sqrt(own)
         k, l, scale, own = k[alike], l[alike], scale[alike, None], own[alike, None]  # noqa: E741
         # an unknown scale has the noise of the side that it is taken from
         of_scale = own / ab**2 if clouds.scaled else np.zeros_like(own)
@@ -158,7 +176,7 @@ class MotionSearch:
             rows = slice(first, first + step)
             for corner, image, side in ((a, k[rows], ac), (b, l[rows], bc)):
                 variance = v[image][:, None] + v + scale[rows] ** 2 * (u[corner] + u[c]) + of_scale[rows] * side**2
-                third[rows] &= (self.far[image] - scale[rows] * side) ** 2 <= options.gate**2 * variance
+                third[rows] &= (self.far[image] - scale[rows] * side) ** 2 <= GATE**2 * variance
         if self.allowed is not None:
             third &= self.allowed[c]
         row, m = np.nonzero(third)
@@ -172,7 +190,7 @@ class MotionSearch:
 
     def _take(self, triple: Integers, images: Integers) -> None:
         """Judge the motions that take the triple onto its images; refine and keep the best."""
-        clouds, options = self.clouds, self.options
+        clouds = self.clouds
         if not len(images):
             return
         counts, every = np.empty(len(images)), []
@@ -184,21 +202,21 @@ class MotionSearch:
             source = np.broadcast_to(clouds.source[triple], target.shape)
             every.append(fitted_motions(source, target, clouds.scaled, clouds.mirror))
             squared, variance = every[-1].squares(clouds)
-            close = squared <= options.wide_gate**2 * variance
+            close = squared <= WIDE_GATE**2 * variance
             if self.allowed is not None:
                 close &= self.allowed
             # as many as have one, of either set
             counts[part] = np.minimum(close.any(axis=2).sum(axis=1), close.any(axis=1).sum(axis=1))
         self.judged += len(images)
         self.evaluated += len(images) * self.n
-        for one in np.argsort(-counts, kind="stable")[: options.refined].tolist():
+        for one in np.argsort(-counts, kind="stable")[:REFINED].tolist():
             if counts[one] > 3:
                 self._refine(every[one // block].take(np.array([one % block])))
 
     def _refine(self, motion: Motions) -> None:
         """Fit a motion to the points that it explains, several times, and keep it if it is among the best."""
-        clouds, options = self.clouds, self.options
-        gates = np.geomspace(options.wide_gate, options.gate, ROUNDS)
+        clouds = self.clouds
+        gates = np.geomspace(WIDE_GATE, GATE, ROUNDS)
         for gate in gates.tolist():
             checkpoint()
             squared, variance = (part[0] for part in motion.squares(clouds))
@@ -211,7 +229,7 @@ class MotionSearch:
                 clouds.source[members][None], clouds.target[images][None], clouds.scaled, clouds.mirror, weight[None]
             )
         squared, variance = (part[0] for part in motion.squares(clouds))
-        ratios = self._ratios(squared, variance, options.gate)
+        ratios = self._ratios(squared, variance, GATE)
         members, images = _mutual(ratios)
         worth = np.sort(ratios[members, images])
         assignment = np.full(self.n, -1, np.int64)
@@ -221,7 +239,7 @@ class MotionSearch:
             return
         self.hypotheses.append(MotionHypothesis(evidence, assignment, ratios))
         self.hypotheses.sort(key=lambda one: -one.evidence)
-        del self.hypotheses[options.kept :]
+        del self.hypotheses[KEPT:]
 
     def _ratios(self, squared: Floats, variance: Floats, gate: float) -> Floats:
         """Log-likelihood ratios (n, n') of correspondences against chance; −∞ beyond the gate."""
@@ -235,7 +253,7 @@ class MotionSearch:
 
     def clusters(self) -> HypothesisClusters:
         """The motions that are kept, each with the targets that its points may have."""
-        width = min(self.options.candidates, self.n_target)
+        width = min(CANDIDATES, self.n_target)
         lists = np.full((len(self.hypotheses), self.n, width), -1, np.int64)
         for g, one in enumerate(self.hypotheses):
             order = np.argsort(-one.ratios, axis=1, kind="stable")[:, :width]

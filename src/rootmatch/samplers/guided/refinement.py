@@ -1,0 +1,59 @@
+"""Refinement of clusters of hypotheses: wide minimal sets of their own correspondences, to be solved anew.
+
+Another set predicts what the first one missed, and often better.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.samplers.guided.hypotheses import Hypotheses
+from rootmatch.samplers.guided.minimal_sets import widest
+
+Integers = NDArray[np.int64]
+
+CLUSTERS, CLUSTER_PART = 8, 0.25
+"""Clusters that are solved anew when none is beyond chance: so many or, if that is more, this fraction of them."""
+SETS, SURE_SETS = 8, 4
+"""Minimal sets solved anew of each cluster; and of one beyond chance, for one motion of few points without normals: it
+mostly grows no more. Both find the same matches in benchmarks/record.py and benchmarks/matches.py."""
+
+
+def refining_sets(
+    hypotheses: Hypotheses,
+    leaders: Integers,
+    beyond_chance: int,
+    positions: NDArray[np.float64],
+    solutions: int,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Integers, Integers]:
+    """Minimal sets (K, m) of the best clusters, with roots and images (K, 1 + m), each set once for every root.
+
+    Parameters
+    ----------
+    hypotheses : Hypotheses
+    leaders : (G,) int64 array
+        The strongest of each cluster, strongest first.
+    beyond_chance : int
+        How many clusters are: they are taken, or some if none is.
+    positions : (n, 3) array
+    solutions : int
+        Most solutions of a minimal set.
+    count : int
+        Minimal sets of each cluster.
+    rng : Generator
+    """
+    minimal = hypotheses.points.shape[1]
+    points, images = [np.empty((0, minimal), np.int64)], [np.empty((0, minimal), np.int64)]
+    for leader in leaders[: beyond_chance or max(CLUSTERS, int(CLUSTER_PART * len(leaders)))]:
+        (matched,) = (hypotheses.best[leader] >= 0).nonzero()
+        chosen = widest(positions, matched, minimal, count, rng)
+        points.append(np.repeat(chosen, solutions, axis=0))
+        images.append(np.repeat(hypotheses.best[leader][chosen], solutions, axis=0))
+    stacked = np.concatenate(points)
+    solved = np.empty((len(stacked), 1 + minimal), np.int64)
+    solved[:, 0] = np.arange(len(stacked)) % solutions
+    solved[:, 1:] = np.concatenate(images)
+    return stacked, solved
