@@ -29,11 +29,11 @@ import rootmatch
 from rootmatch.backends import cpu, cuda, cuda_float32
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.strongest import Enumeration
-from rootmatch.benchmark.timing import seconds
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.residual_dispatch import has_single
+from rootmatch.research.speed.timing import seconds
 from rootmatch.samplers.exhaustive import exhaustive_tensor
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
@@ -150,7 +150,7 @@ def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: f
 
 def operations(rows: list[dict[str, Any]]) -> None:
     """Add to each row the operations per hyper-edge, counted by running the kernel on counting numbers."""
-    from rootmatch.benchmark.operation_count import operations as counted
+    from rootmatch.research.speed.operation_count import operations as counted
 
     cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
     for row, count in zip(rows, counted(cases), strict=True):

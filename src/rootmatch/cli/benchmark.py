@@ -15,7 +15,7 @@ from rootmatch.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rootmatch.benchmark import Results
+    from rootmatch.research.speed import Results
 
 
 class What(StrEnum):
@@ -68,7 +68,7 @@ def benchmark(
     from rootmatch.cli.progress import progress_bar
 
     if what is What.BLIND:
-        from rootmatch.benchmark.blind.run import run_blind
+        from rootmatch.research.blind.run import run_blind
 
         if output is None:
             raise InputError("benchmark blind: give --output, the folder of rows and tables")
@@ -89,9 +89,9 @@ def benchmark(
         typer.echo(dumps(found) if json else "\n".join(" | ".join(line) for line in found))
         return
     if what is What.REAL:
-        from rootmatch.benchmark.real.leaderboard import page
-        from rootmatch.benchmark.real.methods import METHODS
-        from rootmatch.benchmark.real.run import run_real
+        from rootmatch.research.real.leaderboard import page
+        from rootmatch.research.real.methods import METHODS
+        from rootmatch.research.real.run import run_real
 
         if data is None or output is None:
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
@@ -102,7 +102,7 @@ def benchmark(
             )
         typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)
         return
-    from rootmatch.benchmark import Plan, run
+    from rootmatch.research.speed import Plan, run
 
     with progress_bar("benchmark", not quiet) as progress:
         results = run(Plan.tiny() if tiny else Plan(), progress)

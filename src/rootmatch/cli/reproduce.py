@@ -53,13 +53,13 @@ def reproduce(
     """
     from contextlib import nullcontext
 
-    from rootmatch.experiments.progress import Console
-    from rootmatch.experiments.reproduce import reproduce as run
-    from rootmatch.experiments.settings import PROBLEMS, Effort
+    from rootmatch.research.paper.reproduce import reproduce as run
+    from rootmatch.research.paper.settings import PROBLEMS, Effort
+    from rootmatch.research.progress import Console
 
     leaves("finished work is kept, and the same command continues")
     if which is Which.HYPERGRAPH:
-        from rootmatch.experiments.hypergraph.run import reproduce as run_protocols
+        from rootmatch.research.hypergraph.run import reproduce as run_protocols
 
         with nullcontext() if quiet else Console() as progress:
             files = run_protocols(
