@@ -38,30 +38,20 @@ Frames = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
+    option.points(
+        "Frames per second; missing frame numbers count as elapsed time.",
         metavar="HZ",
-        help="Frames per second; missing frame numbers count as elapsed time.",
-        show_default="60, or the column time",
-        rich_help_panel=option.INPUT,
+        default="60, or the column time",
     ),
 ]
 Poses = Annotated[
     Path | None,
-    typer.Option(
-        metavar="CSV",
-        help="Write one row per frame: status, and pose with its covariance.",
-        show_default="standard output",
-        rich_help_panel=option.OUTPUT,
+    option.output(
+        "Write one row per frame: status, and pose with its covariance.", metavar="CSV", default="standard output"
     ),
 ]
-AsJson = Annotated[
-    bool,
-    typer.Option("--json", help="Print one JSON object for each frame, one per line.", rich_help_panel=option.OUTPUT),
-]
-Matches = Annotated[
-    Path | None,
-    typer.Option(metavar="CSV", help="Write frame,source,target,weight,motion.", rich_help_panel=option.OUTPUT),
-]
+AsJson = Annotated[bool, option.output("--json", "Print one JSON object for each frame, one per line.")]
+Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
 
 
 def track(
