@@ -9,8 +9,8 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from rootmatch import benchmark
 from rootmatch.cli.app import app
+from rootmatch.research import speed as benchmark
 from rootmatch.research.speed import Plan, Results, run
 from rootmatch.research.speed.operation_count import Counted, operations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -238,3 +239,7 @@ def _scene(
         points=points,
         seed=counts.seed,
     )
+
+
+SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
+"""The paper's scenes by the names of their problems."""

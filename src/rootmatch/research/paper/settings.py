@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from rootmatch.errors import InputError
-from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import SCENES, Scene
 
 PROBLEMS = ("p3p", "3p1", "up2p")
 TITLES = {"p3p": "P3P", "3p1": "3P1", "up2p": "up2p"}
@@ -99,13 +100,10 @@ class Setting:
 
     def scene(self, seed: int) -> Scene:
         """The instance of a seed, with the paper's ten points."""
-        if self.problem == "p3p":
-            return p3p_scene(outliers=self.outliers, noise=self.noise, seed=seed, motions=self.motions)
-        if self.problem == "up2p":
-            return up2p_scene(outliers=self.outliers, noise=self.noise, seed=seed, motions=self.motions)
-        if self.problem == "3p1":
-            return three_plus_one_scene(outliers=self.outliers, noise=self.noise, seed=seed, baseline=self.baseline)
-        raise InputError(f"problem: {self.problem!r} given; one of {', '.join(PROBLEMS)} expected")
+        if self.problem not in SCENES:
+            raise InputError(f"problem: {self.problem!r} given; one of {', '.join(PROBLEMS)} expected")
+        own: dict[str, Any] = {"baseline": self.baseline} if self.problem == "3p1" else {"motions": self.motions}
+        return SCENES[self.problem](outliers=self.outliers, noise=self.noise, seed=seed, **own)
 
     def __str__(self) -> str:
         parts = [TITLES.get(self.problem, self.problem)]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import statistics
-import time
+from functools import partial
 from typing import Any
 
 from rootmatch.api import match
 from rootmatch.matcher import Matcher
 from rootmatch.research.speed.scenes import NOISE, make_scene
+from rootmatch.research.speed.timing import seconds
 
 FRAMES = 9
-"""Frames of a tracked scene, after a warm-up frame."""
+"""Frames of a tracked scene, after the first ones."""
 
 
 def whole_match(problem: str, points: int, outliers: int, seeds: range) -> dict[str, Any]:
@@ -33,12 +34,7 @@ def tracked(problem: str, points: int, outliers: int, seeds: range) -> dict[str,
         scene = make_scene(problem, points, outliers, seed)
         matcher = Matcher(scene.source, scene.problem, noise=NOISE, seed=seed)
         result = matcher.match(scene.target)
-        times = []
-        for _ in range(FRAMES):
-            started = time.perf_counter()
-            matcher.match(scene.target)
-            times.append(time.perf_counter() - started)
-        spent.append(statistics.median(times))
+        spent.append(seconds(partial(matcher.match, scene.target), FRAMES))
         accuracy.append(scene.accuracy(result.assignment))
         evaluations.append(result.evaluated)
     return _row(f"{problem} {points} + {outliers}, tracked", spent, accuracy, evaluations)

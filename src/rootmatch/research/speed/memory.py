@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+
+from joblib.externals.loky import ProcessPoolExecutor
 
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.research.speed.scenes import scene_and_tables
@@ -30,18 +30,13 @@ def peak_megabytes() -> float | None:
 
 def memory(problem: str, points: int, outliers: int) -> dict[str, Any]:
     """Peak memory of an exhaustive sweep and of the library alone, in MiB, and bytes per kept hyper-edge."""
-    program = "from rootmatch.research.speed.memory import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", program, problem, str(points), str(outliers)],
-        text=True, stdout=subprocess.PIPE, check=True,
-    )  # fmt: skip
-    figures: dict[str, Any] = json.loads(done.stdout)
+    with ProcessPoolExecutor(1) as pool:
+        figures: dict[str, Any] = pool.submit(_measured, problem, points, outliers).result()
     return figures
 
 
-def main() -> None:
-    """Build the tensor of the scene named on the command line and print its memory use."""
-    problem, points, outliers = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+def _measured(problem: str, points: int, outliers: int) -> dict[str, Any]:
+    """Build the tensor of a scene in this process and look at its memory."""
     scene, tables = scene_and_tables(problem, points, outliers)
     before = peak_megabytes()
     weighting = affinity("joint")
@@ -49,8 +44,7 @@ def main() -> None:
     kind = weighting.residual.kernel_kind(scene.problem.pair_count)
     tensor, evaluated = exhaustive_tensor(tables, kind, weighting, shape, scene.problem.order)
     bytes_each = (tensor.indices.nbytes + tensor.weights.nbytes) / max(tensor.size, 1)
-    figures = {
+    return {
         "case": f"{problem} {shape[0]} × {shape[1]}, exhaustive", "hyperedges": evaluated, "kept": tensor.size,
         "peak_megabytes": peak_megabytes(), "peak_megabytes_before": before, "bytes_each": bytes_each,
     }  # fmt: skip
-    print(json.dumps(figures))

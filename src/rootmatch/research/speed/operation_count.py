@@ -9,15 +9,12 @@ be disabled for a whole process, so `operations` runs another one.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from joblib.externals.loky import ProcessPoolExecutor
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph import enumeration
@@ -121,18 +118,5 @@ def _panel(
 
 def operations(cases: list[tuple[str, str, int, int]], samples: int = SAMPLES) -> list[float]:
     """`count` for each case (problem, kind, points, outliers), in a process with compilation disabled."""
-    work = json.dumps({"cases": cases, "samples": samples})
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", "from rootmatch.research.speed.operation_count import main; main()"],
-        input=work, text=True, env=environment, stdout=subprocess.PIPE, check=True,
-    )  # fmt: skip
-    counts: list[float] = json.loads(done.stdout)
-    return counts
-
-
-def main() -> None:
-    """Read cases from standard input and print their counts."""
-    work = json.load(sys.stdin)
-    cases: list[tuple[str, str, int, int]] = work["cases"]
-    print(json.dumps([count(problem, kind, n, more, work["samples"]) for problem, kind, n, more in cases]))
+    with ProcessPoolExecutor(1, env={"NUMBA_DISABLE_JIT": "1"}) as pool:
+        return [pool.submit(count, *case, samples).result() for case in cases]

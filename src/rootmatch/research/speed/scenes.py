@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from rootmatch.hypergraph.enumeration import wide_first
-from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import SCENES, Scene
 
-SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
 NOISE = 1.0
 
 

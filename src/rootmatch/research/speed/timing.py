@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import timeit
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -10,13 +10,7 @@ import numpy as np
 
 def seconds(work: Callable[[], object], repeats: int) -> float:
     """Median time of a call in seconds, after a warm-up call."""
-    work()
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))
+    return float(np.median(timeit.repeat(work, number=1, repeat=repeats + 1)[1:]))
 
 
 def least_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
@@ -25,11 +19,6 @@ def least_seconds(works: Sequence[Callable[[], object]], repeats: int) -> list[f
     Alternately, so that a temporary slowdown of the machine affects all of them; the shortest, because disturbances
     only ever slow a call down.
     """
-    least = [np.inf] * len(works)
-    for turn in range(repeats + 1):
-        for k, work in enumerate(works):
-            started = time.perf_counter()
-            work()
-            if turn:
-                least[k] = min(least[k], time.perf_counter() - started)
-    return least
+    rounds = [[timeit.timeit(work, number=1) for work in works] for _ in range(repeats + 1)]
+    found: list[float] = np.min(rounds[1:], axis=0).tolist()
+    return found
