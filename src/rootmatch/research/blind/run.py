@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 
 from rootmatch._version import __version__
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
+from rootmatch.io import write_table
 from rootmatch.research.blind.methods import Answer, Method, methods
 from rootmatch.research.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated
 from rootmatch.research.real.leaderboard import Fields, append_row, read_rows
@@ -110,10 +108,7 @@ def run_blind(
     there = {(row["scene"], row["method"]) for row in read_rows(path, FIELDS)}
     _measure(to_run, compared, path, there=there, seconds=seconds, progress=progress)
     table = [COLUMNS, *_summary(read_rows(path, FIELDS))]
-    with written_whole(output / "blind.csv") as temporary:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(table)
-        temporary.write_text(text.getvalue(), encoding="utf-8")
+    write_table(output / "blind.csv", COLUMNS, table[1:])
     return table
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,33 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.io import written_whole
-from rootmatch.research.figure_files import contents
 from rootmatch.research.hypergraph.protocol import DEFORMATION, POINTS
 from rootmatch.research.hypergraph.published import ACCURACY, METHODS, MILLISECONDS
+from rootmatch.research.output_files import csv_text, figure_files, markdown_table, write_files
 from rootmatch.research.paper.settings import Setting
 from rootmatch.research.statistics import Estimate, estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLOURS = dict(
-    zip(
-        (
-            "power-dense",
-            "power-l1",
-            "power-l1-balanced",
-            "hgm",
-            "rrwhm-published",
-            "rrwhm",
-            "rrwhm-soft",
-            "bcagm",
-            "ascent",
-        ),
-        ("#999999", "#E69F00", "#F0E442", "#CC79A7", "#0072B2", "#000000", "#56B4E9", "#009E73", "#D55E00"),
-        strict=True,
-    )
-)
+COLOURS = {
+    "power-dense": "#999999", "power-l1": "#E69F00", "power-l1-balanced": "#F0E442", "hgm": "#CC79A7",
+    "rrwhm-published": "#0072B2", "rrwhm": "#000000", "rrwhm-soft": "#56B4E9", "bcagm": "#009E73", "ascent": "#D55E00",
+}  # fmt: skip
 """Colour of each solver (the palette of Okabe and Ito)."""
 DASHES = dict(zip(COLOURS, ("-", "-", "--", "-", "-", "--", ":", "-", "--"), strict=True))
 """Dashes of each solver, which tell coinciding curves apart."""
@@ -89,36 +73,29 @@ def markdown(results: Results) -> str:
     lines = []
     for protocol, settings in results.settings.items():
         title, sign = _title(protocol)
-        lines += [f"### {title[0].upper()}{title[1:]}", ""]
-        lines.append(f"| {sign} | {' | '.join(results.solvers)} | best here | best published |")
-        lines.append("|---" * (len(results.solvers) + 3) + "|")
+        rows = []
         for setting in settings:
             published = ACCURACY.get((protocol, level(setting)), {})
-            row = []
-            for solver in results.solvers:
-                other = published.get(METHODS.get(solver, ""))
-                mean = f"{results.estimate(setting, solver).mean:.3f}"
-                row.append(mean if other is None else f"{mean} ({other:.2f})")
-            best = max(results.estimate(setting, solver).mean for solver in results.solvers)
+            means = {solver: results.estimate(setting, solver).mean for solver in results.solvers}
+            others = {solver: published.get(name) for solver, name in METHODS.items()}
+            cells = [f"{mean:.3f}" + (f" ({others[s]:.2f})" if others.get(s) else "") for s, mean in means.items()]
             most = f"{max(published.values()):.2f}" if published else ""
-            lines.append(f"| {level(setting):g} | {' | '.join(row)} | {best:.3f} | {most} |")
-        lines.append("")
-    lines += ["### Time at n = 20, one thread", "", "| solver | here | published |", "|---|---|---|"]
+            rows.append([f"{level(setting):g}", *cells, f"{max(means.values()):.3f}", most])
+        lines += [f"### {title[0].upper()}{title[1:]}", ""]
+        lines += markdown_table([sign, *results.solvers, "best here", "best published"], rows)
+    times = []
     for solver in results.solvers:
         other = MILLISECONDS.get(METHODS.get(solver, ""))
-        lines.append(
-            f"| {solver} | {results.milliseconds[solver]:.1f} ms | {'' if other is None else f'{other:.0f} ms'} |"
-        )
+        times.append((solver, f"{results.milliseconds[solver]:.1f} ms", "" if other is None else f"{other:.0f} ms"))
+    lines += ["### Time at n = 20, one thread", "", *markdown_table(("solver", "here", "published"), times)]
     note = f"Mean accuracy of {results.instances} instances; in brackets what is published (TM, RRWHM, BCAGM)."
-    return "\n".join(["# Public protocols of hypergraph matching", "", note, "", *lines]) + "\n"
+    return "\n".join(["# Public protocols of hypergraph matching", "", note, "", *lines])
 
 
 def numbers(results: Results) -> str:
     """All cells as CSV text: mean accuracy with its 95 % bootstrap interval, and the published one."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    header = ["protocol", "points", "outliers", "noise", "solver", "instances", "accuracy", "low", "high", "published"]
-    writer.writerow(header)
+    header = ("protocol", "points", "outliers", "noise", "solver", "instances", "accuracy", "low", "high", "published")
+    rows = []
     for protocol, settings in results.settings.items():
         for setting in settings:
             published = ACCURACY.get((protocol, level(setting)), {})
@@ -126,8 +103,8 @@ def numbers(results: Results) -> str:
                 e = results.estimate(setting, solver)
                 where = (protocol, POINTS[protocol], setting.outliers, setting.noise, solver, e.count)
                 other = published.get(METHODS.get(solver, ""), "")
-                writer.writerow([*where, round(e.mean, 6), round(e.low, 6), round(e.high, 6), other])
-    return out.getvalue()
+                rows.append((*where, round(e.mean, 6), round(e.low, 6), round(e.high, 6), other))
+    return csv_text(header, rows)
 
 
 def draw(results: Results) -> Figure:
@@ -168,11 +145,5 @@ def draw(results: Results) -> Figure:
 
 def write(results: Results, output: Path) -> tuple[Path, ...]:
     """Write table, numbers and figure; a file that is being replaced stays whole until the new one is."""
-    written = {"hypergraph.md": markdown(results).encode(), "hypergraph.csv": numbers(results).encode()}
-    written |= {f"hypergraph.{kind}": content for kind, content in contents(draw(results))}
-    files = []
-    for name, content in written.items():
-        with written_whole(output / name) as temporary:
-            temporary.write_bytes(content)
-        files.append(output / name)
-    return tuple(files)
+    texts = [("hypergraph.md", markdown(results).encode()), ("hypergraph.csv", numbers(results).encode())]
+    return write_files(output, [*texts, *figure_files("hypergraph", draw(results))])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from rootmatch.research.output_files import markdown_table
 from rootmatch.research.paper.claims import CLAIMS, Claim
 from rootmatch.research.paper.plan import BALANCED, DENSE, DENSE_START, VARIANT_NAMES, Table, Variant
 from rootmatch.research.paper.rho import ALL_RULES, CONDITIONS, RULE_NAMES, RULES, SCAN_SOLVERS, SPARSE, START, Rule
@@ -76,7 +76,7 @@ def claims_markdown(table: Table, versions: list[str], seconds: float) -> str:
         (str(k), j.claim.title + (" †" if j.claim.ours else ""), *(j.verdict(r, v) for v, r in COLUMNS), j.changed())
         for k, j in enumerate(judged, 1)
     ]
-    lines += _markdown_table(head, rows)
+    lines += markdown_table(head, rows)
     missing = [claim.title for claim in CLAIMS if not claim.can_be_judged(table.problems)]
     if missing:
         lines += [f"Not judged, because they need problems that were not run: {'; '.join(missing)}.", ""]
@@ -141,7 +141,7 @@ def _solvers(judged: list[Judgement]) -> list[str]:
     lines = [
         f"Of {len(both)} claims about the paper's method, for each solver and choice of ρ:",
         "",
-        *_markdown_table(
+        *markdown_table(
             ("solver", "ρ", "hold", "hold in part", "do not hold, or undecidable"),
             [(VARIANT_NAMES[v], RULE_NAMES[rule], *counts[v, rule]) for v, rule in COLUMNS],
         ),
@@ -181,7 +181,7 @@ def _rhos(table: Table) -> list[str]:
                 cells = [_choice(table, residual, solver, p, rule) for p in shown]
                 names = ["all"] if rule in RULES else [TITLES[p] for p in shown]
                 rows += [(solver, residual, RULE_NAMES[rule], n, c) for n, c in zip(names, cells, strict=True)]
-    lines += _markdown_table(("solver", "residual", "rule", "problem", "ρ"), rows)
+    lines += markdown_table(("solver", "residual", "rule", "problem", "ρ"), rows)
     lines += ["Which values meet what the paper says, with |R₂ₙ,₂ₙ| of QR:", ""]
     for solver in SCAN_SOLVERS:
         met = rhos.met("qr", solver)
@@ -236,7 +236,7 @@ def _accuracies(table: Table) -> list[str]:
     return [
         f"Per cent; two figures are: {two}.",
         "",
-        *_markdown_table(
+        *markdown_table(
             (
                 "panel",
                 "setting",
@@ -252,7 +252,7 @@ def _accuracies(table: Table) -> list[str]:
         ),
         f"The residuals of the paper with both sparse solvers at {table.effort.common:,} samples, likewise.",
         "",
-        *_markdown_table(
+        *markdown_table(
             ("panel", "setting", *(f"{r}, {how}" for r in COMPARED for how in ("text", "published"))), residuals
         ),
     ]
@@ -286,12 +286,4 @@ def _details(number: int, judgement: Judgement) -> list[str]:
 
 def _cases(cases: list[Case]) -> list[str]:
     words = {True: "yes", False: "no", None: "undecidable"}
-    return _markdown_table(("case", "holds", "figures"), [(c.name, words[c.holds], c.figures) for c in cases])
-
-
-def _markdown_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    def line(cells: tuple[str, ...]) -> str:
-        # A bar inside a cell would end it.
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-    return [line(head), "|" + "---|" * len(head), *(line(row) for row in rows), ""]
+    return markdown_table(("case", "holds", "figures"), [(c.name, words[c.holds], c.figures) for c in cases])

@@ -1,38 +1,22 @@
-"""Mean accuracy against the number of sampled hyper-edges: tidy records, and their CSV files."""
+"""Mean accuracy against the number of sampled hyper-edges, and the scan of ρ, as CSV files."""
 
 from __future__ import annotations
 
-import csv
-import io
-from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
+from rootmatch.research.output_files import csv_text
 from rootmatch.research.paper.plan import Table, method_of, plan_of
 from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES, Rhos, Rule
-from rootmatch.research.paper.settings import DEFAULT_PIPELINE, PANELS, Method, Setting, residual_of
+from rootmatch.research.paper.settings import DEFAULT_PIPELINE, PANELS, Method, residual_of
 from rootmatch.research.statistics import estimates
 
-
-@dataclass(frozen=True)
-class Record:
-    """One point of a curve: a line of the CSV file. Noise is in pixels, accuracies lie from 0 to 1."""
-
-    panel: str
-    problem: str
-    outliers: int
-    noise_px: float
-    baseline: float
-    motions: int
-    residual: str
-    solver: str
-    rho: float
-    rho_rule: str
-    samples: int
-    instances: int
-    accuracy: float
-    low: float
-    high: float
+HEADER = (
+    "panel", "problem", "outliers", "noise_px", "baseline", "motions", "residual", "solver", "rho", "rho_rule",
+    "samples", "instances", "accuracy", "low", "high",
+)  # fmt: skip
+"""Columns of the curves. Noise is in pixels, accuracies lie from 0 to 1."""
 
 
 def rules_of(table: Table, problem: str, method: Method) -> list[Rule | None]:
@@ -51,63 +35,25 @@ def _is_chosen(table: Table, problem: str, method: Method, residual: str, rule: 
     return method_of(table.rhos, problem, method.solver, rule, residual) == method
 
 
-def records(table: Table, problem: str) -> list[Record]:
-    """All points of all curves of a problem's figure, in the order of its panels."""
-    plan = plan_of((problem,), table.rhos)
-    found = []
-    for panel in PANELS[problem]:
-        for setting in panel.settings:
-            for method, sizes in plan[setting]:
-                columns = np.stack([table.cells[setting, method, size] for size in sizes], axis=1)
-                for size, e in zip(sizes, estimates(columns), strict=True):
-                    for rule in rules_of(table, problem, method):
-                        found.append(
-                            _record(
-                                panel=panel.label,
-                                s=setting,
-                                m=method,
-                                rule=rule,
-                                samples=size,
-                                count=e.count,
-                                mean=e.mean,
-                                low=e.low,
-                                high=e.high,
-                            )
-                        )
-    return found
-
-
-def _record(
-    panel: str,
-    s: Setting,
-    m: Method,
-    rule: Rule | None,
-    samples: int,
-    count: int,
-    mean: float,
-    low: float,
-    high: float,
-) -> Record:
-    where = (panel, s.problem, s.outliers, s.noise, s.baseline, s.motions)
-    how = (m.residual, m.solver, m.rho, rule or "")
-    return Record(*where, *how, samples, count, *(round(value, 6) for value in (mean, low, high)))
-
-
 def curves_csv(table: Table, problem: str) -> str:
-    """The records of a problem as CSV text with a header."""
-    out = io.StringIO()
-    names = [field.name for field in fields(Record)]
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows([[getattr(record, name) for name in names] for record in records(table, problem)])
-    return out.getvalue()
+    """All points of all curves of a problem's figure, in the order of its panels, as CSV text with a header."""
+    plan = plan_of((problem,), table.rhos)
+    rows = []
+    for panel in PANELS[problem]:
+        for s in panel.settings:
+            where = (panel.label, s.problem, s.outliers, s.noise, s.baseline, s.motions)
+            for m, sizes in plan[s]:
+                columns = np.stack([table.cells[s, m, size] for size in sizes], axis=1)
+                rules = rules_of(table, problem, m)
+                for size, e in zip(sizes, estimates(columns), strict=True):
+                    figures = (size, e.count, *(round(value, 6) for value in (e.mean, e.low, e.high)))
+                    rows += [(*where, m.residual, m.solver, m.rho, rule or "", *figures) for rule in rules]
+    return csv_text(HEADER, rows)
 
 
 def scan_csv(rhos: Rhos) -> str:
     """The scan of ρ as CSV text: mean accuracy of both sparse solvers at each ρ of the grid."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"])
+    rows: list[tuple[Any, ...]] = []
     for residual, solver in dict.fromkeys((residual, solver) for residual, solver, _ in rhos.whole):
         for rule in ALL_RULES:
             scanned = [p for p in rhos.problems if (residual, solver, p) in rhos.whole]
@@ -116,5 +62,5 @@ def scan_csv(rhos: Rhos) -> str:
                 chosen, curve = rhos.chosen(*asked), rhos.curve(*asked)
                 name, samples = "all" if rule in RULES else problem, rhos.effort.scan_samples(residual)
                 for rho, mean in zip(rhos.effort.grid, curve, strict=True):
-                    writer.writerow((residual, name, rule, solver, samples, rho, round(mean, 6), int(rho == chosen)))
-    return out.getvalue()
+                    rows.append((residual, name, rule, solver, samples, rho, round(mean, 6), int(rho == chosen)))
+    return csv_text(("residual", "problem", "rho_rule", "solver", "samples", "rho", "accuracy", "chosen"), rows)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rootmatch.errors import InputError
-from rootmatch.io import written_whole
-from rootmatch.research.figure_files import contents
+from rootmatch.research.output_files import figure_files, write_files
 from rootmatch.research.paper.claims_report import claims_markdown
 from rootmatch.research.paper.curves import curves_csv, scan_csv
 from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
-from rootmatch.research.paper.plan import Table, plan_of
-from rootmatch.research.paper.rho import RESIDUALS, Rhos, choose, scan_plan
+from rootmatch.research.paper.plan import Table, Variant, plan_of
+from rootmatch.research.paper.rho import RESIDUALS, Rhos, Rule, choose, scan_plan
 from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
 from rootmatch.research.paper.unit import evaluate
 from rootmatch.research.progress import Progress
@@ -102,30 +102,27 @@ def _is_scanned(problem: str, store: Store, effort: Effort) -> bool:
 
 def write(table: Table, output: Path, claims: str) -> tuple[Path, ...]:
     """Write figures, curves and claims; a file that is being replaced stays whole until the new one is."""
-    files: list[Path] = []
+    return write_files(output, _files(table, claims))
 
-    def add(name: str, content: bytes) -> None:
-        with written_whole(output / name) as temporary:
-            temporary.write_bytes(content)
-        files.append(output / name)
 
-    drawings = {"rho-scan": draw_scan(table.rhos)}
+def _files(table: Table, claims: str) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of all files."""
+    published = replace(table, variant="published")
+    yield from figure_files("rho-scan", draw_scan(table.rhos))
     for problem in table.problems:
         stem = f"figure-{FIGURES[problem]}-{problem}"
-        published = replace(table, variant="published")
-        drawings[stem] = draw(table, problem, "paper")
-        drawings[f"{stem}-free-rho"] = draw(table, problem, "one")
-        drawings[f"{stem}-published"] = draw(published, problem, "paper")
-        drawings[f"{stem}-published-free-rho"] = draw(published, problem, "one")
-        if problem == "3p1":
-            drawings[f"{stem}-tan"] = draw(table, problem, "paper", "tan")
-        drawings[f"{stem}-balanced"] = draw(table, problem, "paper", "balanced")
-        drawings[f"{stem}-default-pipeline"] = draw(table, problem, "paper", "pipeline")
-    for stem, figure in drawings.items():
-        for kind, content in contents(figure):
-            add(f"{stem}.{kind}", content)
+        drawings: dict[str, tuple[Table, Rule, Variant | None]] = {
+            "": (table, "paper", None),
+            "-free-rho": (table, "one", None),
+            "-published": (published, "paper", None),
+            "-published-free-rho": (published, "one", None),
+            **({"-tan": (table, "paper", "tan")} if problem == "3p1" else {}),
+            "-balanced": (table, "paper", "balanced"),
+            "-default-pipeline": (table, "paper", "pipeline"),
+        }
+        for name, (drawn, rule, beside) in drawings.items():
+            yield from figure_files(stem + name, draw(drawn, problem, rule, beside))
     for problem in table.problems:
-        add(f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode())
-    add("rho-scan.csv", scan_csv(table.rhos).encode())
-    add("claims.md", claims.encode())
-    return tuple(files)
+        yield f"figure-{FIGURES[problem]}-{problem}.csv", curves_csv(table, problem).encode()
+    yield "rho-scan.csv", scan_csv(table.rhos).encode()
+    yield "claims.md", claims.encode()

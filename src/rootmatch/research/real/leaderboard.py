@@ -13,6 +13,7 @@ import numpy as np
 
 from rootmatch.errors import InputError
 from rootmatch.io import read_bytes, written_whole
+from rootmatch.research.output_files import markdown_table
 from rootmatch.research.real.scenes import protocols
 
 ROWS, TABLE, PAGE = "rows", "leaderboard.json", "leaderboard.md"
@@ -117,19 +118,15 @@ def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def page(table: Iterable[dict[str, Any]]) -> str:
     """The table for people."""
-    lines = [
-        "| scenes | method | full | recall | precision | claimed | claimed and wrong | no reply | median, worst s |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    table = list(table)
+    figures = ("full", "recall", "precision", "claimed", "claimed and wrong", "no reply", "median, worst s")
+    rows, table = [], list(table)
     for protocol in protocols():
         for entry in (entry for entry in table if entry["protocol"] == protocol.name):
             precision = "–" if entry["precision"] is None else f"{entry['precision']:.3f}"
-            cells = (
+            rows.append((
                 protocol.name, f"`{entry['method']}`", f"{entry['full']} of {entry['scenes']}",
                 f"{entry['recall']:.3f}", precision,
                 str(entry["claimed"]), str(entry["claimed_and_wrong"]), str(entry["no_reply"]),
                 f"{entry['median_seconds']:.3g}, {entry['most_seconds']:.3g}",
-            )  # fmt: skip
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+            ))  # fmt: skip
+    return "\n".join(markdown_table(("scenes", "method", *figures), rows))
