@@ -131,13 +131,8 @@ def prior_of_frame(
         if known:
             raise InputError("--known: the image file has columns of what is known as well; leave one of them out")
         return here
-    return _of_frame(known, frame, time)
-
-
-def _of_frame(known: dict[Key, PosePrior], frame: int | None, time: float | None) -> Any:
-    """What a file of its own tells of a frame."""
-    here = (None, ("frame", frame), ("time", time))
-    own = {body: one for (when, body), one in known.items() if when in here}
+    asked = (None, ("frame", frame), ("time", time))
+    own = {body: one for (when, body), one in known.items() if when in asked}
     if None in own:
         return own[None]
     return {body: one for body, one in own.items() if body is not None} or None
