@@ -18,7 +18,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +35,9 @@ from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.residual_dispatch import has_single
 from rootmatch.research.speed.timing import seconds
 from rootmatch.samplers.exhaustive import exhaustive_tensor
-from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
 KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
 SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
 LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
@@ -54,7 +53,7 @@ def card() -> dict[str, Any]:
     made: dict[str, Any] = {
         "date": datetime.date.today().isoformat(),
         "rootmatch": rootmatch.__version__,
-        "numba_cuda": getattr(numba_cuda, "__version__", "") or _version("numba-cuda"),
+        "numba_cuda": getattr(numba_cuda, "__version__", "") or version("numba-cuda"),
         "simulated": cuda.SIMULATED,
     }
     if cuda.SIMULATED:
@@ -71,12 +70,6 @@ def card() -> dict[str, Any]:
         "name": name, "compute_capability": capability, "multiprocessors": multiprocessors, "clock_hz": clock,
         "peak": peak,
     }  # fmt: skip
-
-
-def _version(package: str) -> str:
-    from importlib.metadata import version
-
-    return version(package)
 
 
 def tests(folder: Path) -> str:

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import record_scenes as scenes
-from public_names import options as renamed
-from public_names import read
 from record_scenes import Scene
 
 import rootmatch as rm
@@ -38,7 +36,7 @@ UPRIGHT = {"upright": True}
 
 def run(name: str, scene: Scene, problem: rm.Problem, **options: Any) -> Case:
     """One match."""
-    return name, lambda: rm.match(scene["source"], scene["target"], problem, **renamed(**options))
+    return name, lambda: rm.match(scene["source"], scene["target"], problem, **options)
 
 
 def sequence(
@@ -60,7 +58,7 @@ def tracked(name: str, make: Callable[[], rm.Tracker], frames: Sequence[Any], **
     def matches() -> list[Frame]:
         tracker, out = make(), []
         for k, frame in enumerate(frames):
-            match = read(tracker, "update")(frame, **options)
+            match = tracker.update(frame, **options)
             out.append(Frame(k, match, ",".join(state.name for state in tracker.states.values())))
         return out
 
@@ -192,8 +190,8 @@ def priors() -> Iterator[Case]:
         yield run(f"prior-up2p-{s}", upright, up2p, noise=noise, prior=predicted(upright, s))
         sided = scenes.surface(3400 + s, 24, 4)
         yield run(
-            f"prior-normals-{s}", sided, p3p, noise=0.4, normals=sided["normals"], view_angle=75.0, detection_rate=0.9,
-            prior=predicted(sided, s),
+            f"prior-normals-{s}", sided, p3p, noise=0.4, normals=sided["normals"], view_angle=np.radians(75.0),
+            detection_rate=0.9, prior=predicted(sided, s),
         )  # fmt: skip
     for s in range(2):
         one = scenes.bodies(3250 + s, [scenes.shape(s, 8)], 4)
@@ -238,7 +236,7 @@ def several_bodies() -> Iterator[Case]:
         three = scenes.bodies(4000 + s, [*shapes, scenes.shape(160 + s, 9)], 3)
         yield case(f"bodies-three-{s}", three)
         normals = np.vstack([scenes.unit(part) for part in shapes])
-        yield case(f"bodies-normals-{s}", two, normals=normals, view_angle=180.0)
+        yield case(f"bodies-normals-{s}", two, normals=normals, view_angle=np.radians(180.0))
 
 
 def rigs() -> Iterator[Case]:
@@ -265,7 +263,9 @@ def rigs() -> Iterator[Case]:
         del prior["right"]
         yield run(f"rig-bodies-one-prior-{s}", two, p3p, noise=noise, bodies=two["labels"], prior=prior)
         sided = scenes.unit(one["source"])
-        yield run(f"rig-normals-{s}", one, p3p, noise=noise, normals=sided, view_angle=180.0, detection_rate=0.8)
+        yield run(
+            f"rig-normals-{s}", one, p3p, noise=noise, normals=sided, view_angle=np.radians(180.0), detection_rate=0.8
+        )
 
 
 def sequences() -> Iterator[Case]:
@@ -322,11 +322,11 @@ def sequences() -> Iterator[Case]:
     seen = scenes.flight(5300, 6, [points["source"] * 0.4], normals=points["normals"])
 
     def sided() -> rm.Tracker:
-        more = renamed(normals=points["normals"], view_angle=70.0, detection_rate=0.9)
+        more = {"normals": points["normals"], "view_angle": np.radians(70.0), "detection_rate": 0.9}
         return rm.Tracker(points["source"] * 0.4, p3p, noise=noise, **more)
 
     yield tracked("tracker-normals-0", sided, seen)
-    more = renamed(normals=points["normals"], view_angle=70.0)
+    more = {"normals": points["normals"], "view_angle": np.radians(70.0)}
     yield sequence("matcher-normals-0", lambda: rm.Matcher(points["source"] * 0.4, p3p, noise=noise, **more), seen[:3])
     alike = scenes.symmetric(7)
     yield tracked("tracker-symmetric-0", lambda: rm.Tracker(alike, p3p, noise=noise), scenes.flight(5350, 8, [alike]))
@@ -359,11 +359,13 @@ def cameras() -> Iterator[Case]:
         sided = scenes.surface(5800 + s, 30, 4)
         normals = {"noise": 0.4, "normals": sided["normals"]}
         p3p = rm.P3P(CAMERA)
-        yield run(f"p3p-view-angle-{s}", sided, p3p, view_angle=75.0, **normals)
+        yield run(f"p3p-view-angle-{s}", sided, p3p, view_angle=np.radians(75.0), **normals)
         each = sided["rng"].uniform(75.0, 90.0, 30)
-        yield run(f"p3p-view-angles-{s}", sided, p3p, view_angle=each, **normals)
+        yield run(f"p3p-view-angles-{s}", sided, p3p, view_angle=np.radians(each), **normals)
         yield run(f"p3p-detection-{s}", sided, p3p, detection_rate=0.9, **normals)
-        yield run(f"p3p-view-angle-detection-{s}", sided, p3p, view_angle=75.0, detection_rate=0.9, **normals)
+        yield run(
+            f"p3p-view-angle-detection-{s}", sided, p3p, view_angle=np.radians(75.0), detection_rate=0.9, **normals
+        )
         yield run(f"p3p-rate-alone-{s}", scenes.absolute(5900 + s, 8, 4, 0.5), p3p, noise=0.5, detection_rate=0.95)
 
 
@@ -380,7 +382,7 @@ def large() -> Iterator[Case]:
             noise=0.4,
             candidates=many["rng"].uniform(0.5, 1.0, (60, len(many["target"]))),
         )
-        yield run(f"visible-triples-{s}", many, p3p, noise=0.4, normals=many["normals"], view_angle=75.0)
+        yield run(f"visible-triples-{s}", many, p3p, noise=0.4, normals=many["normals"], view_angle=np.radians(75.0))
         yield run(
             f"3p1-guided-{s}",
             scenes.views(6100 + s, 30, 8, 0.3, 2.0),
