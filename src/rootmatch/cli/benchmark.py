@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import leaves, printed
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -111,19 +112,7 @@ def benchmark(
 
         typer.echo(dumps(asdict(results), allow_nan=False))
     else:
-        _show(results)
-
-
-def _show(results: Results) -> None:
-    """Print the tables on standard output."""
-    import sys
-
-    from rich.console import Console
-
-    console = Console()
-    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
-        _print(results, console)
-    sys.stdout.write(captured.get())
+        typer.echo(printed(partial(_print, results)), nl=False)
 
 
 def _print(results: Results, console: Console) -> None:

@@ -128,10 +128,7 @@ def track(
         "bodies": source.bodies,
         "seed": seed,
     }
-    noises = Noise(
-        given_noise, source.sigma, model, frames, noisy_source=posed.noisy_source, takes_prior=posed.takes_prior,
-        problem=posed.name, given_source=source_noise,
-    )  # fmt: skip
+    noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
     options["source_noise"] = noises.of_source
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise")}

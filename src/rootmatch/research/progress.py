@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from datetime import timedelta
 from types import TracebackType
 from typing import Protocol
 
@@ -73,15 +74,7 @@ class Console:
         if not self._console.is_terminal and (finished or now - self._told > self.INTERVAL):
             self._told = now
             left = (now - self._started) * (self._total - self._done) / self._done
-            text = f"{self._title}: {self._done} of {self._total} rows, about {_clock(left)} left"
-            print(
-                text if not finished else f"{self._title}: done in {_clock(now - self._started)}",
-                file=sys.stderr,
-                flush=True,
-            )
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"
+            text = f"{self._title}: {self._done} of {self._total} rows, about {timedelta(seconds=round(left))} left"
+            if finished:
+                text = f"{self._title}: done in {timedelta(seconds=round(now - self._started))}"
+            print(text, file=sys.stderr, flush=True)

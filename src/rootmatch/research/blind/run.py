@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rootmatch._version import __version__
+from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.io import write_table
 from rootmatch.research.blind.methods import Answer, Method, methods
 from rootmatch.research.blind.scenes import BlindScene, outlier_scene, real_scenes, simulated
 from rootmatch.research.real.leaderboard import Fields, append_row, read_rows
-
-Progress = Callable[[int, int], None]
 
 ROTATION, TRANSLATION = 0.1, 0.1
 """A pose is right within so many radians of the true rotation, and within this share of the true distance."""

@@ -55,6 +55,24 @@ def _lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64], fi
     return Case(name, lead.low > 0.0, figures)
 
 
+def _paired_lead(name: str, first: NDArray[np.float64], second: NDArray[np.float64]) -> Case:
+    """Whether the first leads the second on the same instances."""
+    lead = estimate(first - second)
+    return _lead(name, first, second, _points(lead), lead)
+
+
+def _good(name: str, accuracy: NDArray[np.float64]) -> Case:
+    """Whether a method is good."""
+    found = estimate(accuracy)
+    return Case(name, found.mean >= GOOD, _text(found))
+
+
+def _pipeline_under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
+    """Whether the default pipeline stays under 100 % too."""
+    found = estimate(accuracy)
+    return Case(name, found.mean < FULL, f"default pipeline {_text(found)}")
+
+
 def _under_full(name: str, accuracy: NDArray[np.float64]) -> Case:
     """Whether a method stays under 100 %; undecidable at chance level, where it finds nothing at all."""
     found = estimate(accuracy)
@@ -83,8 +101,7 @@ def sparse_beats_dense(table: Table, rule: Rule) -> list[Case]:
                 )
                 for how in (SPARSE, DENSE)
             )
-            lead = estimate(sparse - dense)
-            cases.append(_lead(f"{TITLES[problem]} {panel.label}", sparse, dense, _points(lead), lead))
+            cases.append(_paired_lead(f"{TITLES[problem]} {panel.label}", sparse, dense))
     return cases
 
 
@@ -111,11 +128,7 @@ def under_full(table: Table, rule: Rule) -> list[Case]:
 
 def geometry_is_to_blame(table: Table) -> list[Case]:
     """P3P with noise is not full at the largest sample by the default pipeline either."""
-    return [
-        Case(f"σ = {s.noise:g}", found.mean < FULL, f"default pipeline {_text(found)}")
-        for s in (Setting("p3p", 0, noise) for noise in NOISY)
-        for found in [estimate(table.default(s))]
-    ]
+    return [_pipeline_under_full(f"σ = {noise:g}", table.default(Setting("p3p", 0, noise))) for noise in NOISY]
 
 
 def qr_is_svd(table: Table, rule: Rule) -> list[Case]:
@@ -165,8 +178,7 @@ def _roots_inside(seeds: range) -> NDArray[np.bool_]:
 
 def handles_outliers(table: Table, rule: Rule) -> list[Case]:
     """Noise-free P3P with outliers is good at the largest sample."""
-    found = {k: estimate(table.paper(Setting("p3p", k), rule=rule)) for k in OUTLIERS}
-    return [Case(f"{k} outliers", e.mean >= GOOD, _text(e)) for k, e in found.items()]
+    return [_good(f"{k} outliers", table.paper(Setting("p3p", k), rule=rule)) for k in OUTLIERS]
 
 
 def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], baseline: float) -> list[Case]:
@@ -185,10 +197,8 @@ def falls(table: Table, rule: Rule, problem: str, outliers: tuple[int, ...], bas
 def short_is_better(table: Table, rule: Rule) -> list[Case]:
     """3P1 at b = 1 leads b = 5, σ by σ."""
     return [
-        _lead(f"σ = {noise:g}", short, long, _points(lead), lead)
+        _paired_lead(f"σ = {noise:g}", *(table.paper(Setting("3p1", 0, noise, b), rule=rule) for b in BASELINES))
         for noise in NOISY
-        for short, long in [(table.paper(Setting("3p1", 0, noise, b), rule=rule) for b in BASELINES)]
-        for lead in [estimate(short - long)]
     ]
 
 
@@ -199,17 +209,15 @@ def long_under_full(table: Table, rule: Rule) -> list[Case]:
 
 def long_is_degenerate(table: Table) -> list[Case]:
     """Noise-free 3P1 at b = 5 is not full at the largest sample by the default pipeline either."""
-    found = estimate(table.default(Setting("3p1", 0, 0.0, LONG)))
-    return [Case("b = 5, σ = 0", found.mean < FULL, f"default pipeline {_text(found)}")]
+    return [_pipeline_under_full("b = 5, σ = 0", table.default(Setting("3p1", 0, 0.0, LONG)))]
 
 
 def short_is_robust(table: Table, rule: Rule) -> list[Case]:
     """3P1 at b = 1 with outliers and noise is good at the largest sample."""
     return [
-        Case(f"{k} outliers, σ = {noise:g}", found.mean >= GOOD, _text(found))
+        _good(f"{k} outliers, σ = {noise:g}", table.paper(Setting("3p1", k, noise, SHORT), rule=rule))
         for k in OUTLIERS
         for noise in (0.5, 1.0)
-        for found in [estimate(table.paper(Setting("3p1", k, noise, SHORT), rule=rule))]
     ]
 
 
@@ -229,20 +237,14 @@ def up2p_leads(table: Table, rule: Rule, outliers: tuple[int, ...], noises: tupl
 def two_motions_are_harder(table: Table, rule: Rule) -> list[Case]:
     """One motion leads two, σ by σ."""
     return [
-        _lead(f"σ = {noise:g}", one, two, _points(lead), lead)
+        _paired_lead(f"σ = {noise:g}", *(table.paper(Setting("up2p", 0, noise, motions=m), rule=rule) for m in (1, 2)))
         for noise in NOISY
-        for one, two in [(table.paper(Setting("up2p", 0, noise, motions=m), rule=rule) for m in (1, 2))]
-        for lead in [estimate(one - two)]
     ]
 
 
 def two_motions_are_good(table: Table, rule: Rule) -> list[Case]:
     """up2p with two motions and noise is good at the largest sample."""
-    return [
-        Case(f"σ = {noise:g}", found.mean >= GOOD, _text(found))
-        for noise in NOISY
-        for found in [estimate(table.paper(Setting("up2p", 0, noise, motions=2), rule=rule))]
-    ]
+    return [_good(f"σ = {noise:g}", table.paper(Setting("up2p", 0, noise, motions=2), rule=rule)) for noise in NOISY]
 
 
 def one_rho_serves_all(table: Table, rule: Rule) -> list[Case]:

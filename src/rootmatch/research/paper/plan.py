@@ -53,29 +53,19 @@ def plan_of(problems: tuple[str, ...], rhos: Rhos) -> Plan:
     # up2p, the cheapest, first: what all share is then compiled and kept on disk by the time that the others need it.
     for problem in reversed(problems):
         for setting in settings_of(problem):
-            sizes: dict[Method, tuple[int, ...]] = {}
-
-            def add(
-                residual: str,
-                solver: str,
-                rule: Rule,
-                wanted: tuple[int, ...],
-                into: dict[Method, tuple[int, ...]] = sizes,
-            ) -> None:
-                method = method_of(rhos, problem, solver, rule, residual)  # noqa: B023
-                into[method] = tuple(sorted({*into.get(method, ()), *wanted}))
-
+            asked: list[tuple[str, str, Rule, tuple[int, ...]]] = []
             for rule in RULES:
-                for solver in (SPARSE, START, BALANCED, DENSE, DENSE_START):
-                    add("qr", solver, rule, effort.samples)
+                asked += [("qr", how, rule, effort.samples) for how in (SPARSE, START, BALANCED, DENSE, DENSE_START)]
                 for residual in ("qr-both", "svd") if has_svd(setting) else ("qr-both",):
-                    for solver in (SPARSE, START, BALANCED):
-                        add(residual, solver, rule, (effort.common,))
+                    asked += [(residual, how, rule, (effort.common,)) for how in (SPARSE, START, BALANCED)]
                 if problem == "3p1":
-                    add("tan", SPARSE, rule, effort.samples)
-            for solver in (SPARSE, START, BALANCED):
-                add("qr", solver, "own", end)
-                add("qr", solver, "exact", end)
+                    asked.append(("tan", SPARSE, rule, effort.samples))
+            for how in (SPARSE, START, BALANCED):
+                asked += [("qr", how, "own", end), ("qr", how, "exact", end)]
+            sizes: dict[Method, tuple[int, ...]] = {}
+            for residual, how, rule, wanted in asked:
+                method = method_of(rhos, problem, how, rule, residual)
+                sizes[method] = tuple(sorted({*sizes.get(method, ()), *wanted}))
             sizes[DEFAULT_PIPELINE] = effort.samples
             plan[setting] = tuple(sizes.items())
     # Scenes with few outliers first, the problems in turn: progress is then a fair sample of the whole.

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rootmatch._version import __version__
+from rootmatch.backends.strongest import Progress
 from rootmatch.errors import InputError
 from rootmatch.research.real.judge import judged
 from rootmatch.research.real.leaderboard import append_row, read_rows, rows_file, write_leaderboard
 from rootmatch.research.real.program import Program
 from rootmatch.research.real.scenes import RealScene, all_scenes
-
-Progress = Callable[[int, int], None]
 
 START_UP = 120.0
 """Seconds that the first reply may take at least: compiling included."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numba
 
 from rootmatch._version import __version__
+from rootmatch.backends.strongest import Progress
 from rootmatch.research.speed.contraction import contraction
 from rootmatch.research.speed.kernels import rates
 from rootmatch.research.speed.matches import tracked, whole_match
@@ -22,7 +22,6 @@ NOTE = (
     "The first run compiles, which takes minutes and is not timed."
 )
 
-Progress = Callable[[int, int], None]
 Case = tuple[str, int, int]
 """Problem, points, outliers."""
 ALL_KINDS = ("joint", "normalised", "qr", "qr-both")
