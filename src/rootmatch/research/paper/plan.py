@@ -139,6 +139,6 @@ class Table:
         """Accuracies (instances,) of the variant's method, at the largest sample unless another is given."""
         return self.cells[setting, self.method(setting.problem, solver, rule, residual), samples or self.effort.most]
 
-    def default(self, setting: Setting, samples: int | None = None) -> NDArray[np.float64]:
-        """Accuracies (instances,) of the default pipeline."""
-        return self.cells[setting, DEFAULT_PIPELINE, samples or self.effort.most]
+    def default(self, setting: Setting) -> NDArray[np.float64]:
+        """Accuracies (instances,) of the default pipeline at the largest sample."""
+        return self.cells[setting, DEFAULT_PIPELINE, self.effort.most]

@@ -22,7 +22,6 @@ from rootmatch.jit.threads import at_most
 from rootmatch.problems import residual_kinds
 from rootmatch.problems.base import Problem
 from rootmatch.problems.three_plus_one import ThreePlusOne
-from rootmatch.research.paper.grouping import groups_of_keys, lower
 from rootmatch.research.paper.settings import Method, Setting
 from rootmatch.research.store import Row
 from rootmatch.samplers.exhaustive import exhaustive_residuals
@@ -100,8 +99,9 @@ class Stream:
         if base**order >= 2**63:
             raise InputError(f"{shape[0]} × {shape[1]} points: too many for a sweep over hyper-edges of order {order}")
         self.base = base
-        self.group, first = groups_of_keys(self._keys(rows))
-        self.indices = np.ascontiguousarray(rows[first])
+        _, first, sorted_group = np.unique(self._keys(rows), return_index=True, return_inverse=True)
+        self.group = np.argsort(np.argsort(first))[sorted_group]
+        self.indices = np.ascontiguousarray(rows[np.sort(first)])
         self.seen = np.maximum.accumulate(self.group) + 1
 
     def _keys(self, rows: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -142,7 +142,7 @@ def nested_tensors(
     least = np.full(len(indices), np.inf)
     start = 0
     for size in sorted(sizes):
-        lower(least, stream.group, residual, start, size)
+        np.fmin.at(least, stream.group[start:size], residual[start:size])
         start = size
         known = least[: stream.seen[size - 1]]
         keep = np.flatnonzero(known <= weigh.gate)

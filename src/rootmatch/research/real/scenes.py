@@ -6,6 +6,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,28 +68,22 @@ class Protocol:
     file: str
     scenes: int
     make: Callable[[Data, int], RealScene | None]
-    says: str
 
 
 def protocols() -> list[Protocol]:
     """All protocols, in the order of the table."""
     return [
-        Protocol("headset-normals", "vive_hmd_lighthouse", 40, lambda data, k: headset(data, k, normals=True),
-                 "32 sensors, 7 to 12 visible, 4 views, with normals"),
-        Protocol("headset", "vive_hmd_lighthouse", 20, lambda data, k: headset(data, k, normals=False),
-                 "the same without normals; two views have an inside-out twin"),
-        Protocol("dots", "openptv_cavity_target", 20, dots, "20 dots of a lattice and 40 false detections, 4 views"),
-        Protocol("film", "tears_of_steel_01", 16, film, "26 tracks of a film, 14 to 19 visible, 16 frames"),
-        Protocol("facade-upright", "berlin_facade", 15, lambda data, k: facade(data, k, measured=False),
-                 "15 points and 15 others of a façade, vertical known (up2p)"),
-        Protocol("facade-measured", "berlin_facade", 15, lambda data, k: facade(data, k, measured=True),
-                 "the same, vertical measured"),
-        Protocol("facade-pair", "berlin_facade", 15, facade_pair, "12 points in two views, vertical known (3p1)"),
-        Protocol("boards", "opencv_chessboard_stereo", 10, boards, "8 + 8 corners of two poses in one image"),
-        Protocol("targets", "aicon_targets", 20, targets,
-                 "157 retro-reflective targets, 15 to 131 visible, raw pixels of a distorted lens"),
-        Protocol("candidates", "tless_candidates", 1, candidates, "1,886 proposed pairs, two instances of one object"),
-    ]  # fmt: skip
+        Protocol("headset-normals", "vive_hmd_lighthouse", 40, partial(headset, normals=True)),
+        Protocol("headset", "vive_hmd_lighthouse", 20, partial(headset, normals=False)),
+        Protocol("dots", "openptv_cavity_target", 20, dots),
+        Protocol("film", "tears_of_steel_01", 16, film),
+        Protocol("facade-upright", "berlin_facade", 15, partial(facade, measured=False)),
+        Protocol("facade-measured", "berlin_facade", 15, partial(facade, measured=True)),
+        Protocol("facade-pair", "berlin_facade", 15, facade_pair),
+        Protocol("boards", "opencv_chessboard_stereo", 10, boards),
+        Protocol("targets", "aicon_targets", 20, targets),
+        Protocol("candidates", "tless_candidates", 1, candidates),
+    ]
 
 
 def all_scenes(folder: Path, only: list[str] | None = None) -> Iterator[RealScene]:

@@ -66,12 +66,12 @@ def opencv_errors() -> tuple[type[Exception], ...]:
     return (sys.modules["cv2"].error,) if "cv2" in sys.modules else ()
 
 
-def known_pose(points: Floats, pixels: Floats, K: Floats, dist: Floats | None = None) -> tuple[Floats, Floats, float]:
+def known_pose(points: Floats, pixels: Floats, K: Floats) -> tuple[Floats, Floats, float]:
     """Pose of known correspondences by OpenCV, and the RMS distance of the pixels from their predictions."""
     cv2 = opencv()
-    _, turn, t = cv2.solvePnP(points, pixels, K, dist, flags=cv2.SOLVEPNP_SQPNP)
-    turn, t = cv2.solvePnPRefineLM(points, pixels, K, dist, rvec=turn, tvec=t)
-    return cv2.Rodrigues(turn)[0], t.ravel(), rms(cv2.projectPoints(points, turn, t, K, dist)[0].reshape(-1, 2), pixels)
+    _, turn, t = cv2.solvePnP(points, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP)
+    turn, t = cv2.solvePnPRefineLM(points, pixels, K, None, rvec=turn, tvec=t)
+    return cv2.Rodrigues(turn)[0], t.ravel(), rms(cv2.projectPoints(points, turn, t, K, None)[0].reshape(-1, 2), pixels)
 
 
 def rms(predicted: Floats, measured: Floats) -> float:
