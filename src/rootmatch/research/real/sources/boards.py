@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, project, rms
+from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv
 
 COLUMNS, ROWS = 9, 6
 """Inner corners of the board."""
@@ -39,14 +39,14 @@ def convert(snapshot: Path) -> Fields:
             pixels = cv2.undistortPoints(found[:, None], K, dist, P=K).reshape(-1, 2).astype(float)
             R, t = cv2.Rodrigues(turn)[0], move.ravel()
             views.append(
-                {"name": f"{side}{number}", "image": pixels, "K": K, "R": R, "t": t, "size": size,
-                 "rms": rms(project(points, R, t, K), pixels), "camera": camera, "frame": int(number)}
+                {"name": f"{side}{number}", "image": pixels, "K": K, "R": R, "t": t, "size": size, "camera": camera,
+                 "frame": int(number)}
             )  # fmt: skip
     views.sort(key=lambda view: (view["frame"], view["camera"]))
     get = {key: [view[key] for view in views] for key in views[0]}
     return data_set(
         points, np.array(get["image"]), get["size"][0], get["name"], K=get["K"], R=get["R"], t=get["t"],
-        rms_px=get["rms"], camera_id=get["camera"], frame_id=get["frame"],
+        camera_id=get["camera"], frame_id=get["frame"],
     )  # fmt: skip
 
 

@@ -24,7 +24,6 @@ from rootmatch.research.real.sources.common import (
     folder_with,
     known_pose,
     project,
-    rms,
     table,
 )
 
@@ -51,7 +50,7 @@ def convert(snapshot: Path) -> Fields:
     *_, width, height, pixel, _, _, air, glass, water, thickness = map(float, words[-9:])
     media = (air, glass, water, thickness)
     images, clutter, areas, views = [], [], [], []
-    cameras, errors = [], []
+    cameras = []
     for view in range(CAMERAS):
         orientation = np.array((root / f"cal/cam{view + 1}.tif.ori").read_text(encoding="utf-8").split(), float)
         blobs = table_of_blobs(root / f"cal/cam{view + 1}.tif_targets")
@@ -68,11 +67,10 @@ def convert(snapshot: Path) -> Fields:
         areas.append(blobs[rest, 2])
         views.append(np.full(len(rest), view))
         cameras.append(camera)
-        errors.append(rms(project(dots[:, 1:], camera[1], camera[2], camera[0]), image))
     names = [f"cam{view + 1}" for view in range(CAMERAS)]
     K, R, t = (np.array(part) for part in zip(*cameras, strict=True))
     return data_set(
-        dots[:, 1:], np.array(images), (int(width), int(height)), names, K=K, R=R, t=t, rms_px=errors,
+        dots[:, 1:], np.array(images), (int(width), int(height)), names, K=K, R=R, t=t,
         point_id=dots[:, 0].astype(np.int64), clutter2d=np.concatenate(clutter),
         clutter_view=np.concatenate(views), clutter_area=np.concatenate(areas),
     )  # fmt: skip

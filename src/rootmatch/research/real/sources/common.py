@@ -86,8 +86,11 @@ def project(points: Floats, R: Floats, t: Floats, K: Floats) -> Floats:
 
 
 def data_set(points: Floats, pixels: Floats, size: tuple[int, int], names: list[str], **more: Any) -> Fields:
-    """The fields that every data set has, and its own."""
+    """The fields that every data set has, and its own; the RMS of each view follows from K, R and t if not given."""
     views = len(pixels)
+    if not more.keys() & {"rms", "rms_px"}:
+        poses = zip(more["R"], more["t"], more["K"], pixels, strict=True)
+        more["rms_px"] = [rms(project(points, R, t, K), seen) for R, t, K, seen in poses]
     return {
         "points3d": points,
         "points2d": pixels,

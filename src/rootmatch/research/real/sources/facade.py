@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, project, rms
+from rootmatch.research.real.sources.common import Fields, Floats, data_set, folder_with, opencv, project
 
 REDUCED = 3
 """Factor by which photographs are made smaller."""
@@ -55,9 +55,8 @@ def convert(snapshot: Path) -> Fields:
     measured = np.array([vertical(root / "images" / name, K, (width, height)) for name in names])
     down = (R.transpose(0, 2, 1) @ measured[:, :, None])[:, :, 0].mean(axis=0)
     down /= np.linalg.norm(down)
-    errors = [rms(project(points, R[view], t[view], K), image[view]) for view in range(len(names))]
     return data_set(
-        points, image, (width, height), names, K=[K] * len(names), R=R, t=t, rms_px=errors,
+        points, image, (width, height), names, K=[K] * len(names), R=R, t=t,
         gravity_world=down, gravity_cam=R @ down, gravity_cam_measured=measured,
     )  # fmt: skip
 

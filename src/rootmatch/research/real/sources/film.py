@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rootmatch.errors import InputError
-from rootmatch.research.real.sources.common import Fields, data_set, folder_with, project, rms
+from rootmatch.research.real.sources.common import Fields, data_set, folder_with
 
 FILE = "libmv-ba-problems/problem_01.txt"
 FRAMES = 16
@@ -41,9 +41,8 @@ def convert(snapshot: Path) -> Fields:
             if len(found):
                 image[view, point] = found[0, 2:]
     frames = cameras[:, 0].astype(np.int64)
-    errors = [rms(project(points[:, 1:], R[k], t[k], K), image[k]) for k in range(FRAMES)]
     return data_set(
-        points[:, 1:], image, SIZE, [f"frame{frame}" for frame in frames], K=[K] * FRAMES, R=R, t=t, rms_px=errors,
+        points[:, 1:], image, SIZE, [f"frame{frame}" for frame in frames], K=[K] * FRAMES, R=R, t=t,
         track_id=points[:, 0].astype(np.int64), frame_id=frames,
     )  # fmt: skip
 
