@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from rootmatch.research.bootstrap import bootstrap_means, difference, estimate, estimates
 from rootmatch.research.paper.rho import RESIDUALS, SPARSE, START, Rhos, choose, scan_plan
 from rootmatch.research.paper.settings import GRID, PROBLEMS, Effort
-from rootmatch.research.statistics import bootstrap_means, difference, estimate, estimates
 from rootmatch.research.store import Row, Store
 
 

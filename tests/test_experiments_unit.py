@@ -12,7 +12,7 @@ import rootmatch as rm
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import random_hyperedges
 from rootmatch.research.paper.settings import DEFAULT_PIPELINE, Method, Setting
-from rootmatch.research.paper.unit import Stream, Task, Unit, evaluate, nested_tensors
+from rootmatch.research.paper.work_unit import Stream, Task, Unit, evaluate, nested_tensors
 from rootmatch.solvers import MultiStartAscent
 
 RHO = {"p3p": 1e-8, "up2p": 1e-2, "3p1": 1e-6}

@@ -28,7 +28,7 @@ from rootmatch.research.hypergraph.protocol import (
 from rootmatch.research.hypergraph.published import ACCURACY
 from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, most_alike
 from rootmatch.research.paper.settings import Setting
-from rootmatch.research.paper.unit import Task, Unit
+from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver
 
 SMALL = {DEFORMATION: (Setting(DEFORMATION, 0, 0.1),), OUTLIERS: (Setting(OUTLIERS, 20, 0.01),)}

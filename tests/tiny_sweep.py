@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from rootmatch.research.paper.settings import DEFAULT_PIPELINE, Method, Setting
-from rootmatch.research.paper.unit import evaluate
+from rootmatch.research.paper.work_unit import evaluate
 from rootmatch.research.store import Store
 from rootmatch.research.sweep import run, units
 

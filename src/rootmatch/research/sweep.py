@@ -18,7 +18,7 @@ from rootmatch.backends.dask import connected
 from rootmatch.backends.worker_lifetime import end_with
 from rootmatch.errors import InputError, RootmatchError
 from rootmatch.research.paper.settings import Method, Setting
-from rootmatch.research.paper.unit import Task, Unit, evaluate
+from rootmatch.research.paper.work_unit import Task, Unit, evaluate
 from rootmatch.research.progress import Progress
 from rootmatch.research.store import Row, Store, versions_in_use
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.research.bootstrap import Estimate, estimate
 from rootmatch.research.hypergraph.protocol import DEFORMATION, POINTS
 from rootmatch.research.hypergraph.published import ACCURACY, METHODS, MILLISECONDS
 from rootmatch.research.output_files import csv_text, figure_files, markdown_table, write_files
 from rootmatch.research.paper.settings import Setting
-from rootmatch.research.statistics import Estimate, estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

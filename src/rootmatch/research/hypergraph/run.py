@@ -14,7 +14,7 @@ from rootmatch.jit.threads import at_most
 from rootmatch.research.hypergraph.protocol import DEFORMATION, SETTINGS, instance, tensor_of
 from rootmatch.research.hypergraph.report import Results, write
 from rootmatch.research.paper.settings import Method, Setting
-from rootmatch.research.paper.unit import Unit
+from rootmatch.research.paper.work_unit import Unit
 from rootmatch.research.progress import Progress
 from rootmatch.research.store import Row, Store
 from rootmatch.research.sweep import Plan, check_jobs, run, units

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 
+from rootmatch.research.bootstrap import estimate
 from rootmatch.research.output_files import markdown_table
 from rootmatch.research.paper.claims import CLAIMS, Claim
 from rootmatch.research.paper.plan import BALANCED, DENSE, DENSE_START, VARIANT_NAMES, Table, Variant
 from rootmatch.research.paper.rho import ALL_RULES, CONDITIONS, RULE_NAMES, RULES, SCAN_SOLVERS, SPARSE, START, Rule
 from rootmatch.research.paper.settings import PANELS, SCAN_SETTINGS, TITLES, Setting, has_svd
 from rootmatch.research.paper.verdict import LOST, Case, verdict
-from rootmatch.research.statistics import estimate
 
 COMPARED = ("qr", "qr-both", "svd")
 """Residuals that are compared at one sample size."""

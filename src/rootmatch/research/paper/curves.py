@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from rootmatch.research.bootstrap import estimates
 from rootmatch.research.output_files import csv_text
 from rootmatch.research.paper.plan import Table, method_of, plan_of
 from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES, Rhos, Rule
 from rootmatch.research.paper.settings import DEFAULT_PIPELINE, PANELS, Method, residual_of
-from rootmatch.research.statistics import estimates
 
 HEADER = (
     "panel", "problem", "outliers", "noise_px", "baseline", "motions", "residual", "solver", "rho", "rho_rule",

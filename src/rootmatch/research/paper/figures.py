@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rootmatch.research.bootstrap import estimates
 from rootmatch.research.paper.plan import DENSE, VARIANT_NAMES, Table, Variant
 from rootmatch.research.paper.rho import RULE_NAMES, RULES, SCAN_SOLVERS, SPARSE, Rhos, Rule
 from rootmatch.research.paper.settings import NOISES, PANELS, PROBLEMS, TITLES, Method, Panel
-from rootmatch.research.statistics import estimates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

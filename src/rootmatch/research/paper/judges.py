@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.research.bootstrap import Estimate, difference, estimate
 from rootmatch.research.paper.plan import DENSE, Table
 from rootmatch.research.paper.rho import SPARSE, Rule
 from rootmatch.research.paper.settings import (
@@ -25,7 +26,6 @@ from rootmatch.research.paper.settings import (
     settings_of,
 )
 from rootmatch.research.paper.verdict import EQUAL, FEW, FULL, GOOD, LOST, RAPID, Case
-from rootmatch.research.statistics import Estimate, difference, estimate
 
 NOISY = NOISES[1:]
 SHORT, LONG = BASELINES

@@ -14,7 +14,7 @@ from rootmatch.research.paper.figures import FIGURES, draw, draw_scan
 from rootmatch.research.paper.plan import Table, Variant, plan_of
 from rootmatch.research.paper.rho import RESIDUALS, Rhos, Rule, choose, scan_plan
 from rootmatch.research.paper.settings import PROBLEMS, SCAN_SEED, Effort
-from rootmatch.research.paper.unit import evaluate
+from rootmatch.research.paper.work_unit import evaluate
 from rootmatch.research.progress import Progress
 from rootmatch.research.store import Store
 from rootmatch.research.sweep import Evaluate, Plan, check_jobs, run, units

@@ -26,6 +26,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rootmatch.research.bootstrap import bootstrap_means
 from rootmatch.research.paper.settings import (
     BASELINES,
     PROBLEMS,
@@ -37,7 +38,6 @@ from rootmatch.research.paper.settings import (
     residual_of,
 )
 from rootmatch.research.paper.verdict import FULL, LOST
-from rootmatch.research.statistics import bootstrap_means
 from rootmatch.research.store import Store
 from rootmatch.research.sweep import Plan
 

@@ -125,7 +125,7 @@ class Method:
     residual : str
         ``"qr"``, ``"qr-both"``, ``"svd"`` or ``"joint"``; with ``-cos`` appended, 3P1 by x = cos θ.
     solver : str
-        A key of `rootmatch.research.paper.unit.SOLVERS`.
+        A key of `rootmatch.research.paper.work_unit.SOLVERS`.
     rho : float
         Spread ρ of the affinity, in units of the residual; 1 for ``"joint"``, which is in units of the noise.
     """
