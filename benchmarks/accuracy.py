@@ -7,11 +7,9 @@ Rows are printed as Markdown as they come; ``--csv`` appends a line per scene to
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,17 +18,15 @@ import joblib
 import numba
 import numpy as np
 from accuracy_scenes import Case, Instance, ambiguous, measured, simulated
-from matches import TOLERANCE, load_yardstick
+from matches import TOLERANCE
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from shared import LISTED, Integers, append_csv, head, parser, point_by_point, row, yardstick_of
 
 import rootmatch as rm
 
-Integers = NDArray[np.int64]
 RIGHT = 0.9
 """Fraction of the points with an image that a right assignment matches; it matches none wrongly."""
-SHOWN = 5
-"""Alternatives that must include the truth where the match is ambiguous."""
 NOTHING = math.nan
 NO_PEERS = "none"
 
@@ -50,7 +46,7 @@ class Outcome:
     right: float
     """1 where no match is wrong and `RIGHT` of the points are matched."""
     shown: float
-    """1 where the assignment or one of the first `SHOWN` alternatives is right."""
+    """1 where the assignment or one of the first `shared.LISTED` alternatives is right."""
     rand: float
     """Adjusted Rand index of the motion labels."""
     own: float
@@ -67,12 +63,6 @@ class Outcome:
     peer_precision: float = NOTHING
     peer_rand: float = NOTHING
     peer_seconds: float = NOTHING
-
-
-def point_by_point(match: rm.Match, truth: Integers) -> str:
-    """Confidence of each point, and whether it was right."""
-    pairs = zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)
-    return " ".join(f"{confidence:.5f}/{int(good)}" for confidence, good in pairs)
 
 
 def right(assignment: Integers, truth: Integers) -> bool:
@@ -161,7 +151,7 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
         instance.source, instance.target, instance.problem, noise=instance.noise, seed=seed, **instance.options
     )
     accuracy, precision = figures(match.assignment, truth)
-    listed = [match.assignment, *(other for other, _ in match.alternatives[:SHOWN])]
+    listed = [match.assignment, *(other for other, _ in match.alternatives[:LISTED])]
     return Outcome(
         case.name, seed, accuracy, precision, float(np.array_equal(match.assignment, truth)),
         float(right(match.assignment, truth)), float(any(right(one, truth) for one in listed)),
@@ -176,19 +166,19 @@ def outcome(case: Case, seed: int, yardstick: ModuleType | None, patience: float
 
 def batch(case: Case, seeds: list[int], peers: str | None, patience: float) -> list[Outcome]:
     """Some scenes of a case; the first is matched twice, as the first call compiles."""
-    yardstick = None if case.yardstick == "none" or peers == NO_PEERS else load_yardstick(peers)
+    yardstick = None if case.yardstick == "none" or peers == NO_PEERS else yardstick_of(peers)
     outcome(case, seeds[0], yardstick, patience=0.1)
     return [outcome(case, seed, yardstick, patience) for seed in seeds]
 
 
 HEAD = (
-    "| scenes | count | accuracy | precision | labels | matched: right | ambiguous: shown | untrusted | failed | s "
-    "| worst | yardstick | its s | goal | |"
-)
+    "scenes", "count", "accuracy", "precision", "labels", "matched: right", "ambiguous: shown", "untrusted", "failed",
+    "s", "worst", "yardstick", "its s", "goal", "",
+)  # fmt: skip
 
 
-def row(case: Case, outcomes: list[Outcome]) -> str:
-    """One row of the table: means over all scenes, the median and the worst time."""
+def print_row(case: Case, outcomes: list[Outcome]) -> None:
+    """Print one row of the table: means over all scenes, the median and the worst time."""
     mean = {
         item.name: float(np.mean([getattr(one, item.name) for one in outcomes]))
         for item in fields(Outcome)
@@ -211,33 +201,24 @@ def row(case: Case, outcomes: list[Outcome]) -> str:
         return f"{sum(getattr(one, figure) for one in which):.0f} of {len(which)}" if which else "–"
 
     peer = mean["own"] if math.isnan(mean["peer_accuracy"]) else mean["peer_accuracy"]
-    cells = [
-        case.name, str(len(outcomes)), number(mean["accuracy"], 4), number(mean["precision"], 4),
+    row(
+        case.name, len(outcomes), number(mean["accuracy"], 4), number(mean["precision"], 4),
         number(mean["rand"], 3), share(by_status["matched"], "right"), share(by_status["ambiguous"], "shown"),
-        str(len(by_status["untrusted"])), str(sum(one.accuracy < 0.5 for one in outcomes)),
+        len(by_status["untrusted"]), sum(one.accuracy < 0.5 for one in outcomes),
         f"{np.median(times):.3f}", f"{times.max():.2f}", number(peer, 4),
         number(float(np.median([one.peer_seconds for one in outcomes])), 3), ", ".join(goals),
         "" if not goals else "MISSED" if missed else "reached",
-    ]  # fmt: skip
-    return "| " + " | ".join(cells) + " |"
+    )  # fmt: skip
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=[], help="kinds whose table or name contains one of these texts")
-    parser.add_argument("--seeds", type=int, default=10, help="scenes of each kind, at most")
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=1000,
-        help="below 4000 for tuning, reported from 20000 on",
-    )
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
-    parser.add_argument("--no-yardstick", action="store_true")
-    parser.add_argument("--patience", type=float, default=20.0, help="seconds after which the yardstick gives up")
-    parser.add_argument("--csv", type=Path, help="file to which each scene is appended")
-    options = parser.parse_args()
+    ask = parser(__doc__, seeds=10, first_seed=1000, jobs=1)
+    ask.add_argument("--scenes", nargs="+", default=[], help="kinds whose table or name contains one of these texts")
+    ask.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
+    ask.add_argument("--no-yardstick", action="store_true")
+    ask.add_argument("--patience", type=float, default=20.0, help="seconds after which the yardstick gives up")
+    ask.add_argument("--csv", type=Path, help="file to which each scene is appended")
+    options = ask.parse_args()
     cases = [
         case
         for case in [*simulated(), *ambiguous(), *measured()]
@@ -248,21 +229,16 @@ def main() -> None:
     for case in cases:
         if case.table != table:
             table = case.table
-            print(f"\n**{table}**, seeds from {options.first_seed}\n\n{HEAD}\n|{' --- |' * HEAD.count('|', 1)}")
+            print(f"\n**{table}**, seeds from {options.first_seed}\n")
+            head(*HEAD)
         seeds = list(range(options.first_seed, options.first_seed + min(options.seeds, case.scenes)))
         parts = [seeds[k :: options.jobs] for k in range(min(options.jobs, len(seeds)))]
         done = joblib.Parallel(n_jobs=options.jobs)(
             joblib.delayed(batch)(case, part, peers, options.patience) for part in parts
         )
         outcomes = sorted((one for part in done for one in part), key=lambda one: one.seed)
-        print(row(case, outcomes), flush=True)
-        if options.csv is not None:
-            new = not options.csv.exists()
-            with options.csv.open("a", newline="") as file:
-                writer = csv.DictWriter(file, [item.name for item in fields(Outcome)])
-                if new:
-                    writer.writeheader()
-                writer.writerows(asdict(one) for one in outcomes)
+        print_row(case, outcomes)
+        append_csv(options.csv, outcomes)
 
 
 if __name__ == "__main__":

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import functools
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from shared import Floats, Integers, measured_data
 
 import rootmatch as rm
+from rootmatch.research.real import scenes as real
+from rootmatch.research.real.methods import problem_of
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
-Floats, Integers = NDArray[np.float64], NDArray[np.int64]
 PRIOR = 3e-8
 """ρ of the small-baseline prior."""
 
@@ -182,29 +180,6 @@ def symmetric(seed: int, kind: str, upright: bool = False) -> Instance:
     return Instance(problem, points, image[order], truth, sigma, np.zeros(2 * pairs, np.int64))
 
 
-@functools.cache
-def measured_data(name: str) -> dict[str, NDArray[Any]]:
-    """Arrays of one file of measured correspondences; folder: ROOTMATCH_DATA, or shared/data next to the checkout."""
-    given = os.environ.get("ROOTMATCH_DATA")
-    folder = Path(given) if given else Path(__file__).resolve().parents[2] / "shared" / "data"
-    with np.load(folder / f"{name}.npz", allow_pickle=False) as archive:
-        return {key: archive[key] for key in archive.files}
-
-
-def shuffled(
-    points: Floats, image: Floats, clutter: Floats, rng: np.random.Generator
-) -> tuple[Floats, Floats, Integers]:
-    """Source and target in random order, and the truth; NaN in the image for a hidden point."""
-    points_order = rng.permutation(len(points))
-    points, image = points[points_order], image[points_order]
-    visible = np.flatnonzero(np.isfinite(image).all(axis=1))
-    every = np.concatenate([image[visible], clutter])
-    order = rng.permutation(len(every))
-    truth = np.full(len(points), -1, np.int64)
-    truth[visible] = np.argsort(order)[: len(visible)]
-    return points, every[order], truth
-
-
 def measured() -> list[Case]:
     """The measured sets."""
     table = "measured"
@@ -246,82 +221,47 @@ def measured() -> list[Case]:
     return cases
 
 
+def of_real(scene: real.RealScene | None, **options: Any) -> Instance:
+    """An instance of a scene of `rootmatch benchmark real`."""
+    assert scene is not None
+    assert scene.truth is not None
+    request, truth = scene.request, scene.truth
+    if "normals" in request:
+        options["normals"] = request["normals"]
+    points = (np.array(request[name]) for name in ("source", "target"))
+    return Instance(problem_of(request), *points, truth, request["noise"], np.where(truth < 0, -1, 0), options)
+
+
 def headset(view: int, normals: bool, seed: int) -> Instance:
     """All sensors of the headset against those visible in one view."""
-    data = measured_data("vive_hmd_lighthouse")
-    rng = np.random.default_rng([seed, view])
-    order = rng.permutation(len(data["points3d"]))
-    image = data["points2d"][view][order]
-    points, target, truth = data["points3d"][order], image, np.empty(0)
-    visible = rng.permutation(np.flatnonzero(np.isfinite(image).all(axis=1)))
-    truth = np.full(len(points), -1, np.int64)
-    truth[visible] = np.arange(len(visible))
-    target = image[visible]
-    return Instance(
-        rm.P3P(rm.Camera.from_matrix(data["K"][view])), points, target, truth, 0.13, np.where(truth < 0, -1, 0),
-        {"normals": data["normals3d"][order]} if normals else {},
-    )  # fmt: skip
+    return of_real(real.headset(measured_data("vive_hmd_lighthouse"), 4 * seed + view, normals=normals))
 
 
 def dots(seed: int) -> Instance:
     """20 random dots of a view and 40 of the false detections in it; four views in turn."""
-    data = measured_data("openptv_cavity_target")
-    view, rng = seed % 4, np.random.default_rng(seed)
-    image = data["points2d"][view]
-    chosen = rng.choice(np.flatnonzero(np.isfinite(image).all(axis=1)), 20, replace=False)
-    clutter = data["clutter2d"][data["clutter_view"] == view]
-    clutter = clutter[rng.choice(len(clutter), 40, replace=False)]
-    points, target, truth = shuffled(data["points3d"][chosen], image[chosen], clutter, rng)
-    problem = rm.P3P(rm.Camera.from_matrix(data["K"][view]))
-    return Instance(problem, points, target, truth, float(data["rms_px"][view]), np.zeros(20, np.int64))
+    return of_real(real.dots(measured_data("openptv_cavity_target"), seed))
 
 
 def film(seed: int) -> Instance:
     """All tracks against those of one frame; the frames in turn."""
-    data = measured_data("tears_of_steel_01")
-    view, rng = seed % 16, np.random.default_rng(seed)
-    points, target, truth = shuffled(data["points3d"], data["points2d"][view], np.empty((0, 2)), rng)
-    problem = rm.P3P(rm.Camera.from_matrix(data["K"][view]))
-    return Instance(problem, points, target, truth, float(data["rms_px"][view]), np.where(truth < 0, -1, 0))
-
-
-VERTICAL_NOISE = 0.005
-"""Radians on each of two axes: measured verticals of the façade are 0.3 to 0.5 degrees off."""
+    return of_real(real.film(measured_data("tears_of_steel_01"), seed))
 
 
 def facade(seed: int, measured_vertical: bool) -> Instance:
     """15 random points of a view and 15 other features of it as clutter; three views in turn."""
-    data = measured_data("berlin_facade")
-    view, rng = seed % 3, np.random.default_rng(seed)
-    image = data["points2d"][view]
-    chosen = rng.choice(np.flatnonzero(np.isfinite(image).all(axis=1)), 30, replace=False)
-    points, target, truth = shuffled(data["points3d"][chosen[:15]], image[chosen[:15]], image[chosen[15:]], rng)
-    down = data["gravity_cam_measured" if measured_vertical else "gravity_cam"][view]
-    problem = rm.UP2P(
-        rm.Camera.from_matrix(data["K"][view]), tuple(down), tuple(data["gravity_world"]),
-        VERTICAL_NOISE if measured_vertical else 0.0,
-    )  # fmt: skip
-    return Instance(problem, points, target, truth, float(data["rms_px"][view]), np.zeros(15, np.int64))
+    return of_real(real.facade(measured_data("berlin_facade"), seed, measured=measured_vertical))
 
 
 def facade_pair(seed: int, exact: bool) -> Instance:
     """12 random points visible in two of the three views."""
     data = measured_data("berlin_facade")
     first, second = [(0, 1), (1, 2), (0, 2)][seed % 3]
-    rng = np.random.default_rng(seed)
-    image, image2 = data["points2d"][first], data["points2d"][second]
-    both = np.flatnonzero(np.isfinite(image).all(axis=1) & np.isfinite(image2).all(axis=1))
-    chosen = rng.choice(both, 12, replace=False)
-    source, target, truth = shuffled(image[chosen], image2[chosen], np.empty((0, 2)), rng)
-    key = "gravity_cam" if exact else "gravity_cam_measured"
-    problem = rm.ThreePlusOne(
-        rm.Camera.from_matrix(data["K"][first]), rm.Camera.from_matrix(data["K"][second]),
-        tuple(data[key][first]), tuple(data[key][second]), 0.0 if exact else VERTICAL_NOISE,
-    )  # fmt: skip
+    scene = real.facade_pair(data, seed)
+    if not exact:
+        axes = dict(zip(("axis", "axis2"), data["gravity_cam_measured"][[first, second]].tolist(), strict=True))
+        scene.request.update(axes, axis_noise=real.VERTICAL_NOISE)
     rotation = data["R"][second] @ data["R"][first].T
-    pose = rotation, data["t"][second] - rotation @ data["t"][first]
-    noise = float(np.sqrt(np.mean(data["rms_px"][[first, second]] ** 2)))
-    return Instance(problem, source, target, truth, noise, np.zeros(12, np.int64), {}, pose)
+    return replace(of_real(scene), pose=(rotation, data["t"][second] - rotation @ data["t"][first]))
 
 
 def boards(seed: int, asked: int | str) -> Instance:

@@ -17,23 +17,17 @@ off" is trusted with true matches and a pose farther from the truth than its cov
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import defaultdict
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pose_error import squared_error
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from shared import Floats, head, parser, row, squared_error
 
 import rootmatch as rm
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SHAPES = ("cloud", "ring", "nearly even ring", "mirror plane", "half turn", "pair of mirror images")
 CLUTTER = ("none", "uniform", "crowded", "another body", "a stretched copy")
@@ -84,14 +78,11 @@ def shape(rng: np.random.Generator, kind: str) -> Floats:
 def drawn(seed: int) -> Scene:
     """The scene of a seed."""
     rng = np.random.default_rng([seed, 77])
-    kind, clutter = str(rng.choice(SHAPES)), str(rng.choice(CLUTTER))
-    one = shape(rng, "cloud" if "pair" in kind else kind)
-    bodies = [one, one * (-1.0, 1.0, 1.0)] if "pair" in kind else [one]
+    kind, clutter, bodies, normals = shapes(rng)
     sigma, facing = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0)))), bool(rng.random() < 0.5)
     camera = rm.Camera(900.0, 900.0, 640.0, 480.0)
     if rng.random() < 0.3:
         camera = lens()
-    normals = [body / np.linalg.norm(body, axis=1, keepdims=True) for body in bodies]
     absent = rng.random() < 0.1
     pixels: list[Floats] = []
     owners: list[list[tuple[int, int]]] = []
@@ -118,16 +109,10 @@ def drawn(seed: int) -> Scene:
     if merges:
         pixels, owners = merged(pixels, owners)
     count = int(rng.choice([2, 5, 10, 20]))
-    if clutter == "uniform":
-        other = rng.uniform((0, 0), SIZE, (count, 2))
-    elif clutter == "crowded":
-        other = rng.uniform((200, 200), (1000, 760)) + rng.normal(0.0, 30.0, (count, 2))
-    elif clutter in ("another body", "a stretched copy"):
-        stranger = one * (1.0, 1.15, 0.9) if "copy" in clutter else shape(rng, "cloud")
-        R, t = Rotation.random(random_state=rng).as_matrix(), np.array([*rng.uniform(-0.2, 0.2, 2), 0.9])
-        other = camera.project(stranger @ R.T + t)
+    if clutter in ("another body", "a stretched copy"):
+        other = camera.project(stranger(rng, clutter, bodies[0]))
     else:
-        other = np.empty((0, 2))
+        other = drawn_clutter(rng, clutter, count)
     image = np.concatenate([np.reshape(pixels, (-1, 2)), other])
     image = image + rng.normal(0.0, sigma, image.shape)
     order = rng.permutation(len(image))
@@ -138,16 +123,47 @@ def drawn(seed: int) -> Scene:
     problem: rm.Problem = rm.P3P(camera)
     if rng.random() < 0.3 and len(bodies) == 1:
         problem = tilted_vertical(rng, camera, poses[0][0])
-    arguments: dict[str, Any] = {
-        "source": np.concatenate(bodies), "target": image[order], "problem": problem, "noise": sigma, "seed": seed,
-    }  # fmt: skip
+    arguments = arguments_of(bodies, image[order], problem, sigma, seed, normals if facing else None)
     if merges:
         arguments["resolution"] = NEAR
-    if facing:
-        arguments |= {"normals": np.concatenate(normals), "view_angle": VIEW}
-    if len(bodies) > 1:
-        arguments["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
     return Scene((kind, clutter), arguments, truths, poses)
+
+
+def shapes(rng: np.random.Generator) -> tuple[str, str, list[Floats], list[Floats]]:
+    """Kinds of body and of clutter, points of the bodies, and their normals."""
+    kind, clutter = str(rng.choice(SHAPES)), str(rng.choice(CLUTTER))
+    one = shape(rng, "cloud" if "pair" in kind else kind)
+    bodies = [one, one * (-1.0, 1.0, 1.0)] if "pair" in kind else [one]
+    return kind, clutter, bodies, [body / np.linalg.norm(body, axis=1, keepdims=True) for body in bodies]
+
+
+def stranger(rng: np.random.Generator, clutter: str, one: Floats) -> Floats:
+    """Points of a body that is not looked for, where it is seen."""
+    points = one * (1.0, 1.15, 0.9) if "copy" in clutter else shape(rng, "cloud")
+    turn = Rotation.random(random_state=rng).as_matrix()
+    return points @ turn.T + np.array([*rng.uniform(-0.2, 0.2, 2), 0.9])
+
+
+def drawn_clutter(rng: np.random.Generator, clutter: str, count: int) -> Floats:
+    """Pixels of clutter that is no image of anything."""
+    if clutter == "uniform":
+        return rng.uniform((0, 0), SIZE, (count, 2))
+    if clutter == "crowded":
+        return rng.uniform((200, 200), (1000, 760)) + rng.normal(0.0, 30.0, (count, 2))
+    return np.empty((0, 2))
+
+
+def arguments_of(
+    bodies: list[Floats], target: Floats, problem: rm.Problem, sigma: float, seed: int, normals: list[Floats] | None
+) -> dict[str, Any]:
+    """Arguments of `rootmatch.match`."""
+    told: dict[str, Any] = {"source": np.concatenate(bodies), "target": target, "problem": problem}
+    told |= {"noise": sigma, "seed": seed}
+    if normals is not None:
+        told |= {"normals": np.concatenate(normals), "view_angle": VIEW}
+    if len(bodies) > 1:
+        told["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+    return told
 
 
 def lens() -> rm.Camera:
@@ -196,14 +212,12 @@ def is_off(match: rm.Match, R: Floats, t: Floats) -> bool:
     return squared_error(pose, R, t) > chi2.ppf(0.9999, 6)
 
 
-def main() -> int:
+def main() -> None:
     """Match the scenes and print what came of each kind, and the seeds of what was trusted and wrong."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--max-seconds", type=float, default=5.0, help="of each match")
-    parser.add_argument("--rigs", action="store_true", help="scenes of several cameras, see adversary_rigs.py")
-    given = parser.parse_args()
+    ask = parser(__doc__, scenes=200, first_seed=1000)
+    ask.add_argument("--max-seconds", type=float, default=5.0, help="of each match")
+    ask.add_argument("--rigs", action="store_true", help="scenes of several cameras, see adversary_rigs.py")
+    given = ask.parse_args()
     drawn_by = import_module("adversary_rigs").drawn if given.rigs else drawn
     counts: dict[tuple[str, str], Count] = defaultdict(Count)
     for seed in range(given.first_seed, given.first_seed + given.scenes):
@@ -226,19 +240,13 @@ def main() -> int:
                 count.off += off
                 if body and (wrong or off):
                     count.seeds.append(seed)
-    print(
-        "| body | clutter | bodies | with five visible | trusted and right | trusted | trusted and wrong | pose off "
-        "| seeds |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
-    for (kind, clutter), one in sorted(counts.items()):
-        print(
-            f"| {kind} | {clutter} | {one.bodies} | {one.shown} | {one.right} | {one.trusted} | {one.wrong} | "
-            f"{one.off} | "
-            f"{' '.join(map(str, one.seeds[:12]))} |"
-        )
-    return 0
+    head(
+        "body", "clutter", "bodies", "with five visible", "trusted and right", "trusted", "trusted and wrong",
+        "pose off", "seeds",
+    )  # fmt: skip
+    for key, one in sorted(counts.items()):
+        row(*key, one.bodies, one.shown, one.right, one.trusted, one.wrong, one.off, " ".join(map(str, one.seeds[:12])))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

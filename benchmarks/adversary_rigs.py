@@ -7,27 +7,32 @@ the images are told.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from adversary import CLUTTER, SHAPES, SIZE, VIEW, Scene, lens, shape, tilted_vertical
+from adversary import (
+    SIZE,
+    VIEW,
+    Scene,
+    arguments_of,
+    drawn_clutter,
+    lens,
+    shapes,
+    stranger,
+    tilted_vertical,
+)
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from shared import Floats
 
 import rootmatch as rm
 
-Floats = NDArray[np.float64]
 View = tuple[rm.Camera, Floats, Floats]
 
 
 def drawn(seed: int) -> Scene:
     """The scene of a seed; truths are those of sightings, camera by camera."""
     rng = np.random.default_rng([seed, 78])
-    kind, clutter = str(rng.choice(SHAPES)), str(rng.choice(CLUTTER))
-    one = shape(rng, "cloud" if "pair" in kind else kind)
-    bodies = [one, one * (-1.0, 1.0, 1.0)] if "pair" in kind else [one]
+    kind, clutter, bodies, normals = shapes(rng)
     sigma, facing = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0)))), bool(rng.random() < 0.6)
-    normals = [body / np.linalg.norm(body, axis=1, keepdims=True) for body in bodies]
     views = [_view(rng) for _ in range(int(rng.integers(2, 5)))]
     sizes = [SIZE] * len(views) if rng.random() < 0.5 else None
     absent, rate, count = rng.random() < 0.1, rng.choice([1.0, 0.9, 0.7]), int(rng.choice([0, 2, 5, 10]))
@@ -36,11 +41,8 @@ def drawn(seed: int) -> Scene:
         R = Rotation.random(random_state=rng).as_matrix()
         poses.append((R, np.array([rng.uniform(-0.25, 0.25), rng.uniform(-0.2, 0.2), rng.uniform(0.4, 2.0)])))
         present.append(not (absent or (b and rng.random() < 0.5)))
-    things = np.empty((0, 3))
-    if clutter in ("another body", "a stretched copy"):
-        things = one * (1.0, 1.15, 0.9) if "copy" in clutter else shape(rng, "cloud")
-        turn = Rotation.random(random_state=rng).as_matrix()
-        things = things @ turn.T + np.array([*rng.uniform(-0.2, 0.2, 2), 0.9])
+    of_things = clutter in ("another body", "a stretched copy")
+    things = stranger(rng, clutter, bodies[0]) if of_things else np.empty((0, 3))
     rows: list[tuple[float, float, int]] = []
     owners: list[tuple[int, int, int] | None] = []
     for k, (camera, Q, s) in enumerate(views):
@@ -72,13 +74,7 @@ def drawn(seed: int) -> Scene:
     problem: rm.Problem = rm.P3P(rig)
     if rng.random() < 0.3 and len(bodies) == 1:
         problem = tilted_vertical(rng, rig, poses[0][0])
-    arguments: dict[str, Any] = {
-        "source": np.concatenate(bodies), "target": target[order], "problem": problem, "noise": sigma, "seed": seed,
-    }  # fmt: skip
-    if facing:
-        arguments |= {"normals": np.concatenate(normals), "view_angle": VIEW}
-    if len(bodies) > 1:
-        arguments["bodies"] = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+    arguments = arguments_of(bodies, target[order], problem, sigma, seed, normals if facing else None)
     return Scene((kind, clutter), arguments, truths, poses)
 
 
@@ -96,9 +92,7 @@ def _inside(image: Floats) -> NDArray[np.bool_]:
 
 def _clutter_of(rng: np.random.Generator, kind: str, count: int, camera: rm.Camera, things: Floats) -> Floats:
     """Pixels of clutter in one image; ``things`` (m, 3): those of the world, in the frame of the camera."""
-    if kind == "uniform":
-        return rng.uniform((0, 0), SIZE, (count, 2))
-    if kind == "crowded":
-        return rng.uniform((200, 200), (1000, 760)) + rng.normal(0.0, 30.0, (count, 2))
+    if not len(things):
+        return drawn_clutter(rng, kind, count)
     image = camera.project(things[things[:, 2] > 0.05])
     return np.asarray(image[_inside(image)])

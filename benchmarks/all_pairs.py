@@ -9,103 +9,66 @@ is within a degree and the centre of the camera within a twentieth of its distan
 
 from __future__ import annotations
 
-import argparse
 import csv
 import sys
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-import poselib
+from shared import parser, timed
 
-import rootmatch as rm
-from rootmatch.simulation import Scene, p3p_scene
+from rootmatch.research.blind.methods import Answer, by_opencv, by_poselib, by_rootmatch
+from rootmatch.research.blind.scenes import BlindScene, intrinsics
+from rootmatch.simulation import FOCAL, p3p_scene
 
 NOISE = 1.0
 """Standard deviation of a pixel coordinate."""
-GATE = 3.0 * NOISE
-"""Threshold of both libraries, in pixels: what is farther from its projection is no inlier."""
-OPENCV_ITERATIONS = 10_000
-"""A hundred times its default; 100,000 take six seconds a scene and solve none of the first three either."""
-POSELIB_ITERATIONS = 100_000
-"""Its default."""
-
-Pose = tuple[np.ndarray, np.ndarray]
-
-
-def pairs(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Every point with every detection."""
-    n, n_target = len(scene.source), len(scene.target)
-    return np.repeat(scene.source, n_target, axis=0), np.tile(scene.target, (n, 1))
-
-
-def by_opencv(scene: Scene, K: np.ndarray) -> Pose | None:
-    points, pixels = pairs(scene)
-    found, rvec, t, _ = cv2.solvePnPRansac(
-        points, pixels, K, None, iterationsCount=OPENCV_ITERATIONS, reprojectionError=GATE, confidence=0.999
-    )
-    return (cv2.Rodrigues(rvec)[0], t.ravel()) if found else None
-
-
-def by_poselib(scene: Scene, K: np.ndarray) -> Pose | None:
-    points, pixels = pairs(scene)
-    camera = {"model": "PINHOLE", "width": 640, "height": 480, "params": [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]}
-    options = {"max_iterations": POSELIB_ITERATIONS, "max_reproj_error": GATE, "success_prob": 0.999}
-    pose, _ = poselib.estimate_absolute_pose(pixels, points, camera, options, {})
-    return np.array(pose.R), np.array(pose.t)
-
-
-def by_rootmatch(scene: Scene, K: np.ndarray) -> Pose | None:
-    match = rm.match(scene.source, scene.target, scene.problem, noise=NOISE)
-    R, t = match.poses[0]
-    return R, t
-
-
-METHODS: dict[str, Callable[[Scene, np.ndarray], Pose | None]] = {
+PATIENCE = 1e6
+"""Seconds that a method may take."""
+METHODS: dict[str, Callable[[BlindScene, float], Answer]] = {
     "solvePnPRansac, all pairs": by_opencv,
     "PoseLib, all pairs": by_poselib,
     "rootmatch": by_rootmatch,
 }
+"""As of `rootmatch benchmark blind`, which says how many iterations they have."""
 
 
-def true_pose(scene: Scene, K: np.ndarray) -> Pose:
-    """The pose of the true correspondences, by another library."""
-    seen = scene.truth >= 0
-    _, rvec, t = cv2.solvePnP(scene.source[seen], scene.target[scene.truth[seen]], K, None, flags=cv2.SOLVEPNP_SQPNP)
-    return cv2.Rodrigues(rvec)[0], t.ravel()
+def scene_of(n: int, outliers: int, seed: int) -> BlindScene:
+    """A scene of the paper, with the pose of the true correspondences by another library."""
+    made, K = p3p_scene(n=n, outliers=outliers, noise=NOISE, seed=seed), intrinsics(FOCAL)
+    seen = made.truth >= 0
+    _, rvec, t = cv2.solvePnP(made.source[seen], made.target[made.truth[seen]], K, None, flags=cv2.SOLVEPNP_SQPNP)
+    R = cv2.Rodrigues(rvec)[0]
+    return BlindScene("all pairs", seed, made.source, made.target, NOISE, K=K, R=R, t=t.ravel())
 
 
-def solved(found: Pose | None, truth: Pose) -> bool:
-    if found is None or not all(np.isfinite(part).all() for part in found):
+def solved(answer: Answer, scene: BlindScene) -> bool:
+    """Whether a pose is within a degree and a twentieth of the distance."""
+    if answer.pose is None or not all(np.isfinite(part).all() for part in answer.pose):
         return False
-    angle = np.degrees(np.arccos(np.clip((np.trace(found[0].T @ truth[0]) - 1.0) / 2.0, -1.0, 1.0)))
-    centre, true_centre = (-R.T @ t for R, t in (found, truth))
-    return bool(angle < 1.0 and np.linalg.norm(centre - true_centre) < 0.05 * np.linalg.norm(true_centre))
+    R, t = answer.pose
+    angle = np.degrees(np.arccos(np.clip((np.trace(R.T @ scene.R) - 1.0) / 2.0, -1.0, 1.0)))
+    return bool(angle < 1.0 and np.linalg.norm(scene.R.T @ scene.t - R.T @ t) < 0.05 * np.linalg.norm(scene.t))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first-seed", type=int, default=20_000)
-    parser.add_argument("--scenes", type=int, default=20)
-    parser.add_argument("--csv", type=Path, help="file for the table")
-    options = parser.parse_args()
+    ask = parser(__doc__, first_seed=20_000, scenes=20)
+    ask.add_argument("--csv", type=Path, help="file for the table")
+    options = ask.parse_args()
     cv2.setNumThreads(1)
     rows = []
     for n, outliers in ((10, 0), (10, 10), (20, 20)):
         for name, method in METHODS.items():
             right, seconds = 0, []
             for seed in range(options.first_seed, options.first_seed + options.scenes):
-                scene = p3p_scene(n=n, outliers=outliers, noise=NOISE, seed=seed)
-                camera = scene.problem.camera
-                K = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+                scene = scene_of(n, outliers, seed)
                 if not seconds:
-                    method(scene, K)  # what is compiled or loaded once is not timed
-                started = time.process_time()
-                found = method(scene, K)
-                seconds.append(time.process_time() - started)
-                right += solved(found, true_pose(scene, K))
+                    method(scene, PATIENCE)  # what is compiled or loaded once is not timed
+                found, took = timed(partial(method, scene, PATIENCE))
+                seconds.append(took)
+                right += solved(found, scene)
             rows.append((f"{n} + {outliers}", name, options.scenes, right, f"{np.median(seconds):.4f}"))
             print(*rows[-1], sep=" | ", flush=True)
     table = csv.writer(options.csv.open("w", newline="") if options.csv else sys.stdout, lineterminator="\n")

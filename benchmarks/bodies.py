@@ -15,9 +15,7 @@ compiled. Defaults are chosen on seeds below 4000.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -25,8 +23,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from constellations import judge, load_scenes
 from numpy.typing import NDArray
+from shared import is_listed, judge, parser, scenes_of, timed
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
@@ -36,7 +34,6 @@ from rig_scenes import controller
 LEAST_VISIBLE = 7
 VIEW = 70.0
 NOISE = 0.5
-LISTED = 5
 LABELS = ("headset", "left", "right")
 NEAR_FAR = {"headset": (0.3, 2.5), "left": (0.3, 1.2), "right": (0.3, 1.2)}
 """Distances in metres; controllers are held within an arm's length or two of the camera."""
@@ -113,11 +110,8 @@ class Outcome:
 def outcomes(made: Scene, seed: int, normals: bool) -> tuple[list[Outcome], float]:
     """The bodies of one image, and the processor seconds that they took."""
     options: dict[str, Any] = {"normals": made.normals, "view_angle": np.radians(VIEW)} if normals else {}
-    started = time.process_time()
-    match = rm.match(
-        made.source, made.target, rm.P3P(made.camera), noise=NOISE, bodies=made.labels, seed=seed, **options
-    )
-    seconds = time.process_time() - started
+    known = {"noise": NOISE, "bodies": made.labels, "seed": seed, **options}
+    match, seconds = timed(lambda: rm.match(made.source, made.target, rm.P3P(made.camera), **known))
     assert match.bodies is not None
     used = match.assignment[match.assignment >= 0]
     assert len(set(used.tolist())) == len(used)
@@ -125,23 +119,20 @@ def outcomes(made: Scene, seed: int, normals: bool) -> tuple[list[Outcome], floa
     for label, body in match.bodies.items():
         truth = made.truth[made.labels == label]
         _, wrong, full = judge(body.assignment, truth)
-        others = [other for other, _ in body.alternatives[:LISTED]] if body.status is rm.Status.AMBIGUOUS else []
-        listed = full or any(judge(other, truth)[2] for other in others)
-        found.append(Outcome(int((truth >= 0).sum()), body.status.name.lower(), wrong, full, listed))
+        shown = int((truth >= 0).sum())
+        found.append(Outcome(shown, body.status.name.lower(), wrong, full, is_listed(body, truth)))
     return found, seconds
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clutter", type=int, nargs="+", default=[5, 15])
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    parser.add_argument("--no-normals", action="store_true", help="match without normals")
-    parser.add_argument("--verbose", action="store_true", help="a line for each image")
-    given = parser.parse_args()
+    ask = parser(__doc__, seeds=100, first_seed=1000)
+    ask.add_argument("--clutter", type=int, nargs="+", default=[5, 15])
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    ask.add_argument("--no-normals", action="store_true", help="match without normals")
+    ask.add_argument("--verbose", action="store_true", help="a line for each image")
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    scenes = load_scenes(given.scenes)
+    scenes = scenes_of("constellations", given.scenes)
     if scenes is None:
         return
     for seed in range(given.first_seed, given.first_seed + 2):

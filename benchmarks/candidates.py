@@ -5,13 +5,12 @@ With ROOTMATCH_DATA also the 1,886 pairs of `tless_candidates`, of two instances
 
 from __future__ import annotations
 
-import argparse
 import os
-import time
-from pathlib import Path
+from functools import partial
 from typing import Literal
 
 import numpy as np
+from shared import head, measured_data, parser, row, timed
 
 import rootmatch as rm
 from rootmatch.simulation import p3p_scene
@@ -21,12 +20,8 @@ FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first-seed", type=int, default=20000)
-    options = parser.parse_args()
-    print("| search | scene | fraction allowed | hyper-edges | of all | fraction⁴ | s | of all | accuracy |")
-    print("|" + " --- |" * 9)
+    options = parser(__doc__, seeds=5, first_seed=20000).parse_args()
+    head("search", "scene", "fraction allowed", "hyper-edges", "of all", "fraction⁴", "s", "of all", "accuracy")
     searches: tuple[tuple[Literal["exhaustive", "guided"], int, int], ...] = (
         ("exhaustive", 10, 10), ("exhaustive", 14, 10), ("guided", 30, 30), ("guided", 100, 100)
     )  # fmt: skip
@@ -47,30 +42,27 @@ def main() -> None:
                 accuracies.append(scene.accuracy(match.assignment))
             count, took = float(np.mean(counts)), float(np.median(seconds))
             first = first or (count, took)
-            print(
-                f"| {search} | {n} + {clutter} | {fraction:g} | {count:.3g} | {count / first[0]:.3f} |"
-                f" {fraction**4:.3f} | {took:.3f} | {took / first[1]:.3f} | {np.mean(accuracies):.3f} |",
-                flush=True,
-            )
+            row(
+                search, f"{n} + {clutter}", f"{fraction:g}", f"{count:.3g}", f"{count / first[0]:.3f}",
+                f"{fraction**4:.3f}", f"{took:.3f}", f"{took / first[1]:.3f}", f"{np.mean(accuracies):.3f}",
+            )  # fmt: skip
 
     if "ROOTMATCH_DATA" in os.environ:
-        instances(Path(os.environ["ROOTMATCH_DATA"], "tless_candidates.npz"))
+        instances()
 
 
-def instances(path: Path) -> None:
+def instances() -> None:
     """Poses of both instances among the proposed pairs, against the reference ones."""
-    data = np.load(path)
+    data = measured_data("tless_candidates")
     camera = rm.Camera.from_matrix(data["K"])
     mask = np.zeros((len(data["points3d"]), len(data["points2d"])), np.bool_)
     mask[tuple(data["candidates"].T)] = True
-    print("\n| motions | σ | status | groups | processor s | off, instance 1 | instance 2 |\n|" + " --- |" * 7)
+    print()
+    head("motions", "σ", "status", "groups", "processor s", "off, instance 1", "instance 2")
     for motions in (2, "auto"):
         for sigma in (2.0, 3.0, 5.0):
-            started = time.process_time()
-            match = rm.match(
-                data["points3d"], data["points2d"], rm.P3P(camera), noise=sigma, candidates=mask, motions=motions
-            )
-            seconds = time.process_time() - started
+            known = {"noise": sigma, "candidates": mask, "motions": motions}
+            match, seconds = timed(partial(rm.match, data["points3d"], data["points2d"], rm.P3P(camera), **known))
             off = []
             for rotation, t in zip(data["R"], data["t"], strict=True):
                 errors = [
@@ -84,11 +76,7 @@ def instances(path: Path) -> None:
                 angle, shift = min(errors, default=(180.0, 1.0))
                 off.append(f"{angle:.1f}°, {100 * shift:.1f} %")
             sizes = ", ".join(str(size) for size in np.bincount(match.motion_labels[match.motion_labels >= 0]))
-            print(
-                f"| {motions} | {sigma:g} | {match.status.name.lower()} | {sizes} | {seconds:.2f} |"
-                f" {off[0]} | {off[1]} |",
-                flush=True,
-            )
+            row(motions, f"{sigma:g}", match.status.name.lower(), sizes, f"{seconds:.2f}", *off)
 
 
 if __name__ == "__main__":

@@ -2,15 +2,12 @@
 
     python benchmarks/code_counts.py
     python benchmarks/code_counts.py --against ../old-checkout       # before and after in one table
-    python benchmarks/code_counts.py --list status "Gauss-Newton"    # the places behind rows with these words
+    python benchmarks/code_counts.py --list fit "Gauss-Newton"       # the places behind rows with these words
 
-The counts are read from the syntax trees of ``src/rootmatch``; nothing is imported. What a row counts:
+The counts are read from the syntax trees of ``src/rootmatch``; nothing is imported. That one function decides a status
+and one makes a `Match` is a test (tests/test_structure.py). What a row counts:
 
 * code: lines with a token that is no comment and no docstring.
-* status written: an assignment, return or keyword argument within a function whose value names a member of `Status`
-  outside of a comparison. A status that is handed on from another match is not seen.
-* `Match` made, `Match` edited: calls of `Match`, and of `replace` or `changed` on a value that is a `Match` by its
-  annotation or by that of the function or attribute that it comes from. A value without any is not seen.
 * laziness: each kind that occurs, by its name.
 * likelihoods: modules with a function that takes the logarithm of something named after clutter, a density, a rate,
   a chance, visibility or odds, outside of ``model/``; and modules that import ``model/``, when there is one.
@@ -101,69 +98,6 @@ class Code:
         """Places of what is found in each module."""
         return [module.place(node) for module in self.modules for node in find(module)]
 
-    # what a Match is
-
-    @cached_property
-    def makers(self) -> dict[str, int | None]:
-        """Functions that return a `Match`, by name; the position where they return it in a tuple."""
-        found: dict[str, int | None] = {}
-        for module in self.modules:
-            for function in module.functions:
-                written = "" if function.returns is None else ast.unparse(function.returns)
-                if is_match(written):
-                    found[function.name] = None
-                elif written.startswith("tuple[") and isinstance(function.returns, ast.Subscript):
-                    parts = getattr(function.returns.slice, "elts", [])
-                    places = [k for k, part in enumerate(parts) if is_match(ast.unparse(part))]
-                    if places:
-                        found[function.name] = places[0]
-        return found
-
-    @cached_property
-    def attributes(self) -> set[str]:
-        """Attributes annotated as a `Match` in some class, or properties that return one."""
-        found = set()
-        for module in self.modules:
-            for node in ast.walk(module.tree):
-                if isinstance(node, ast.ClassDef):
-                    for one in node.body:
-                        if isinstance(one, ast.AnnAssign) and is_match(ast.unparse(one.annotation)):
-                            found.add(ast.unparse(one.target))
-        return found
-
-    def matches(self, function: Function) -> set[str]:
-        """Local names that are a `Match`."""
-        arguments = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
-        found = {one.arg for one in arguments if one.annotation is not None and is_match(ast.unparse(one.annotation))}
-        for _ in range(2):
-            for node in ast.walk(function):
-                if isinstance(node, ast.Assign) and len(node.targets) == 1:
-                    target = node.targets[0]
-                    if isinstance(target, ast.Name) and self.is_a_match(node.value, found):
-                        found.add(target.id)
-                    elif isinstance(target, ast.Tuple) and isinstance(node.value, ast.Call):
-                        place = self.makers.get(called(node.value))
-                        if place is not None and isinstance(part := target.elts[place], ast.Name):
-                            found.add(part.id)
-        return found
-
-    def is_a_match(self, value: ast.expr, names: set[str]) -> bool:
-        """Whether an expression is a `Match`, as far as names tell."""
-        if isinstance(value, ast.Name):
-            return value.id in names
-        if isinstance(value, ast.Attribute):
-            return value.attr in self.attributes
-        if isinstance(value, ast.IfExp):
-            return self.is_a_match(value.body, names) or self.is_a_match(value.orelse, names)
-        if isinstance(value, ast.Call):
-            name = called(value)
-            if name in ("replace", "changed") and value.args:
-                return self.is_a_match(value.args[0], names)
-            return name == "Match" or self.makers.get(name, 0) is None
-        return False
-
-    # the rows
-
     def lines(self) -> int:
         """All lines."""
         return sum(module.text.count("\n") for module in self.modules)
@@ -171,44 +105,6 @@ class Code:
     def code_lines(self) -> int:
         """Those of code."""
         return sum(len(code_lines(module)) for module in self.modules)
-
-    def status_written(self) -> Places:
-        """Where a status is decided."""
-
-        def find(module: Module) -> Iterator[ast.AST]:
-            lines: dict[int, ast.AST] = {}
-            for function in module.functions if "Status" in module.text else []:
-                for node in ast.walk(function):
-                    if isinstance(node, ast.Assign | ast.AnnAssign | ast.Return | ast.keyword) and node.value:
-                        nested = any(isinstance(one, ast.keyword) and names_status(one.value) for one in inner(node))
-                        if names_status(node.value) and not nested:
-                            lines[node.value.lineno] = node.value
-            yield from lines.values()
-
-        return self.each(find)
-
-    def matches_made(self) -> Places:
-        """Where a `Match` is made."""
-        return self.each(
-            lambda module: (
-                node for node in ast.walk(module.tree) if isinstance(node, ast.Call) and called(node) == "Match"
-            )
-        )
-
-    def matches_edited(self) -> Places:
-        """Where one is changed."""
-
-        def find(module: Module) -> Iterator[ast.AST]:
-            seen = set()
-            for function in module.functions if "Match" in module.text else []:
-                names = self.matches(function)
-                for node in ast.walk(function):
-                    changes = isinstance(node, ast.Call) and called(node) in ("replace", "changed") and node.args
-                    if changes and node not in seen and self.is_a_match(node.args[0], names):  # type: ignore[attr-defined]
-                        seen.add(node)
-                        yield node
-
-        return self.each(find)
 
     def laziness(self) -> Places:
         """Kinds of laziness with the number of modules that use each."""
@@ -326,31 +222,9 @@ class Code:
         return found
 
 
-def is_match(written: str) -> bool:
-    """Whether an annotation is that of a `Match`."""
-    return re.fullmatch(r"(rm\.)?Match( \| None)?", written.strip("'\"")) is not None
-
-
 def called(node: ast.Call) -> str:
     """Last name of what is called."""
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-
-
-def inner(node: ast.AST) -> Iterator[ast.AST]:
-    """What is below a node."""
-    for child in ast.iter_child_nodes(node):
-        yield child
-        yield from inner(child)
-
-
-def names_status(value: ast.AST) -> bool:
-    """Whether an expression names a member of `Status` outside of comparisons."""
-    if isinstance(value, ast.Compare | ast.Lambda):
-        return False
-    if isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name) and value.value.id == "Status":
-        return value.attr.isupper()
-    test = value.test if isinstance(value, ast.IfExp) else None
-    return any(names_status(child) for child in ast.iter_child_nodes(value) if child is not test)
 
 
 def updates_attributes(node: ast.Call) -> bool:
@@ -416,9 +290,6 @@ ROWS: list[tuple[str, Callable[[Code], int | Places]]] = [
     ("lines", Code.lines),
     ("lines of code", Code.code_lines),
     ("functions and methods", lambda code: sum(len(module.functions) for module in code.modules)),
-    ("places where a status is written", Code.status_written),
-    ("places where a Match is made", Code.matches_made),
-    ("places where a Match is edited", Code.matches_edited),
     ("kinds of laziness", Code.laziness),
     ("modules with a likelihood of their own", Code.likelihoods),
     ("modules that import the one model", Code.users_of_the_model),

@@ -16,13 +16,7 @@ scratch, as the first frame of a headset would be. Defaults are chosen on seeds 
 
 from __future__ import annotations
 
-import argparse
-import csv
-import importlib.util
-import os
-import sys
-import time
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,6 +24,7 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from shared import append_csv, head, is_listed, judge, parser, point_by_point, row, scenes_of, timed
 
 import rootmatch as rm
 
@@ -39,8 +34,6 @@ FAMILIES = (
 )  # fmt: skip
 REAL_SCENES = 40
 """Four views, each shuffled ten times."""
-SHOWN = 5
-"""Alternatives among which the truth must be where the answer is ambiguous."""
 WARMING = 3
 """Scenes of each family that are matched before the clock starts, so that its kernels are compiled."""
 
@@ -63,23 +56,6 @@ class Outcome:
     hyperedges: int
     points: str
     """Confidence of each point, and 1 where it was right: ``0.998/1 0.73/0 …``."""
-
-
-def load_scenes(given: str | None) -> ModuleType | None:
-    """The module of scenes, or None where there is none."""
-    data = os.environ.get("ROOTMATCH_DATA")
-    beside = Path(data).parent if data else Path(__file__).resolve().parents[2] / "shared"
-    folder = Path(given or os.environ.get("ROOTMATCH_SCENES") or beside / "scenes")
-    path = folder / "constellations.py"
-    if not path.exists():
-        print(f"no scenes: no file {path}; name its folder by --scenes or ROOTMATCH_SCENES", file=sys.stderr)
-        return None
-    spec = importlib.util.spec_from_file_location("constellations", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def unrelated(upright: bool, seed: int) -> dict[str, Any]:
@@ -107,41 +83,19 @@ def arguments(family: str, seed: int, scenes: ModuleType | None) -> tuple[dict[s
     return told, np.asarray(made["truth"])
 
 
-def judge(assignment: NDArray[np.int64], truth: NDArray[np.int64]) -> tuple[int, int, bool]:
-    """Right and wrong matches, and whether none is wrong and nine tenths of the visible are right."""
-    claimed = assignment >= 0
-    right = int((assignment[claimed] == truth[claimed]).sum())
-    wrong = int(claimed.sum()) - right
-    return right, wrong, wrong == 0 and right >= 0.9 * int((truth >= 0).sum()) - 1e-9
-
-
 def outcome(family: str, seed: int, scenes: ModuleType | None) -> Outcome:
     """One scene."""
     told, truth = arguments(family, seed, scenes)
-    started = time.process_time()
-    match = rm.match(**told, seed=seed)
-    seconds = time.process_time() - started
+    match, seconds = timed(lambda: rm.match(**told, seed=seed))
     right, wrong, full = judge(match.assignment, truth)
-    ambiguous = match.status is rm.Status.AMBIGUOUS
-    shown = full or (ambiguous and any(judge(other, truth)[2] for other, _ in match.alternatives[:SHOWN]))
     return Outcome(
-        family, seed, match.status.name.lower(), right, wrong, int((truth >= 0).sum()), full, shown, match.margin,
-        seconds, match.evaluated,
-        " ".join(
-            f"{confidence:.5f}/{int(good)}"
-            for confidence, good in zip(match.confidence.tolist(), (match.assignment == truth).tolist(), strict=True)
-        ),
+        family, seed, match.status.name.lower(), right, wrong, int((truth >= 0).sum()), full, is_listed(match, truth),
+        match.margin, seconds, match.evaluated, point_by_point(match, truth),
     )  # fmt: skip
 
 
-HEAD = (
-    "| family | scenes | full | or shown | matched and wrong | ambiguous | untrusted | full of these "
-    "| median s | 95 % s | worst s |"
-)
-
-
-def row(family: str, outcomes: list[Outcome]) -> str:
-    """One row of the table."""
+def print_row(family: str, outcomes: list[Outcome]) -> None:
+    """Print one row of the table."""
     count = len(outcomes)
     by_status = {
         name: [one for one in outcomes if one.status == name] for name in ("matched", "ambiguous", "untrusted")
@@ -149,41 +103,36 @@ def row(family: str, outcomes: list[Outcome]) -> str:
     matched, untrusted = by_status["matched"], by_status["untrusted"]
     times = [one.seconds for one in outcomes]
     seen = any(one.visible for one in outcomes)
-    cells = [
-        family, str(count), str(sum(one.full for one in outcomes)) if seen else "–",
-        str(sum(one.shown for one in outcomes)) if seen else "–",
-        f"{sum(one.wrong > 0 for one in matched)} of {len(matched)}", str(len(by_status["ambiguous"])),
-        str(len(untrusted)), str(sum(one.full for one in untrusted)) if seen else "–",
+    row(
+        family, count, sum(one.full for one in outcomes) if seen else "–",
+        sum(one.shown for one in outcomes) if seen else "–",
+        f"{sum(one.wrong > 0 for one in matched)} of {len(matched)}", len(by_status["ambiguous"]),
+        len(untrusted), sum(one.full for one in untrusted) if seen else "–",
         f"{np.median(times):.3f}", f"{np.quantile(times, 0.95):.3f}", f"{max(times):.2f}",
-    ]  # fmt: skip
-    return "| " + " | ".join(cells) + " |"
+    )  # fmt: skip
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", nargs="+", default=list(FAMILIES), help="names such as sim-5-0 or d6-15-0")
-    parser.add_argument("--seeds", type=int, default=20, help="scenes of each family; of the real one 40 at most")
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    parser.add_argument("--csv", type=Path, help="file to which each scene is added")
-    options = parser.parse_args()
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    ask.add_argument("--families", nargs="+", default=list(FAMILIES), help="names such as sim-5-0 or d6-15-0")
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    ask.add_argument("--csv", type=Path, help="file to which each scene is added")
+    options = ask.parse_args()
     numba.set_num_threads(1)
-    scenes = load_scenes(options.scenes)
+    scenes = scenes_of("constellations", options.scenes)
     families = [family for family in options.families if scenes is not None or family.startswith("unrelated")]
-    print(f"seeds from {options.first_seed}\n\n{HEAD}\n|{' --- |' * (HEAD.count('|') - 1)}", flush=True)
+    print(f"seeds from {options.first_seed}\n")
+    head(
+        "family", "scenes", "full", "or shown", "matched and wrong", "ambiguous", "untrusted", "full of these",
+        "median s", "95 % s", "worst s",
+    )  # fmt: skip
     for family in families:
         first, count = (0, min(options.seeds, REAL_SCENES)) if family == "real" else (options.first_seed, options.seeds)
         for seed in range(first, first + WARMING):
             outcome(family, seed, scenes)
         outcomes = [outcome(family, seed, scenes) for seed in range(first, first + count)]
-        print(row(family, outcomes), flush=True)
-        if options.csv is not None:
-            new = not options.csv.exists()
-            with options.csv.open("a", newline="") as file:
-                writer = csv.writer(file)
-                if new:
-                    writer.writerow([item.name for item in fields(Outcome)])
-                writer.writerows(astuple(one) for one in outcomes)
+        print_row(family, outcomes)
+        append_csv(options.csv, outcomes)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ processor. The bound is a tenth and 5 ms. On a busy machine nothing is to be lea
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import select
@@ -36,6 +35,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from shared import head, parser, row
 
 import rootmatch as rm
 from rootmatch.problems import PROBLEMS
@@ -439,7 +439,7 @@ def run(path: Path, numbers: list[int], clock: str) -> None:
             row = measured(process, number, clock)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
-            print(line_of(row), file=sys.stderr, flush=True)
+            print(*cells_of(row), sep=" | ", file=sys.stderr, flush=True)
     finally:
         process.kill()
         process.wait()
@@ -459,36 +459,32 @@ def late(row: dict[str, Any]) -> bool:
     return "died" in row or row["taken"] > bound(row["seconds"])
 
 
-def line_of(row: dict[str, Any]) -> str:
-    """A row as one of a table."""
+def cells_of(row: dict[str, Any]) -> tuple[Any, ...]:
+    """A row as the cells of a table."""
     n, n_target = row["shape"]
     much = "died" if "died" in row else ("≥ " if row.get("at_least") else "") + f"{row['taken']:.3f}"
     end = "refused" if "refused" in row else row.get("status", "")
     mark = "late" if late(row) else ""
-    return (
-        f"| {row['number']} | {row['what']} | {n} against {n_target} | {row['seconds']:g} | {much} | {end} | {mark} |"
-    )
+    points = f"{n} against {n_target}"
+    return row["number"], row["what"], points, f"{row['seconds']:g}", much, end, mark
 
 
 def report(path: Path, worst: int) -> None:
     """The worst overruns."""
     rows = rows_of(path)
     print(f"{len(rows)} tasks, {sum(map(late, rows))} beyond the bound of a tenth and 5 ms\n")
-    print("| task | problem, feature | points | limit (s) | took (s) | status | |\n|" + " --- |" * 7)
-    for row in sorted(rows, key=lambda row: -(row["taken"] - bound(row["seconds"])))[:worst]:
-        print(line_of(row))
+    head("task", "problem, feature", "points", "limit (s)", "took (s)", "status", "")
+    for one in sorted(rows, key=lambda one: -(one["taken"] - bound(one["seconds"])))[:worst]:
+        row(*cells_of(one))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=["run", "report", "stacks", "signals", "work"])
-    parser.add_argument("rows", type=Path, nargs="?", help="where rows are kept")
-    parser.add_argument("--tasks", type=int, default=228)
-    parser.add_argument("--first", type=int, default=0, help="number of the first task")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of tasks")
-    parser.add_argument("--worst", type=int, default=30, help="lines of the report")
-    parser.add_argument("--clock", choices=["wall", "processor"], default="wall")
-    given = parser.parse_args()
+    ask = parser(__doc__, tasks=228, first=0, worst=30)
+    ask.add_argument("command", choices=["run", "report", "stacks", "signals", "work"])
+    ask.add_argument("rows", type=Path, nargs="?", help="where rows are kept")
+    ask.add_argument("--only", type=int, nargs="*", help="numbers of tasks")
+    ask.add_argument("--clock", choices=["wall", "processor"], default="wall")
+    given = ask.parse_args()
     if given.clock == "processor" and given.command != "run":
         use_processor_time()
     if given.command == "work":
@@ -500,7 +496,7 @@ def main() -> None:
         for number in given.only or range(given.first, given.first + given.tasks):
             signals(number)
     elif given.rows is None:
-        parser.error("give the file of rows")
+        ask.error("give the file of rows")
     elif given.command == "run":
         run(given.rows, given.only or list(range(given.first, given.first + given.tasks)), given.clock)
     else:

@@ -8,12 +8,11 @@ and detections that have nothing to do with each other.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
+from shared import head, parser, row, timed
 
 import rootmatch as rm
 
@@ -32,13 +31,9 @@ MISTAKES = (
 
 def main() -> None:
     """Print a row for each mistake."""
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("--seeds", type=int, default=10)
-    ask.add_argument("--first-seed", type=int, default=1000)
-    asked = ask.parse_args()
+    asked = parser(__doc__, seeds=10, first_seed=1000).parse_args()
     seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
-    print("| mistake | matched all the same | named first | named after another | not named | seconds |")
-    print("|---|---|---|---|---|---|")
+    head("mistake", "matched all the same", "named first", "named after another", "not named", "seconds")
     for mistake in MISTAKES:
         count, took = [0, 0, 0, 0], []
         for seed in seeds:
@@ -46,11 +41,11 @@ def main() -> None:
             if match:
                 count[0] += 1
                 continue
-            started = time.process_time()
-            named = [one.mistake for one in match.diagnose().fits]
-            took.append(time.process_time() - started)
+            diagnosis, seconds = timed(match.diagnose)
+            named = [one.mistake for one in diagnosis.fits]
+            took.append(seconds)
             count[1 if named[:1] == [mistake] else 2 if mistake in named else 3] += 1
-        print(f"| {mistake} | {' | '.join(map(str, count))} | {np.median(took or [0.0]):.1f} |", flush=True)
+        row(mistake, *count, f"{np.median(took or [0.0]):.1f}")
     alarms, of = 0, 0
     for seed in seeds:
         rng = np.random.default_rng(seed)

@@ -15,23 +15,17 @@ At the end: how often matches and assignments were right, by bins of their confi
 
 from __future__ import annotations
 
-import argparse
-import importlib.util
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from constellations import arguments, judge, load_scenes
-from numpy.typing import NDArray
+from constellations import arguments
+from shared import Integers, head, judge, parser, row, scenes_of
 
 import rootmatch as rm
-
-Integers = NDArray[np.int64]
 
 FAMILIES = (
     "few-4-4-LR", "few-4-6-LR", "few-5-8-LR", "few-4-6-R", "few-5-8-R", "few-4-6-L", "few-5-8-L",
@@ -89,18 +83,6 @@ def few_leds(xr: ModuleType, family: str, seed: int, least: float | None) -> dic
     return found
 
 
-def load_xr(scenes: ModuleType | None) -> ModuleType | None:
-    """The module of controllers beside that of constellations."""
-    if scenes is None or scenes.__file__ is None:
-        return None
-    spec = importlib.util.spec_from_file_location("xr", Path(scenes.__file__).with_name("xr.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def count(tally: Tally, match: rm.Match, truth: Integers, seed: int) -> None:
     """Count one body of one scene."""
     _, wrong, full = judge(match.assignment, truth)
@@ -115,21 +97,25 @@ def count(tally: Tally, match: rm.Match, truth: Integers, seed: int) -> None:
             tally.wrong_seeds.append(seed)
 
 
-def main() -> int:
+def main() -> None:
     """Print one row for each family and body, and the calibration."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--families", nargs="+", default=FAMILIES)
-    parser.add_argument("--min-probability", type=float)
-    parser.add_argument("--scenes", help="folder of the scenes")
-    given = parser.parse_args()
-    scenes = load_scenes(given.scenes)
-    xr = load_xr(scenes)
-    print(
-        "| family | body | scenes | trusted and right | trusted and wrong | ambiguous | first | ms | seeds of wrong |"
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    ask.add_argument("--families", nargs="+", default=FAMILIES)
+    ask.add_argument("--min-probability", type=float)
+    ask.add_argument("--scenes", help="folder of the scenes")
+    given = ask.parse_args()
+    scenes, xr = (scenes_of(name, given.scenes) for name in ("constellations", "xr"))
+    head(
+        "family",
+        "body",
+        "scenes",
+        "trusted and right",
+        "trusted and wrong",
+        "ambiguous",
+        "first",
+        "ms",
+        "seeds of wrong",
     )
-    print("|---|---|---|---|---|---|---|---|---|", flush=True)
     of_matches, of_assignments = Calibration(), Calibration()
     for family in given.families:
         if xr is None and not family.startswith("unrelated"):
@@ -153,16 +139,13 @@ def main() -> int:
                     of_assignments.told.append(match.probability)
                     of_assignments.was.append(bool((match.assignment == truth)[matched].all()))
         for label, one in tallies.items():
-            print(
-                f"| {family} | {label} | {one.scenes} | {one.right} | {one.wrong} | {one.ambiguous} | {one.first} | "
-                f"{1e3 * np.median(seconds):.0f} | {one.wrong_seeds} |",
-                flush=True,
-            )
+            figures = one.scenes, one.right, one.wrong, one.ambiguous, one.first, f"{1e3 * np.median(seconds):.0f}"
+            row(family, label, *figures, one.wrong_seeds)
     for name, calibration in (("confidence", of_matches), ("probability", of_assignments)):
-        print(f"\n| {name} from | number | mean | right |\n|---|---|---|---|")
+        print()
+        head(f"{name} from", "number", "mean", "right")
         print("\n".join(calibration.lines()), flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -17,19 +17,16 @@ Times are medians, with all kernels compiled. Defaults are chosen on seeds from 
 
 from __future__ import annotations
 
-import argparse
-import importlib.util
-import os
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from shared import LISTED, head, parser, row, scenes_of
 
 import rootmatch as rm
 
@@ -53,11 +50,6 @@ OTHERS: dict[str, dict[str, Any]] = {
     "unrelated, 6 and 12": {"unrelated": (6, 12)},
     "tools of 4, 4, 5 + 7": {"tools": 7},
 }
-LISTED = 5
-HEAD = (
-    "| scenes | right | trusted | trusted and right | trusted and wrong | listed | ms "
-    "| distances right | unique and wrong | ms |"
-)
 
 
 @dataclass(frozen=True)
@@ -72,20 +64,6 @@ class Outcome:
     peer_right: bool
     peer_trusted: bool
     peer_seconds: float
-
-
-def load_scenes(given: str | None) -> ModuleType:
-    """The module of scenes."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "scenes"
-    path = Path(given or os.environ.get("ROOTMATCH_SCENES") or beside) / "fiducials.py"
-    if not path.exists():
-        sys.exit(f"no scenes: no file {path}; name its folder by --scenes or ROOTMATCH_SCENES")
-    spec = importlib.util.spec_from_file_location("fiducial_scenes", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def agrees(assignment: NDArray[np.int64], truth: NDArray[np.int64], moved: int) -> bool:
@@ -150,34 +128,38 @@ def frame_of_tools(scenes: ModuleType, seed: int, stray: int) -> Outcome:
     )  # fmt: skip
 
 
-def row(name: str, outcomes: list[Outcome]) -> str:
-    """A line of the table."""
-    counts = [
+def print_row(name: str, outcomes: list[Outcome]) -> None:
+    """Print a line of the table."""
+    row(
+        f"{name} ({len(outcomes)})",
         sum(one.right for one in outcomes),
         sum(one.trusted for one in outcomes),
         sum(one.trusted and one.right for one in outcomes),
         sum(one.wrong for one in outcomes),
         sum(one.listed for one in outcomes),
-    ]
-    milliseconds = 1e3 * float(np.median([one.seconds for one in outcomes]))
-    peer = sum(one.peer_right for one in outcomes), sum(one.peer_trusted and not one.peer_right for one in outcomes)
-    theirs = 1e3 * float(np.median([one.peer_seconds for one in outcomes]))
-    cells = [f"{name} ({len(outcomes)})", *counts, f"{milliseconds:.1f}", *peer, f"{theirs:.1f}"]
-    return f"| {' | '.join(map(str, cells))} |"
+        f"{1e3 * np.median([one.seconds for one in outcomes]):.1f}",
+        sum(one.peer_right for one in outcomes),
+        sum(one.peer_trusted and not one.peer_right for one in outcomes),
+        f"{1e3 * np.median([one.peer_seconds for one in outcomes]):.1f}",
+    )
 
 
 def main() -> None:
     """The table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--rows", nargs="+", help="those whose names begin so; all by default")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    parser.add_argument("--verbose", action="store_true", help="the seeds that are trusted and wrong, or not right")
-    given = parser.parse_args()
+    ask = parser(__doc__, seeds=30, first_seed=1000)
+    ask.add_argument("--rows", nargs="+", help="those whose names begin so; all by default")
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    ask.add_argument("--verbose", action="store_true", help="the seeds that are trusted and wrong, or not right")
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    scenes = load_scenes(given.scenes)
-    print(f"seeds from {given.first_seed}\n\n{HEAD}\n|{' --- |' * (HEAD.count('|') - 1)}", flush=True)
+    scenes = scenes_of("fiducials", given.scenes)
+    if scenes is None:
+        sys.exit(1)
+    print(f"seeds from {given.first_seed}\n")
+    head(
+        "scenes", "right", "trusted", "trusted and right", "trusted and wrong", "listed", "ms", "distances right",
+        "unique and wrong", "ms",
+    )  # fmt: skip
     for name, arguments in {**ROWS, **OTHERS}.items():
         if given.rows and not any(name.startswith(wanted) for wanted in given.rows):
             continue
@@ -185,7 +167,7 @@ def main() -> None:
             outcome(scenes, arguments, seed)
         seeds = range(given.first_seed, given.first_seed + given.seeds)
         outcomes = [outcome(scenes, arguments, seed) for seed in seeds]
-        print(row(name, outcomes), flush=True)
+        print_row(name, outcomes)
         if given.verbose:
             wrong = [seed for seed, one in zip(seeds, outcomes, strict=True) if one.wrong]
             doubtful = [seed for seed, one in zip(seeds, outcomes, strict=True) if not one.right or not one.trusted]

@@ -15,7 +15,6 @@ Defaults were chosen on seeds below 2000. Scenes are found as by constellations.
 
 from __future__ import annotations
 
-import argparse
 import gc
 import time
 from collections.abc import Iterator
@@ -25,13 +24,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from constellations import load_scenes
-from evidence import load_xr
 from numpy.typing import NDArray
-from pose_error import squared_error
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from shared import parser, scenes_of, squared_error
 
 import rootmatch as rm
 
@@ -205,17 +202,15 @@ def _covered(pose: rm.Pose | None, R: NDArray[np.float64], t: NDArray[np.float64
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", nargs="+", choices=sorted(FRAMES), default=sorted(FRAMES))
-    parser.add_argument("--flights", type=int, default=3)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--merge", type=float, default=0.0, help="pixels below which detections are one blob")
-    parser.add_argument("--resolution", type=float, default=0.0, help="what the tracker is told of that")
-    parser.add_argument("--off", type=float, default=0.0, help="pixels by which the cameras of the rig are turned")
-    parser.add_argument("--scenes", help="folder of the scenes")
-    given = parser.parse_args()
+    ask = parser(__doc__, flights=3, first_seed=1000)
+    ask.add_argument("--families", nargs="+", choices=sorted(FRAMES), default=sorted(FRAMES))
+    ask.add_argument("--merge", type=float, default=0.0, help="pixels below which detections are one blob")
+    ask.add_argument("--resolution", type=float, default=0.0, help="what the tracker is told of that")
+    ask.add_argument("--off", type=float, default=0.0, help="pixels by which the cameras of the rig are turned")
+    ask.add_argument("--scenes", help="folder of the scenes")
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    xr = load_xr(load_scenes(given.scenes))
+    xr = scenes_of("xr", given.scenes)
     if xr is None:
         return
     for family in given.families:

@@ -18,7 +18,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +29,15 @@ import rootmatch
 from rootmatch.backends import cpu, cuda, cuda_float32
 from rootmatch.backends.cuda_contraction import DeviceTensor
 from rootmatch.backends.strongest import Enumeration
-from rootmatch.benchmark.timing import seconds
 from rootmatch.hypergraph.affinity import NOISE_KINDS, Residual, affinity
 from rootmatch.hypergraph.enumeration import exhaustive_count, wide_first
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.residual_dispatch import has_single
+from rootmatch.research.speed.timing import seconds
 from rootmatch.samplers.exhaustive import exhaustive_tensor
-from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
 KINDS = ("joint", "normalised", "qr", "qr-both", "svd")
 SIZES = {"p3p": (20, 10), "up2p": (40, 10), "3p1": (20, 10)}
 LEAST = {"p3p": (5, 1), "up2p": (5, 1), "3p1": (5, 1)}
@@ -54,7 +53,7 @@ def card() -> dict[str, Any]:
     made: dict[str, Any] = {
         "date": datetime.date.today().isoformat(),
         "rootmatch": rootmatch.__version__,
-        "numba_cuda": getattr(numba_cuda, "__version__", "") or _version("numba-cuda"),
+        "numba_cuda": getattr(numba_cuda, "__version__", "") or version("numba-cuda"),
         "simulated": cuda.SIMULATED,
     }
     if cuda.SIMULATED:
@@ -71,12 +70,6 @@ def card() -> dict[str, Any]:
         "name": name, "compute_capability": capability, "multiprocessors": multiprocessors, "clock_hz": clock,
         "peak": peak,
     }  # fmt: skip
-
-
-def _version(package: str) -> str:
-    from importlib.metadata import version
-
-    return version(package)
 
 
 def tests(folder: Path) -> str:
@@ -150,7 +143,7 @@ def rate(problem: str, kind: str, precision: str, size: tuple[int, int], most: f
 
 def operations(rows: list[dict[str, Any]]) -> None:
     """Add to each row the operations per hyper-edge, counted by running the kernel on counting numbers."""
-    from rootmatch.benchmark.operation_count import operations as counted
+    from rootmatch.research.speed.operation_count import operations as counted
 
     cases = [(row["problem"], row["kind"], row["shape"][0], row["shape"][1] - row["shape"][0]) for row in rows]
     for row, count in zip(rows, counted(cases), strict=True):

@@ -11,8 +11,8 @@ import json
 
 import numba
 
-from rootmatch.benchmark import Plan
-from rootmatch.benchmark.kernels import rates
+from rootmatch.research.speed import Plan
+from rootmatch.research.speed.kernels import rates
 
 
 def main() -> None:

@@ -11,14 +11,11 @@ scene. Scenes are found as in benchmarks/constellations.py. Defaults were chosen
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 from typing import Any
 
 import numpy as np
-from constellations import load_scenes
-from evidence import load_xr
+from shared import head, judge, parser, row, scenes_of, timed
 
 import rootmatch as rm
 
@@ -49,22 +46,19 @@ def knowledge(kind: str, frame: dict[str, Any], seed: int) -> rm.Pose | rm.PoseP
 
 def main() -> int:
     """Print one row for each family and kind of knowledge."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--families", nargs="+", default=FAMILIES)
-    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
-    parser.add_argument("--wrong", action="store_true", help="give the knowledge of another scene")
-    parser.add_argument("--scenes", help="folder of the scenes")
-    given = parser.parse_args()
-    xr = load_xr(load_scenes(given.scenes))
+    ask = parser(__doc__, seeds=20, first_seed=1000)
+    ask.add_argument("--families", nargs="+", default=FAMILIES)
+    ask.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    ask.add_argument("--wrong", action="store_true", help="give the knowledge of another scene")
+    ask.add_argument("--scenes", help="folder of the scenes")
+    given = ask.parse_args()
+    xr = scenes_of("xr", given.scenes)
     if xr is None:
-        print("no scenes were found; see benchmarks/constellations.py")
         return 1
     points, normals, _ = xr.bodies("R")
     problem = rm.P3P(rm.Camera.from_matrix(xr.ROOM_K))
-    print("| scenes | known | number | right | trusted and right | trusted and wrong | ms, median | ms, mean |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
+    known: dict[str, Any] = {"noise": 0.3, "normals": normals, "view_angle": np.radians(70.0)}
+    head("scenes", "known", "number", "right", "trusted and right", "trusted and wrong", "ms, median", "ms, mean")
     for family in given.families:
         _, shown, clutter = family.split("-")
         for kind in given.kinds:
@@ -74,33 +68,20 @@ def main() -> int:
                 frame = xr.few_leds(seed, int(shown), int(clutter))
                 told = xr.few_leds(seed + 500_000, int(shown), int(clutter)) if given.wrong else frame
                 prior = knowledge(kind, told, seed)
-                started = time.process_time()
-                match = rm.match(
-                    points, frame["target"], problem, noise=0.3, normals=normals, seed=seed, prior=prior,
-                    view_angle=np.radians(70.0),
-                )  # fmt: skip
+                match, seconds = timed(
+                    lambda: rm.match(points, frame["target"], problem, seed=seed, prior=prior, **known)  # noqa: B023
+                )
                 if seed < given.first_seed:
                     continue
-                spent.append(1e3 * (time.process_time() - started))
+                spent.append(1e3 * seconds)
                 truth = np.full(len(points), -1)
                 body, led = frame["owner"].T
                 truth[led[body == 0]] = np.flatnonzero(body == 0)
-                bad = bool(((match.assignment >= 0) & (match.assignment != truth)).any())
-                full = not bad and int((match.assignment >= 0).sum()) >= 0.9 * int(shown)
+                _, bad, full = judge(match.assignment, truth)
                 right += full
                 trusted += bool(match) and full
-                wrong += bool(match) and bad
-            cells = (
-                family,
-                kind,
-                given.seeds,
-                right,
-                trusted,
-                wrong,
-                f"{np.median(spent):.0f}",
-                f"{np.mean(spent):.0f}",
-            )
-            print(f"| {' | '.join(map(str, cells))} |", flush=True)
+                wrong += bool(match) and bad > 0
+            row(family, kind, given.seeds, right, trusted, wrong, f"{np.median(spent):.0f}", f"{np.mean(spent):.0f}")
     return 0
 
 

@@ -9,13 +9,13 @@ tensor takes. 10⁸ hyper-edges take 9 GB of memory. Times are those of the cloc
 
 from __future__ import annotations
 
-import argparse
 import resource
 from itertools import combinations
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
+from shared import head, parser, row
 
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import SOLVERS
@@ -43,16 +43,14 @@ def planted(seed: int, n: int, count: int, share: float) -> tuple[AffinityTensor
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hyperedges", type=float, nargs="+", default=[1e6, 1e7])
-    parser.add_argument("--solvers", nargs="+", choices=list(SOLVERS), default=["ascent", "power-l1", "rrwhm"])
-    parser.add_argument("--points", type=int, default=60)
-    parser.add_argument("--share", type=float, default=1.0)
-    given = parser.parse_args()
+    ask = parser(__doc__, points=60)
+    ask.add_argument("--hyperedges", type=float, nargs="+", default=[1e6, 1e7])
+    ask.add_argument("--solvers", nargs="+", choices=list(SOLVERS), default=["ascent", "power-l1", "rrwhm"])
+    ask.add_argument("--share", type=float, default=1.0)
+    given = ask.parse_args()
     for name in given.solvers:  # compiles
         SOLVERS[name](planted(0, given.points, 20_000, given.share)[0])
-    print("| hyper-edges | solver | seconds | right | score over that of the truth | GB so far |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    head("hyper-edges", "solver", "seconds", "right", "score over that of the truth", "GB so far")
     for count in given.hyperedges:
         tensor, truth = planted(7, given.points, int(count), given.share)
         for name in given.solvers:
@@ -62,7 +60,7 @@ def main() -> None:
             score = tensor.score(assignment) / tensor.score(truth)
             memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
             right = f"{np.sum(assignment == truth)} of {given.points}"
-            print(f"| {count:.0e} | {name} | {seconds:.2f} | {right} | {score:.3f} | {memory:.1f} |", flush=True)
+            row(f"{count:.0e}", name, f"{seconds:.2f}", right, f"{score:.3f}", f"{memory:.1f}")
 
 
 if __name__ == "__main__":

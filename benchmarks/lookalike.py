@@ -15,15 +15,14 @@ Scenes and flights are those of benchmarks/bodies.py and benchmarks/tracking.py.
 
 from __future__ import annotations
 
-import argparse
 import math
 from types import ModuleType
 
 import bodies
 import numpy as np
 import tracking
-from constellations import load_scenes
 from numpy.typing import NDArray
+from shared import parser, scenes_of
 
 import rootmatch as rm
 from rootmatch.explain.near_symmetries import symmetries_of
@@ -118,14 +117,11 @@ def images(judge: Judge, scenes: ModuleType, seeds: range) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=0)
-    parser.add_argument("--images", type=int, default=0)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--visibility", action="store_true", help="use which sensors are hidden as well")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    given = parser.parse_args()
-    scenes = load_scenes(given.scenes)
+    ask = parser(__doc__, flights=0, images=0, first_seed=1000)
+    ask.add_argument("--visibility", action="store_true", help="use which sensors are hidden as well")
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    given = ask.parse_args()
+    scenes = scenes_of("constellations", given.scenes)
     if scenes is None:
         return
     judge = Judge(scenes, given.visibility)

@@ -6,26 +6,19 @@ without it only this library is timed. Every scene counts; those less than half 
 
 from __future__ import annotations
 
-import argparse
-import importlib.util
 import json
-import os
 import statistics
-import sys
-import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
+from shared import parser, timed, yardstick_of
 
 import rootmatch as rm
-from rootmatch.simulation import Scene, p3p_scene, up2p_scene
+from rootmatch.simulation import SCENES, Scene
 
-SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 FIRST_SEED = 1000
 """Lower seeds were used to tune the defaults."""
 TOLERANCE = 3.5
@@ -96,28 +89,6 @@ class Row:
     reached: bool | None
 
 
-def load_yardstick(folder: str | None) -> ModuleType | None:
-    """The module of the yardstick, or None if there is none."""
-    path = Path(folder or os.environ.get("ROOTMATCH_PEERS", ""), "ransac.py")
-    if not (folder or "ROOTMATCH_PEERS" in os.environ) or not path.is_file():
-        print("no yardstick: name its folder by --peers or ROOTMATCH_PEERS", file=sys.stderr)
-        return None
-    spec = importlib.util.spec_from_file_location("ransac", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["ransac"] = module  # its compiled kernels, when read from the cache, ask for it by name
-    spec.loader.exec_module(module)
-    return module
-
-
-def timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """Result and processor seconds of a call."""
-    started = time.process_time()
-    result = work()
-    return result, time.process_time() - started
-
-
 def ours(case: Case, scene: Scene, seed: int) -> tuple[rm.Match, float]:
     """Our match and its seconds."""
     if not case.tracked:
@@ -185,13 +156,12 @@ def line(row: Row) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="scenes of each kind")
-    parser.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
-    parser.add_argument("--only", nargs="+", default=[], help="cases whose name contains one of these texts")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    options = parser.parse_args()
-    yardstick = load_yardstick(options.peers)
+    ask = parser(__doc__, seeds=20)
+    ask.add_argument("--peers", help="folder of the yardstick; default: ROOTMATCH_PEERS")
+    ask.add_argument("--only", nargs="+", default=[], help="cases whose name contains one of these texts")
+    ask.add_argument("--json", action="store_true", help="print one JSON object")
+    options = ask.parse_args()
+    yardstick = yardstick_of(options.peers)
     seeds = list(range(FIRST_SEED, FIRST_SEED + options.seeds))
     rows = []
     if not options.json:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 
 import numpy as np
+from shared import head, parser, row
 
 import rootmatch as rm
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
@@ -34,17 +34,10 @@ def law(dof: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=[], help="those whose name contains one of these texts")
-    parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument(
-        "--first-seed",
-        type=int,
-        default=1000,
-        help="below 4000 for tuning, reported from 20000 on",
-    )
-    options = parser.parse_args()
-    print("| scenes | count | within 1.5 | from the right matches | by χ² | accuracy |\n" + "| --- " * 6 + "|")
+    ask = parser(__doc__, seeds=30, first_seed=1000)
+    ask.add_argument("--scenes", nargs="+", default=[], help="those whose name contains one of these texts")
+    options = ask.parse_args()
+    head("scenes", "count", "within 1.5", "from the right matches", "by χ²", "accuracy")
     for name, make in CASES.items():
         if options.scenes and not any(text in name for text in options.scenes):
             continue
@@ -64,7 +57,7 @@ def main() -> None:
             best.append(abs(math.log(ideal)) < math.log(FACTOR))
             accuracy.append(scene.accuracy(match.assignment))
         figures = [np.mean(within), np.mean(best), law(dof), np.mean(accuracy)]
-        print(f"| {name} | {options.seeds} | " + " | ".join(f"{figure:.3f}" for figure in figures) + " |", flush=True)
+        row(name, options.seeds, *(f"{figure:.3f}" for figure in figures))
 
 
 if __name__ == "__main__":

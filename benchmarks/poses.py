@@ -10,13 +10,13 @@ often PoseLib's or OpenCV's refined pose costs less or more than ours, by more t
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
+from shared import head, parser, row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from pose_scenes import SCENES
@@ -26,8 +26,7 @@ FIRST_SEED = 20_000
 
 
 def calibration(scenes: int, first: int, only: str) -> None:
-    print("| problem | inside 95 % | NEES / its degrees of freedom | χ² / its degrees of freedom | ms |")
-    print("|---|---|---|---|---|")
+    head("problem", "inside 95 %", "NEES / its degrees of freedom", "χ² / its degrees of freedom", "ms")
     for name, make in SCENES.items():
         if not name.startswith(only):
             continue
@@ -41,10 +40,7 @@ def calibration(scenes: int, first: int, only: str) -> None:
             fits.append(pose.chi2 / pose.dof)
         inside = np.mean(np.array(errors) < chi2.ppf(0.95, scene.dof))
         ratio = np.median(errors) / chi2.ppf(0.5, scene.dof)
-        print(
-            f"| {name} | {inside:.1%} | {ratio:.2f} | {np.mean(fits):.2f} | {1e3 * np.median(seconds):.1f} |",
-            flush=True,
-        )
+        row(name, f"{inside:.1%}", f"{ratio:.2f}", f"{np.mean(fits):.2f}", f"{1e3 * np.median(seconds):.1f}")
 
 
 def libraries(scenes: int, first: int) -> None:
@@ -60,20 +56,17 @@ def libraries(scenes: int, first: int) -> None:
             tally[2] += least > ours * (1.0 + 1e-9)
             if ours > least * (1.0 + 1e-9):
                 print(f"seed {seed}, {shape}: {ours:.12g} against {least:.12g} of {name}", file=sys.stderr)
-    print("| scenes | " + " | ".join(f"{name} lower | {name} higher" for name in PEERS) + " |")
-    print("|---|" + "---|---|" * len(PEERS))
+    head("scenes", *(f"{name} {word}" for name in PEERS for word in ("lower", "higher")))
     for shape in SHAPES:
-        cells = [f"{count[shape, name][1]} | {count[shape, name][2]}" for name in PEERS]
-        print(f"| {shape}, {count[shape, next(iter(PEERS))][0]} | " + " | ".join(cells) + " |")
+        cells = [number for name in PEERS for number in count[shape, name][1:]]
+        row(f"{shape}, {count[shape, next(iter(PEERS))][0]}", *cells)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["calibration", "libraries"])
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=FIRST_SEED)
-    parser.add_argument("--only", default="", help="calibration: problems whose name begins so")
-    given = parser.parse_args()
+    ask = parser(__doc__, scenes=1000, first=FIRST_SEED)
+    ask.add_argument("what", choices=["calibration", "libraries"])
+    ask.add_argument("--only", default="", help="calibration: problems whose name begins so")
+    given = ask.parse_args()
     if given.what == "calibration":
         calibration(given.scenes, given.first, given.only)
     else:

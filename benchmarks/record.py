@@ -6,8 +6,7 @@
     python benchmarks/record.py compare before.record after.record --tier same-answer
 
 The cases are those of `record_cases.py`: every problem and every feature of the public interface, on scenes made from
-NumPy alone. ``--quick`` records the first of each family. Renamed arguments and attributes are read under both names
-(`public_names.py`), so that the script runs on revisions from before and after.
+NumPy alone. ``--quick`` records the first of each family.
 
 Tiers:
 
@@ -38,11 +37,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from public_names import ABSENT, read
 from record_cases import Frame, cases
 
 import rootmatch as rm
 
+ABSENT = "absent"
 TIERS = ("same-bits", "same-answer")
 CLOSE = 1e-6
 """Difference of a probability or a confidence, and of a covariance over its standard deviations."""
@@ -87,7 +86,7 @@ def described_pose(pose: Any) -> Any:
     if not isinstance(pose, rm.Pose):
         return pose
     names = ("R", "t", "covariance", "scale", "focal", "chi2", "dof", "points")
-    return {name: plain(read(pose, name)) for name in names}
+    return {name: plain(getattr(pose, name)) for name in names}
 
 
 def described(match: rm.Match) -> Entry:
@@ -98,26 +97,24 @@ def described(match: rm.Match) -> Entry:
         "points": digest(match.source, match.target),
         "assignment": plain(match.assignment),
         "status": match.status.name,
-        "motion_labels": plain(read(match, "motion_labels")),
+        "motion_labels": plain(match.motion_labels),
         "probability": plain(attempt(lambda: match.probability)),
         "confidence": plain(attempt(lambda: match.confidence)),
         "poses": [described_pose(pose) for pose in poses] if isinstance(poses, list) else poses,
-        "fused_pose": described_pose(read(match, "fused_pose")),
+        "fused_pose": described_pose(match.fused_pose),
         "prior_holds": plain(match.prior_holds),
-        "evaluated": plain(read(match, "evaluated")),
+        "evaluated": plain(match.evaluated),
         "score": plain(match.score),
         "margin": plain(match.margin),
         "alternatives": [[plain(other), plain(score)] for other, score in match.alternatives],
         "noise": plain(match.noise),
-        "noise_factor": plain(read(match, "noise_factor")),
+        "noise_factor": plain(match.noise_factor),
         "converged": plain(match.converged),
-        "stopped_early": plain(read(match, "stopped_early")),
+        "stopped_early": plain(match.stopped_early),
         "tensor": [len(tensor.weights), digest(tensor.indices, tensor.weights)],
-        "soft_assignment": digest(read(match, "soft_assignment")),
+        "soft_assignment": digest(match.soft_assignment),
+        "log_odds": plain(attempt(lambda: match.log_odds)),
     }
-    log_odds = attempt(lambda: read(match, "log_odds"))
-    if log_odds is not ABSENT:
-        found["log_odds"] = plain(log_odds)
     sightings = match.sightings
     if sightings is not None:
         found["sightings"] = plain(sightings.assignment)
@@ -286,16 +283,12 @@ def compare(before: Path, after: Path, tier: str, expected: list[Expected]) -> i
     for name in missing:
         print(f"{name}: in {before if name in old else after} only")
     fields: Counter[str] = Counter()
-    new_fields: Counter[str] = Counter()
     different, cases_changed = 0, 0
     for name in sorted(set(old) & set(new)):
         changed = False
         for field in sorted(set(old[name]) | set(new[name])):
             equal = same if tier == "same-bits" else SAME_ANSWER.get(field.rpartition(".")[2])
             a, b = old[name].get(field, ABSENT), new[name].get(field, ABSENT)
-            if a is ABSENT and field.rpartition(".")[2] == "log_odds":
-                new_fields[field.rpartition(".")[2]] += 1  # older revisions do not have it
-                continue
             if equal is None or equal(a, b):
                 continue
             known = next((e for e in expected if fnmatchcase(name, e.case) and fnmatchcase(field, e.field)), None)
@@ -306,8 +299,6 @@ def compare(before: Path, after: Path, tier: str, expected: list[Expected]) -> i
             fields[field.rpartition(".")[2]] += 1
             different, changed = different + 1, True
         cases_changed += changed
-    if new_fields:
-        print(f"not compared, as only the second recording has them: {dict(new_fields)}")
     for one in expected:
         print(f"expected, {one.met} times: {one.case} | {one.field} | {one.reason}")
     print(

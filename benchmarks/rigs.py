@@ -18,15 +18,14 @@ row. Milliseconds are processor time of one thread, kernels compiled. Defaults a
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numba
 import numpy as np
+from shared import head, parser, row, timed
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
@@ -68,13 +67,6 @@ def judged(found: rm.Match, truth: np.ndarray, seconds: float, seed: int, least:
         searched=found.evaluated > 0,
         seed=seed,
     )
-
-
-def timed(work: Callable[[], rm.Match]) -> tuple[rm.Match, float]:
-    """A match and the processor seconds that it took."""
-    started = time.process_time()
-    found = work()
-    return found, time.process_time() - started
 
 
 def search(seed: int, clutter: int) -> Iterator[Outcome]:
@@ -141,8 +133,8 @@ def flight(seed: int, hands: int, frames: int) -> Iterator[Outcome]:
             yield judged(found, scene.truth, seconds, seed, least=4)
 
 
-def line(name: str, every: list[Outcome]) -> str:
-    """A row of the table."""
+def print_row(name: str, every: list[Outcome]) -> None:
+    """Print a row of the table."""
     shown = [one for one in every if one.shown]
     run = longest = 0
     for one, before in zip(every, [None, *every], strict=False):
@@ -150,20 +142,17 @@ def line(name: str, every: list[Outcome]) -> str:
         longest = max(longest, run)
     times = np.array([one.milliseconds for one in every])
     right = sum(one.right for one in shown)
-    return (
-        f"| {name} | {len(shown)} | {right} ({right / max(len(shown), 1):.3f}) | {sum(one.matched for one in shown)} | "
-        f"{sum(one.wrong for one in every)} | {longest} | {sum(one.searched for one in every)} | "
-        f"{np.median(times):.1f} | {np.quantile(times, 0.99):.0f} | {times.max():.0f} |"
-    )
+    row(
+        name, len(shown), f"{right} ({right / max(len(shown), 1):.3f})", sum(one.matched for one in shown),
+        sum(one.wrong for one in every), longest, sum(one.searched for one in every), f"{np.median(times):.1f}",
+        f"{np.quantile(times, 0.99):.0f}", f"{times.max():.0f}",
+    )  # fmt: skip
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", nargs="+", default=["search", "prior", "bodies", "flight", "hands"])
-    parser.add_argument("--scenes", type=int, default=40, help="of each row; a tenth as many flights")
-    parser.add_argument("--frames", type=int, default=600)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    given = parser.parse_args()
+    ask = parser(__doc__, scenes=40, frames=600, first_seed=1000)
+    ask.add_argument("--rows", nargs="+", default=["search", "prior", "bodies", "flight", "hands"])
+    given = ask.parse_args()
     numba.set_num_threads(1)
     kinds = {
         "search": [(f"search, clutter {c}", lambda seed, c=c: search(seed, c)) for c in (0, 2, 5)],
@@ -174,14 +163,13 @@ def main() -> None:
         "flight": [("flight", lambda seed: flight(seed, 1, given.frames))],
         "hands": [("hands", lambda seed: flight(seed, 2, given.frames))],
     }
-    print("| scenes | bodies | right | matched | matched and wrong | run | searched | ms: median | 99 % | worst |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
-    for row in given.rows:
-        count = max(given.scenes // 10, 1) if row in ("flight", "hands") else given.scenes
-        for name, work in kinds[row]:
+    head("scenes", "bodies", "right", "matched", "matched and wrong", "run", "searched", "ms: median", "99 %", "worst")
+    for what in given.rows:
+        count = max(given.scenes // 10, 1) if what in ("flight", "hands") else given.scenes
+        for name, work in kinds[what]:
             list(zip(range(3), work(given.first_seed - 1), strict=False))  # kernels are loaded
             every = [one for seed in range(given.first_seed, given.first_seed + count) for one in work(seed)]
-            print(line(name, every), flush=True)
+            print_row(name, every)
 
 
 if __name__ == "__main__":

@@ -11,14 +11,13 @@ points within a hundredth of the cube; *both*, distant and flat. Seeds below 400
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from shared import head, parser, row
 
 from rootmatch.backends.strongest import Enumeration
 from rootmatch.cameras.pinhole import Camera
@@ -33,9 +32,9 @@ from rootmatch.problems.residual_dispatch import (
     gives_squares,
     slab_residual,
 )
-from rootmatch.simulation import FOCAL, HEIGHT, WIDTH, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import FOCAL, HEIGHT, SCENES, WIDTH
 
-SCENES: dict[str, tuple[float, float, float]] = {
+VARIANTS: dict[str, tuple[float, float, float]] = {
     "paper": (1.0, 1.0, 1.0),
     "distant": (10.0, 10.0, 1.0),
     "close": (0.4, 0.4, 1.0),
@@ -43,7 +42,6 @@ SCENES: dict[str, tuple[float, float, float]] = {
     "both": (10.0, 10.0, 0.01),
 }
 """Factors of the camera's distance, of its focal length and of the points' extent along one horizontal axis."""
-SOLVED: dict[str, Callable[..., Any]] = {"p3p": p3p_scene, "up2p": up2p_scene}
 WIDEST = 2.0
 """Factor of the gate up to which float32 residuals are recorded."""
 
@@ -51,11 +49,11 @@ WIDEST = 2.0
 def made(problem: str, name: str, sigma: float, seed: int, n: int, clutter: int) -> tuple[Any, NDArray[np.int64], Any]:
     """Tables, true assignment and problem of a scene; points wide first."""
     if problem == "3p1":
-        scene = three_plus_one_scene(n=n, outliers=clutter, noise=sigma, seed=seed, baseline=5.0)
+        scene = SCENES[problem](n=n, outliers=clutter, noise=sigma, seed=seed, baseline=5.0)
         order = wide_first(scene.source)
         return scene.problem.prepare(scene.source[order], scene.target, sigma), scene.truth[order], scene.problem
-    scene = SOLVED[problem](n=n, seed=seed)
-    far, long, flat = SCENES[name]
+    scene = SCENES[problem](n=n, seed=seed)
+    far, long, flat = VARIANTS[name]
     points = scene.source * (1.0, 1.0, flat)
     R, t = scene.poses[0]
     camera = Camera(long * FOCAL, long * FOCAL, WIDTH / 2.0, HEIGHT / 2.0)
@@ -142,8 +140,8 @@ def residuals(problem: str, kind: str, name: str, sigma: float, seed: int, n: in
     return values[:count], true, weigh.gate
 
 
-def row(problem: str, kind: str, name: str, sigma: float, seeds: range, widenings: list[float]) -> str:
-    """One line of the table."""
+def print_row(problem: str, kind: str, name: str, sigma: float, seeds: range, widenings: list[float]) -> None:
+    """Print one line of the table."""
     n, clutter = (11, 0) if problem == "3p1" else (10, 2)
     parts = [residuals(problem, kind, name, sigma, seed, n, clutter) for seed in seeds]
     values, true, gate = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts]), parts[0][2]
@@ -156,34 +154,31 @@ def row(problem: str, kind: str, name: str, sigma: float, seeds: range, widening
         extra.append(np.sum(kept & ~inside) / max(inside.sum(), 1))
     apart = np.abs(values[inside, 1] - values[inside, 0])
     quantiles = np.quantile(apart, (0.5, 0.99)) if apart.size else (0.0, 0.0)
-    return (
-        f"| {problem} `{kind}` | {name} | {sigma:g} | {inside.sum():,} | {np.sum(inside & true):,} | "
-        + " | ".join(f"{a:,} ({b:,})" for a, b in zip(lost, lost_true, strict=True))
-        + f" | {' / '.join(f'{100 * share:.1f} %' for share in extra)} | {quantiles[0]:.0e}, {quantiles[1]:.0e} |"
-    )
+    row(
+        f"{problem} `{kind}`", name, f"{sigma:g}", f"{inside.sum():,}", f"{np.sum(inside & true):,}",
+        *(f"{a:,} ({b:,})" for a, b in zip(lost, lost_true, strict=True)),
+        " / ".join(f"{100 * share:.1f} %" for share in extra), f"{quantiles[0]:.0e}, {quantiles[1]:.0e}",
+    )  # fmt: skip
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=1000)
-    parser.add_argument("--sigmas", type=float, nargs="+", default=[0.0, 0.5, 1.0, 2.0])
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES))
-    parser.add_argument("--problems", nargs="+", default=["p3p", "up2p", "3p1"])
-    parser.add_argument("--kinds", nargs="+", default=["joint", "normalised"])
-    parser.add_argument("--widenings", type=float, nargs="+", default=[1.0, 1.02, 1.05])
-    parser.add_argument("--rounding", type=float, default=float32.ROUNDING, help="see rootmatch.jit.float32")
-    options = parser.parse_args()
+    ask = parser(__doc__, seeds=20, first=1000)
+    ask.add_argument("--sigmas", type=float, nargs="+", default=[0.0, 0.5, 1.0, 2.0])
+    ask.add_argument("--scenes", nargs="+", default=list(VARIANTS))
+    ask.add_argument("--problems", nargs="+", default=["p3p", "up2p", "3p1"])
+    ask.add_argument("--kinds", nargs="+", default=["joint", "normalised"])
+    ask.add_argument("--widenings", type=float, nargs="+", default=[1.0, 1.02, 1.05])
+    ask.add_argument("--rounding", type=float, default=float32.ROUNDING, help="see rootmatch.jit.float32")
+    options = ask.parse_args()
     float32.ROUNDING = options.rounding
     heads = [f"lost at {widening:g} (true)" for widening in options.widenings]
-    print("| residual | scene | σ | below the gate | true | " + " | ".join(heads) + " | needless | off by |")
-    print("|---" * (7 + len(heads)) + "|")
+    head("residual", "scene", "σ", "below the gate", "true", *heads, "needless", "off by")
     seeds = range(options.first, options.first + options.seeds)
     for problem in options.problems:
         for kind in options.kinds:
             for name in options.scenes if problem != "3p1" else ["paper"]:
                 for sigma in options.sigmas:
-                    print(row(problem, kind, name, sigma, seeds, options.widenings), flush=True)
+                    print_row(problem, kind, name, sigma, seeds, options.widenings)
 
 
 if __name__ == "__main__":

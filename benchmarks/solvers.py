@@ -14,9 +14,9 @@ import math
 import numba
 import numpy as np
 
-from rootmatch.benchmark.contraction import contraction, planted
-from rootmatch.benchmark.timing import seconds
 from rootmatch.jit.threads import at_most
+from rootmatch.research.speed.contraction import contraction, planted
+from rootmatch.research.speed.timing import seconds
 from rootmatch.solvers import SOLVERS, MultiStartAscent
 from rootmatch.solvers.ascent.subset_index import build_index
 

@@ -11,20 +11,16 @@ Defaults were chosen on seeds from 1000.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from pose_error import squared_error
 from scipy.spatial.transform import Rotation
+from shared import Floats, Integers, head, parser, row, squared_error
 
 import rootmatch as rm
 
-Floats = NDArray[np.float64]
 CAMERA = rm.Camera(1500.0, 1500.0, 640.0, 480.0)
 SIZE = (1280.0, 960.0)
 RIG = rm.Rig([(CAMERA, np.eye(3), np.array([x, 0.0, 0.0])) for x in (-300.0, 0.0, 300.0)], sizes=[SIZE] * 3)
@@ -58,7 +54,7 @@ class Scene(NamedTuple):
 
     model: Floats
     target: Floats
-    truth: NDArray[np.int64]
+    truth: Integers
     rotation: Floats
     translation: Floats
 
@@ -122,15 +118,12 @@ def count(tally: Tally, match: rm.Match, one: Scene) -> None:
         tally.covered += squared_error(pose, one.rotation, one.translation) < QUANTILE
 
 
-def main() -> int:
+def main() -> None:
     """Print one row for each family, without the noise of the model and with it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--first-seed", type=int, default=1000)
-    parser.add_argument("--families", nargs="+", default=list(FAMILIES), choices=FAMILIES)
-    given = parser.parse_args()
-    print("| scenes | source_noise | number | right | trusted and right | trusted and wrong | covered | ms |")
-    print("|---|---|---|---|---|---|---|---|", flush=True)
+    ask = parser(__doc__, seeds=30, first_seed=1000)
+    ask.add_argument("--families", nargs="+", default=list(FAMILIES), choices=FAMILIES)
+    given = ask.parse_args()
+    head("scenes", "source_noise", "number", "right", "trusted and right", "trusted and wrong", "covered", "ms")
     for name in given.families:
         family = FAMILIES[name]
         for told in (None, family.sigma):
@@ -142,19 +135,11 @@ def main() -> int:
                 match = rm.match(one.model, one.target, problem, noise=PIXEL, source_noise=told, seed=seed)
                 tally.seconds += time.perf_counter() - started
                 count(tally, match, one)
-            cells = (
-                name,
-                "–" if told is None else f"{told:g} mm",
-                given.seeds,
-                tally.right,
-                tally.trusted,
-                tally.wrong,
-                f"{tally.covered / max(tally.trusted, 1):.3f}",
-                f"{1e3 * tally.seconds / given.seeds:.0f}",
-            )
-            print(f"| {' | '.join(map(str, cells))} |", flush=True)
-    return 0
+            row(
+                name, "–" if told is None else f"{told:g} mm", given.seeds, tally.right, tally.trusted, tally.wrong,
+                f"{tally.covered / max(tally.trusted, 1):.3f}", f"{1e3 * tally.seconds / given.seeds:.0f}",
+            )  # fmt: skip
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -13,14 +13,10 @@ closed surfaces of 20 to 2,000 points, of which the camera sees the half that fa
 
 from __future__ import annotations
 
-import argparse
-import os
-import time
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from shared import Floats, Integers, head, measured_data, parser, row, timed
 
 import rootmatch as rm
 
@@ -34,14 +30,14 @@ GOALS = {"recall": 0.98, "precision": 0.99}
 class Scene(NamedTuple):
     """Points, detections in random order, and which is which: −1 for the points that are not seen."""
 
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    truth: NDArray[np.int64]
+    source: Floats
+    target: Floats
+    truth: Integers
     camera: rm.Camera
     sigma: float
 
 
-class Row(NamedTuple):
+class Result(NamedTuple):
     """A match held against the truth."""
 
     name: str
@@ -53,9 +49,7 @@ class Row(NamedTuple):
     evaluations: int
 
 
-def shuffled(
-    source: NDArray[np.float64], pixels: NDArray[np.float64], clutter: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def shuffled(source: Floats, pixels: Floats, clutter: Floats, rng: np.random.Generator) -> tuple[Floats, Integers]:
     """Pixels (n, 2), NaN where a point is not seen, and clutter in random order, and the truth."""
     seen = np.flatnonzero(np.isfinite(pixels[:, 0]))
     target = np.concatenate([pixels[seen], clutter])
@@ -65,7 +59,7 @@ def shuffled(
     return target[order], truth
 
 
-def recorded(data: dict[str, NDArray[np.float64]], view: int, clutter: int, seed: int) -> Scene:
+def recorded(data: dict[str, Floats], view: int, clutter: int, seed: int) -> Scene:
     """A view of the targets."""
     rng = np.random.default_rng([seed, view])
     source, pixels = data["points3d"], data["points2d"][view]
@@ -108,31 +102,27 @@ def boxed(n: int, seen: int, clutter: int, seed: int, sigma: float = 0.3) -> Sce
     return Scene(source, target, truth, camera, sigma)
 
 
-def row(name: str, scene: Scene, seed: int, max_seconds: float | None, auto: bool = False) -> Row:
+def result(name: str, scene: Scene, seed: int, max_seconds: float | None, auto: bool = False) -> Result:
     """Match a scene, its noise stated or estimated; processor seconds."""
-    started, noise = time.process_time(), "auto" if auto else scene.sigma
-    match = rm.match(scene.source, scene.target, rm.P3P(scene.camera), noise=noise, seed=seed, max_seconds=max_seconds)
-    seconds = time.process_time() - started
+    known = {"noise": "auto" if auto else scene.sigma, "seed": seed, "max_seconds": max_seconds}
+    match, seconds = timed(lambda: rm.match(scene.source, scene.target, rm.P3P(scene.camera), **known))
     found = match.assignment >= 0
     right = int((found & (match.assignment == scene.truth)).sum())
-    return Row(
+    return Result(
         name, len(scene.target), right / int((scene.truth >= 0).sum()), right / max(int(found.sum()), 1),
         match.status.name.lower(), seconds, match.evaluated,
     )  # fmt: skip
 
 
-def printed(one: Row) -> str:
-    return (
-        f"| {one.name} | {one.detections} | {one.recall:.3f} | {one.precision:.3f} | {one.status} | {one.seconds:.2f} "
-        f"| {one.evaluations:.2g} |"
-    )
+HEAD = ("", "detections", "recall", "precision", "status", "s", "evaluations")
 
 
-HEADER = """| | detections | recall | precision | status | s | evaluations |
-| --- | --- | --- | --- | --- | --- | --- |"""
+def print_row(one: Result) -> None:
+    figures = f"{one.recall:.3f}", f"{one.precision:.3f}", one.status, f"{one.seconds:.2f}", f"{one.evaluations:.2g}"
+    row(one.name, one.detections, *figures)
 
 
-def summary(rows: list[Row]) -> str:
+def summary(rows: list[Result]) -> str:
     """How many views reach the goals, statuses, and times."""
     reached = [r.recall >= GOALS["recall"] and r.precision >= GOALS["precision"] for r in rows]
     sure = [ok for r, ok in zip(rows, reached, strict=True) if r.status == "matched"]
@@ -145,23 +135,21 @@ def summary(rows: list[Row]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clutter", type=int, nargs="+", default=[0], help="clutter points beside the visible ones")
-    parser.add_argument("--views", type=int, nargs="+", help="default: every view with 15 points or more")
-    parser.add_argument("--every", type=int, default=1, help="take each so many-th view")
-    parser.add_argument("--sizes", type=int, nargs="+", help="simulated objects of so many points instead")
-    parser.add_argument("--seen", type=int, help="of points of a box instead, of which so many are detected")
-    parser.add_argument("--noise", choices=["stated", "auto"], default="stated", help="of simulated points")
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first-seed", type=int, default=20_000)
-    parser.add_argument("--max-seconds", type=float, help="most seconds a match may take")
-    options = parser.parse_args()
+    ask = parser(__doc__, seeds=1, first_seed=20_000, every=1)
+    ask.add_argument("--clutter", type=int, nargs="+", default=[0], help="clutter points beside the visible ones")
+    ask.add_argument("--views", type=int, nargs="+", help="default: every view with 15 points or more")
+    ask.add_argument("--sizes", type=int, nargs="+", help="simulated objects of so many points instead")
+    ask.add_argument("--seen", type=int, help="of points of a box instead, of which so many are detected")
+    ask.add_argument("--noise", choices=["stated", "auto"], default="stated", help="of simulated points")
+    ask.add_argument("--max-seconds", type=float, help="most seconds a match may take")
+    options = ask.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     auto = options.noise == "auto"
-    row("warm-up", simulated(60, 0, 0), 0, None, auto)  # compiles
+    result("warm-up", simulated(60, 0, 0), 0, None, auto)  # compiles
     if options.sizes:
         for clutter in options.clutter:
-            print(f"\nsimulated, {clutter} clutter points\n{HEADER}")
+            print(f"\nsimulated, {clutter} clutter points\n")
+            head(*HEAD)
             medians = []
             for n in options.sizes:
                 rows = []
@@ -169,25 +157,25 @@ def main() -> None:
                     scene = simulated(n, clutter, seed)
                     if options.seen:
                         scene = boxed(n, options.seen, clutter, seed)
-                    rows.append(row(f"{n}", scene, seed, options.max_seconds, auto))
+                    rows.append(result(f"{n}", scene, seed, options.max_seconds, auto))
                 medians.append(float(np.median([r.seconds for r in rows])))
                 for one in rows:
-                    print(printed(one), flush=True)
+                    print_row(one)
                 print(summary(rows))
             if len(medians) > 1:
                 slope = np.polyfit(np.log(options.sizes), np.log(medians), 1)[0]
                 print(f"exponent {slope:.2f}")
         return
-    with np.load(Path(os.environ["ROOTMATCH_DATA"], "aicon_targets.npz")) as file:
-        data = dict(file)
+    data = measured_data("aicon_targets")
     views = options.views or [v for v, p in enumerate(data["points2d"]) if np.isfinite(p[:, 0]).sum() >= LEAST]
     for clutter in options.clutter:
-        print(f"\n{clutter} clutter points\n{HEADER}")
+        print(f"\n{clutter} clutter points\n")
+        head(*HEAD)
         rows = []
         for view in views[:: options.every]:
             for seed in seeds:
-                rows.append(row(f"view {view}", recorded(data, view, clutter, seed), seed, options.max_seconds))
-                print(printed(rows[-1]), flush=True)
+                rows.append(result(f"view {view}", recorded(data, view, clutter, seed), seed, options.max_seconds))
+                print_row(rows[-1])
         print(summary(rows))
 
 

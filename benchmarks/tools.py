@@ -11,21 +11,20 @@ of frames, the first three of a run left out. Defaults are chosen on seeds from 
 
 from __future__ import annotations
 
-import argparse
+import sys
 import time
 from types import ModuleType
 
 import numba
 import numpy as np
-from fiducials import load_scenes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from shared import head, parser, row, scenes_of
 
 import rootmatch as rm
 from rootmatch.tracking.tracker import TrackingOptions
 
 FRAMES, INTERVAL, STRAY, HIDDEN, NOISE = 100, 0.01, 7, 0.03, 0.2
-HEAD = "| three tools | tools in frames | right | wrong | not trusted | median ms | 99 % | most |"
 Frame = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
@@ -56,8 +55,8 @@ def flight(scenes: ModuleType, seed: int) -> tuple[NDArray[np.float64], NDArray[
     return source, labels, frames
 
 
-def line(scenes: ModuleType, tracked: bool, seeds: range) -> str:
-    """A line of the table."""
+def print_row(scenes: ModuleType, tracked: bool, seeds: range) -> None:
+    """Print a line of the table."""
     seconds, right, wrong, every = list[float](), 0, 0, 0
     for seed in seeds:
         source, labels, frames = flight(scenes, seed)
@@ -77,23 +76,22 @@ def line(scenes: ModuleType, tracked: bool, seeds: range) -> str:
                 wrong += trusted and bool(((body.assignment >= 0) & (body.assignment != own)).any())
     took = 1e3 * np.array(seconds)
     times = [f"{value:.1f}" for value in (np.median(took), np.quantile(took, 0.99), took.max())]
-    cells = ["tracked" if tracked else "each frame by itself", every, right, wrong, every - right - wrong, *times]
-    return f"| {' | '.join(map(str, cells))} |"
+    row("tracked" if tracked else "each frame by itself", every, right, wrong, every - right - wrong, *times)
 
 
 def main() -> None:
     """The table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    given = parser.parse_args()
+    ask = parser(__doc__, flights=10, first_seed=1000)
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    scenes = load_scenes(given.scenes)
-    seeds = range(given.first_seed, given.first_seed + given.flights)
-    print(f"seeds from {given.first_seed}\n\n{HEAD}\n|{' --- |' * (HEAD.count('|') - 1)}", flush=True)
+    scenes = scenes_of("fiducials", given.scenes)
+    if scenes is None:
+        sys.exit(1)
+    print(f"seeds from {given.first_seed}\n")
+    head("three tools", "tools in frames", "right", "wrong", "not trusted", "median ms", "99 %", "most")
     for tracked in (True, False):
-        print(line(scenes, tracked, seeds), flush=True)
+        print_row(scenes, tracked, range(given.first_seed, given.first_seed + given.flights))
 
 
 if __name__ == "__main__":

@@ -16,17 +16,16 @@ milliseconds a frame of one thread, all kernels compiled; the first frame of eac
 
 from __future__ import annotations
 
-import argparse
 import resource
-import time
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 
 import numba
 import numpy as np
-from constellations import judge, load_scenes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from shared import is_listed, judge, parser, scenes_of, timed
 
 import rootmatch as rm
 
@@ -104,17 +103,14 @@ class Tally:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=3)
-    parser.add_argument("--frames", type=int, default=600)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 20000")
-    parser.add_argument("--scenes", help="folder of the scenes' module")
-    parser.add_argument("--max-seconds", type=float, help="bound of each search")
-    parser.add_argument("--memory", action="store_true", help="print the memory every 10,000 frames and at the end")
-    parser.add_argument("--verbose", action="store_true", help="a line for each frame that is not right")
-    given = parser.parse_args()
+    ask = parser(__doc__, flights=3, frames=600, first_seed=1000)
+    ask.add_argument("--scenes", help="folder of the scenes' module")
+    ask.add_argument("--max-seconds", type=float, help="bound of each search")
+    ask.add_argument("--memory", action="store_true", help="print the memory every 10,000 frames and at the end")
+    ask.add_argument("--verbose", action="store_true", help="a line for each frame that is not right")
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    scenes = load_scenes(given.scenes)
+    scenes = scenes_of("constellations", given.scenes)
     if scenes is None:
         return
     tally, times, first = Tally(), [], []
@@ -129,9 +125,7 @@ def main() -> None:
         run = 0
         for k in range(20 if warming else given.frames):
             target, truth = frame(scenes, made, seed, k)
-            started = time.process_time()
-            match = tracker.update(target)
-            seconds = time.process_time() - started
+            match, seconds = timed(partial(tracker.update, target))
             if warming:
                 continue
             _, wrong, full = judge(match.assignment, truth)
@@ -140,8 +134,7 @@ def main() -> None:
             tally.frames += 1
             tally.shown += shown
             tally.right += shown and full
-            others = [one for one, _ in match.alternatives[:5]] if match.status is rm.Status.AMBIGUOUS else []
-            tally.listed += shown and (full or any(judge(one, truth)[2] for one in others))
+            tally.listed += shown and is_listed(match, truth)
             bad = match.status is rm.Status.MATCHED and wrong > 0
             tally.wrong += bad
             run = run + 1 if bad else 0

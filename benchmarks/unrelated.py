@@ -8,13 +8,13 @@ from 40000 chose nothing. Times are processor milliseconds of one thread.
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
 import numpy as np
+from shared import head, parser, row, timed
 
 import rootmatch as rm
 
@@ -71,14 +71,11 @@ PROBLEMS: dict[str, Callable[[np.random.Generator], Scene]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problems", nargs="+", choices=sorted(PROBLEMS), default=list(PROBLEMS))
-    parser.add_argument("--scenes", type=int, default=100)
-    parser.add_argument("--first-seed", type=int, default=1000, help="reports: 40000")
-    given = parser.parse_args()
+    ask = parser(__doc__, scenes=100, first_seed=1000)
+    ask.add_argument("--problems", nargs="+", choices=sorted(PROBLEMS), default=list(PROBLEMS))
+    given = ask.parse_args()
     numba.set_num_threads(1)
-    print("| problem | scenes | matched | ambiguous | ms | longest ms | matched, seeds |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    head("problem", "scenes", "matched", "ambiguous", "ms", "longest ms", "matched, seeds")
     for name in given.problems:
         draw = PROBLEMS[name]
         source, target, told = draw(np.random.default_rng([given.first_seed - 1, len(name)]))
@@ -86,17 +83,13 @@ def main() -> None:
         seconds, trusted, ambiguous = [], [], 0
         for seed in range(given.first_seed, given.first_seed + given.scenes):
             source, target, told = draw(np.random.default_rng([seed, len(name)]))
-            started = time.process_time()
-            found = rm.match(source, target, **told, seed=seed)
-            seconds.append(1e3 * (time.process_time() - started))
+            found, took = timed(partial(rm.match, source, target, **told, seed=seed))
+            seconds.append(1e3 * took)
             ambiguous += found.status is rm.Status.AMBIGUOUS
             if found:
                 trusted.append(str(seed))
-        print(
-            f"| {name} | {given.scenes} | {len(trusted)} | {ambiguous} | {np.median(seconds):.1f} | "
-            f"{max(seconds):.0f} | {' '.join(trusted)} |",
-            flush=True,
-        )
+        times = f"{np.median(seconds):.1f}", f"{max(seconds):.0f}"
+        row(name, given.scenes, len(trusted), ambiguous, *times, " ".join(trusted))
 
 
 if __name__ == "__main__":

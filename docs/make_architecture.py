@@ -27,7 +27,7 @@ HIDDEN = {"__main__", "__init__", "_version", "deadline", "errors", "options"}
 
 GROUPS = {
     "interface": ("cli", "io", "report"),
-    "measurements": ("benchmark", "experiments"),
+    "measurements": ("research",),
     "matching": ("precompile", "tracking", "api", "matcher", "result", "sightings", "explain", "model"),
     "hypergraph": ("samplers", "solvers", "backends", "hypergraph"),
     "geometry": ("derivation", "simulation", "problems", "cameras", "algebra"),
@@ -37,8 +37,7 @@ CAPTIONS = {
     "cli": "commands, options, exit codes",
     "io": "CSV points, camera files",
     "report": "text, JSON, pictures",
-    "benchmark": "speed and memory",
-    "experiments": "the paper's experiments",
+    "research": "experiments, benchmarks",
     "precompile": "kernels ahead of need",
     "matcher": "frame after frame",
     "api": "match(), residuals()",

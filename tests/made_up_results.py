@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rootmatch.experiments.plan import Table, plan_of
-from rootmatch.experiments.rho import CONDITIONS, RESIDUALS, SCAN_SOLVERS, Rhos
-from rootmatch.experiments.settings import PROBLEMS, Effort
+from rootmatch.research.paper.plan import Table, plan_of
+from rootmatch.research.paper.rho import CONDITIONS, RESIDUALS, SCAN_SOLVERS, Rhos
+from rootmatch.research.paper.settings import PROBLEMS, Effort
 
 RHO = {"p3p": 1e-9, "3p1": 1e-7, "up2p": 1e-2}
 EXACT = {"p3p": 1e-13, "3p1": 1e-12, "up2p": 1e-5}

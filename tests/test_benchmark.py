@@ -9,10 +9,10 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from rootmatch import benchmark
-from rootmatch.benchmark import Plan, Results, run
-from rootmatch.benchmark.operation_count import Counted, operations
 from rootmatch.cli.app import app
+from rootmatch.research import speed as benchmark
+from rootmatch.research.speed import Plan, Results, run
+from rootmatch.research.speed.operation_count import Counted, operations
 
 
 def test_counted_numbers_compute_as_floats_and_stay_counted() -> None:
@@ -84,7 +84,7 @@ def test_the_command_prints_one_json_object_or_tables(
 def test_peak_memory_rises_by_what_is_filled_and_does_not_fall() -> None:
     program = """if True:
         import numpy as np
-        from rootmatch.benchmark.memory import peak_megabytes
+        from rootmatch.research.speed.memory import peak_megabytes
         before = peak_megabytes()
         block = np.ones((300, 2**17))  # a MiB each
         during = peak_megabytes()

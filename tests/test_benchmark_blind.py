@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rootmatch.benchmark.blind import methods as blind_methods
-from rootmatch.benchmark.blind.methods import Answer, by_peer, methods
-from rootmatch.benchmark.blind.run import COLUMNS, judged, run_blind
-from rootmatch.benchmark.blind.scenes import (
+from rootmatch.cli.app import app
+from rootmatch.errors import InputError
+from rootmatch.research.blind import methods as blind_methods
+from rootmatch.research.blind.methods import Answer, by_peer, methods
+from rootmatch.research.blind.run import COLUMNS, judged, run_blind
+from rootmatch.research.blind.scenes import (
     HEIGHT,
     NOISE,
     OUTLIERS,
@@ -25,9 +27,7 @@ from rootmatch.benchmark.blind.scenes import (
     simulated,
     surface_scene,
 )
-from rootmatch.benchmark.blind.softposit import _softassign, softposit
-from rootmatch.cli.app import app
-from rootmatch.errors import InputError
+from rootmatch.research.blind.softposit import _softassign, softposit
 
 
 def distances(scene: BlindScene) -> np.ndarray:

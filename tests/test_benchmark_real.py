@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rootmatch.benchmark.real import leaderboard
-from rootmatch.benchmark.real.judge import judged
-from rootmatch.benchmark.real.run import run_real
-from rootmatch.benchmark.real.scenes import all_scenes, protocols
 from rootmatch.errors import InputError
+from rootmatch.research.real import leaderboard
+from rootmatch.research.real.judge import judged
+from rootmatch.research.real.run import run_real
+from rootmatch.research.real.scenes import all_scenes, protocols
 
 AWAY = np.array([0.0, 0.0, 6.0])
 
@@ -111,7 +111,7 @@ def test_a_program_is_measured_and_a_run_resumes(data: Path, tmp_path: Path) -> 
     ],
 )
 def test_a_program_that_fails_counts_as_failed(data: Path, tmp_path: Path, body: str, says: str) -> None:
-    from rootmatch.benchmark.real.program import Program
+    from rootmatch.research.real.program import Program
 
     scene = next(iter(all_scenes(data)))
     with Program(answering(tmp_path, body), start_up=2.0) as program:
@@ -178,7 +178,7 @@ def test_every_protocol_has_a_scene(load_shared: Any) -> None:
 
 
 def test_this_library_replies() -> None:
-    from rootmatch.benchmark.real.methods import reply
+    from rootmatch.research.real.methods import reply
     from rootmatch.simulation import p3p_scene
 
     scene = p3p_scene(n=8, outliers=3, noise=0.5, seed=1)

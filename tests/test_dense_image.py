@@ -11,10 +11,10 @@ from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.benchmark.blind.run import ROTATION
-from rootmatch.benchmark.blind.scenes import surface_scene
 from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.explain import dense_image
+from rootmatch.research.blind.run import ROTATION
+from rootmatch.research.blind.scenes import surface_scene
 from rootmatch.samplers.densities.alignment import Blob, aligned, histogram, rotation_grid
 from rootmatch.samplers.densities.descent_kernels import ascend
 from rootmatch.samplers.guided.crowding import VAGUE, crowding

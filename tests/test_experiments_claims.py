@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from made_up_results import EXACT, NEEDED, ONE, RHO, made_up_rhos, made_up_table
-from rootmatch.experiments import judges
-from rootmatch.experiments.claims import CLAIMS
-from rootmatch.experiments.claims_report import claims_markdown, judge_all
-from rootmatch.experiments.rho import RULES
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, PROBLEMS, SAMPLES, Effort, Setting
-from rootmatch.experiments.verdict import Case, verdict
+from rootmatch.research.paper import judges
+from rootmatch.research.paper.claims import CLAIMS
+from rootmatch.research.paper.claims_report import claims_markdown, judge_all
+from rootmatch.research.paper.rho import RULES
+from rootmatch.research.paper.settings import DEFAULT_PIPELINE, PROBLEMS, SAMPLES, Effort, Setting
+from rootmatch.research.paper.verdict import Case, verdict
 
 TITLES = [claim.title for claim in CLAIMS]
 

@@ -6,10 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
-from rootmatch.experiments import progress, reproduce
-from rootmatch.experiments.progress import Console
-from rootmatch.experiments.reproduce import Reproduction
-from rootmatch.experiments.settings import Effort
+from rootmatch.research import progress
+from rootmatch.research.paper import reproduce
+from rootmatch.research.paper.reproduce import Reproduction
+from rootmatch.research.paper.settings import Effort
+from rootmatch.research.progress import Console
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def call(monkeypatch):
             options["progress"].advance(4)
         return Reproduction((output / "claims.md",), None)
 
-    monkeypatch.setattr("rootmatch.experiments.reproduce.reproduce", work)
+    monkeypatch.setattr("rootmatch.research.paper.reproduce.reproduce", work)
 
     def run(*arguments):
         result = CliRunner().invoke(app, ["reproduce", *arguments])

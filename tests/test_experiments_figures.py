@@ -10,12 +10,12 @@ from matplotlib.colors import to_rgb
 
 from made_up_results import EXACT, NEEDED, ONE, RHO, made_up_rhos, made_up_table
 from rootmatch.errors import InputError
-from rootmatch.experiments.curves import curves_csv, scan_csv
-from rootmatch.experiments.figures import COLOURS, draw, draw_scan
-from rootmatch.experiments.reproduce import reproduce, write
-from rootmatch.experiments.rho import ALL_RULES, RESIDUALS, RULES
-from rootmatch.experiments.settings import GRID, PANELS, PROBLEMS, SAMPLES, Effort
-from rootmatch.experiments.store import Row
+from rootmatch.research.paper.curves import curves_csv, scan_csv
+from rootmatch.research.paper.figures import COLOURS, draw, draw_scan
+from rootmatch.research.paper.reproduce import reproduce, write
+from rootmatch.research.paper.rho import ALL_RULES, RESIDUALS, RULES
+from rootmatch.research.paper.settings import GRID, PANELS, PROBLEMS, SAMPLES, Effort
+from rootmatch.research.store import Row
 
 
 def accuracy(setting, method, samples):
@@ -148,7 +148,7 @@ def draw_none(*_):
 def reproduced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reproduced")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rootmatch.experiments.reproduce.draw", draw_few)
+        patch.setattr("rootmatch.research.paper.reproduce.draw", draw_few)
         return folder, reproduce(PROBLEMS, folder, effort=Effort(2), jobs=1, function=fake)
 
 
@@ -183,7 +183,7 @@ def test_reproduction_chooses_rho_on_its_own_seeds(reproduced):
 
 
 def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worked_out_again(reproduced, monkeypatch):
-    monkeypatch.setattr("rootmatch.experiments.reproduce.draw", draw_few)
+    monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_few)
     folder, everything = reproduced
     before = {path.name: path.read_bytes() for path in everything.files if path.suffix != ".md"}
 
@@ -198,7 +198,7 @@ def test_one_problem_alone_writes_its_figure_only_and_what_is_known_is_not_worke
 
 
 def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("rootmatch.experiments.reproduce.draw", draw_none)
+    monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
     met = set()
 
     def noted(unit):
@@ -217,7 +217,7 @@ def test_one_problem_alone_scans_no_other_and_its_one_rho_is_chosen_on_it(tmp_pa
 
 
 def test_a_quick_reproduction_stops_at_the_samples_it_names(tmp_path, monkeypatch):
-    monkeypatch.setattr("rootmatch.experiments.reproduce.draw", draw_none)
+    monkeypatch.setattr("rootmatch.research.paper.reproduce.draw", draw_none)
     met = set()
 
     def noted(unit):

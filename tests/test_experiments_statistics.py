@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rootmatch.experiments.rho import RESIDUALS, SPARSE, START, Rhos, choose, scan_plan
-from rootmatch.experiments.settings import GRID, PROBLEMS, Effort
-from rootmatch.experiments.statistics import bootstrap_means, difference, estimate, estimates
-from rootmatch.experiments.store import Row, Store
+from rootmatch.research.bootstrap import bootstrap_means, difference, estimate, estimates
+from rootmatch.research.paper.rho import RESIDUALS, SPARSE, START, Rhos, choose, scan_plan
+from rootmatch.research.paper.settings import GRID, PROBLEMS, Effort
+from rootmatch.research.store import Row, Store
 
 
 def test_interval_is_that_of_the_normal_approximation():

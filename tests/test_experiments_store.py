@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from rootmatch.errors import InputError
-from rootmatch.experiments.settings import Method, Setting
-from rootmatch.experiments.store import Row, Store
+from rootmatch.research.paper.settings import Method, Setting
+from rootmatch.research.store import Row, Store
 
 UP2P = Setting("up2p", 5, 0.25)
 QR = Method("qr", "power-l1", 1e-2)
@@ -134,7 +134,7 @@ def test_a_database_of_something_else_is_refused_and_left_alone(tmp_path):
 
 
 def test_a_store_that_another_program_holds(tmp_path, monkeypatch):
-    monkeypatch.setattr("rootmatch.experiments.store.WAITS", 0.1)
+    monkeypatch.setattr("rootmatch.research.store.WAITS", 0.1)
     path = tmp_path / "results.sqlite"
     with Store(path) as store:
         other = sqlite3.connect(path, isolation_level=None)
@@ -161,7 +161,7 @@ import resource, sys
 from pathlib import Path
 from rootmatch.errors import InputError
 from test_experiments_store import row
-from rootmatch.experiments.store import Store
+from rootmatch.research.store import Store
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 done = 0
 try:

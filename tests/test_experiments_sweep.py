@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from rootmatch.errors import InputError, RootmatchError
-from rootmatch.experiments.settings import Method, Setting
-from rootmatch.experiments.store import Store
-from rootmatch.experiments.sweep import run, units
+from rootmatch.research.paper.settings import Method, Setting
+from rootmatch.research.store import Store
+from rootmatch.research.sweep import run, units
 from tiny_sweep import METHODS, PLAN, SEEDS, UNITS, dies, sweep
 
 ROWS = sum(len(sizes) for _, sizes in METHODS) * len(PLAN) * len(SEEDS)

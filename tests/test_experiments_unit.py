@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import rootmatch as rm
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, Method, Setting
-from rootmatch.experiments.unit import Stream, Task, Unit, evaluate, nested_tensors
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.enumeration import random_hyperedges
+from rootmatch.research.paper.settings import DEFAULT_PIPELINE, Method, Setting
+from rootmatch.research.paper.work_unit import Stream, Task, Unit, evaluate, nested_tensors
 from rootmatch.solvers import MultiStartAscent
 
 RHO = {"p3p": 1e-8, "up2p": 1e-2, "3p1": 1e-6}

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from rootmatch.cli.app import app
 from rootmatch.errors import InputError
-from rootmatch.experiments.hypergraph import run as protocols
-from rootmatch.experiments.hypergraph.protocol import (
+from rootmatch.research.hypergraph import run as protocols
+from rootmatch.research.hypergraph.protocol import (
     DEFORMATION,
     OUTLIERS,
     POINTS,
@@ -25,10 +25,10 @@ from rootmatch.experiments.hypergraph.protocol import (
     instance,
     tensor_of,
 )
-from rootmatch.experiments.hypergraph.published import ACCURACY
-from rootmatch.experiments.hypergraph.triangles import ORDERS, all_triangles, most_alike
-from rootmatch.experiments.settings import Setting
-from rootmatch.experiments.unit import Task, Unit
+from rootmatch.research.hypergraph.published import ACCURACY
+from rootmatch.research.hypergraph.triangles import ORDERS, all_triangles, most_alike
+from rootmatch.research.paper.settings import Setting
+from rootmatch.research.paper.work_unit import Task, Unit
 from rootmatch.solvers import get_solver
 
 SMALL = {DEFORMATION: (Setting(DEFORMATION, 0, 0.1),), OUTLIERS: (Setting(OUTLIERS, 20, 0.01),)}

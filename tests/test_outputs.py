@@ -456,7 +456,7 @@ def test_nothing_is_written_but_through_one_function() -> None:
     """Every module that writes a file does so within `written_whole`, or is of the caches and stores named here."""
     package = Path(rootmatch.__file__).parent
     others = {
-        "benchmark/real/leaderboard.py", "cli/surroundings.py", "derivation/shipped.py", "io/appended_table.py",
+        "research/real/leaderboard.py", "cli/surroundings.py", "derivation/shipped.py", "io/appended_table.py",
         "io/inputs.py", "jit/cache.py", "jit/locks.py", "jit/prebuilt.py", "problems/derived/store.py",
     }  # fmt: skip
     writes = re.compile(r"write_text\(|write_bytes\(|savefig\(|os\.replace\(|open\([^)]*[\"'][rwax]?[wax+]b?\+?[\"']")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rootmatch.benchmark.real.sources import SOURCES, cavity, convert, facade
-from rootmatch.benchmark.real.sources.__main__ import main
 from rootmatch.errors import InputError
+from rootmatch.research.real.sources import SOURCES, cavity, convert, facade
+from rootmatch.research.real.sources.__main__ import main
 
 cv2 = pytest.importorskip("cv2")
 

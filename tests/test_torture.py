@@ -18,7 +18,7 @@ import pytest
 
 import rootmatch as rm
 from commands import forked, started
-from rootmatch.experiments.store import Store
+from rootmatch.research.store import Store
 from rootmatch.simulation import p3p_scene
 from test_tracker import BODY, frame
 from tiny_sweep import UNITS, sweep

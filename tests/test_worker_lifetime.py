@@ -13,7 +13,7 @@ SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
 import joblib
-from rootmatch.experiments.worker_lifetime import end_with
+from rootmatch.backends.worker_lifetime import end_with
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 

@@ -6,10 +6,10 @@ import time
 from functools import partial
 from pathlib import Path
 
-from rootmatch.experiments.settings import DEFAULT_PIPELINE, Method, Setting
-from rootmatch.experiments.store import Store
-from rootmatch.experiments.sweep import run, units
-from rootmatch.experiments.unit import evaluate
+from rootmatch.research.paper.settings import DEFAULT_PIPELINE, Method, Setting
+from rootmatch.research.paper.work_unit import evaluate
+from rootmatch.research.store import Store
+from rootmatch.research.sweep import run, units
 
 SIZES = (500, 1000, 3000)
 METHODS = (

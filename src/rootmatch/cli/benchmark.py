@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rootmatch.cli.surroundings import leaves
+from rootmatch.cli.surroundings import leaves, printed
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rootmatch.benchmark import Results
+    from rootmatch.research.speed import Results
 
 
 class What(StrEnum):
@@ -68,7 +69,7 @@ def benchmark(
     from rootmatch.cli.progress import progress_bar
 
     if what is What.BLIND:
-        from rootmatch.benchmark.blind.run import run_blind
+        from rootmatch.research.blind.run import run_blind
 
         if output is None:
             raise InputError("benchmark blind: give --output, the folder of rows and tables")
@@ -89,9 +90,9 @@ def benchmark(
         typer.echo(dumps(found) if json else "\n".join(" | ".join(line) for line in found))
         return
     if what is What.REAL:
-        from rootmatch.benchmark.real.leaderboard import page
-        from rootmatch.benchmark.real.methods import METHODS
-        from rootmatch.benchmark.real.run import run_real
+        from rootmatch.research.real.leaderboard import page
+        from rootmatch.research.real.methods import METHODS
+        from rootmatch.research.real.run import run_real
 
         if data is None or output is None:
             raise InputError("benchmark real: give --data, the folder of the data sets, and --output")
@@ -102,7 +103,7 @@ def benchmark(
             )
         typer.echo(dumps(table, allow_nan=False) if json else page(table), nl=json)
         return
-    from rootmatch.benchmark import Plan, run
+    from rootmatch.research.speed import Plan, run
 
     with progress_bar("benchmark", not quiet) as progress:
         results = run(Plan.tiny() if tiny else Plan(), progress)
@@ -111,19 +112,7 @@ def benchmark(
 
         typer.echo(dumps(asdict(results), allow_nan=False))
     else:
-        _show(results)
-
-
-def _show(results: Results) -> None:
-    """Print the tables on standard output."""
-    import sys
-
-    from rich.console import Console
-
-    console = Console()
-    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
-        _print(results, console)
-    sys.stdout.write(captured.get())
+        typer.echo(printed(partial(_print, results)), nl=False)
 
 
 def _print(results: Results, console: Console) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from rootmatch.io.pose_files import pose_record
+from rootmatch.io.pose_files import IN_SPACE, covariance_columns, pose_record, upper_triangle
+from rootmatch.report.text import match_weights
 
 if TYPE_CHECKING:
     from rootmatch.io.point_files import PointSet
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
     from rootmatch.tracking.tracker import TrackingState
 
 POSE_COLUMNS = ("frame", "body", "status", "probability", "matched", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
-COVARIANCES = tuple(f"cov_{AXES[a]}_{AXES[b]}" for a in range(6) for b in range(a, 6))
+COVARIANCES = tuple(covariance_columns(IN_SPACE))
 MATCH_COLUMNS = ("frame", "source", "target", "weight", "motion")
 
 
@@ -26,10 +24,9 @@ def pose_rows(frame: int, match: Match) -> list[list[Any]]:
     each: list[tuple[Any, Match]] = [("", match)] if match.bodies is None else list(match.bodies.items())
     rows = []
     for label, one in each:
-        pose = _pose(one)
-        cells = ["" for _ in range(7 + len(COVARIANCES))] if pose is None else _cells(pose)
         probability = "" if one.finding.probability is None else float(one.finding.probability)
-        rows.append([frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum()), *cells])
+        told = [frame, label, one.status.name.lower(), probability, int((one.assignment >= 0).sum())]
+        rows.append([*told, *_cells(_pose(one))])
     return rows
 
 
@@ -59,7 +56,7 @@ def _body_record(match: Match, state: TrackingState) -> dict[str, Any]:
 
 def match_rows(frame: int, match: Match, source: PointSet) -> list[list[Any]]:
     """A row for each match of a frame, ``target`` counting its detections from 0; one without any, where none is."""
-    weights = match.soft_assignment[np.arange(len(match.assignment)), match.assignment]
+    weights = match_weights(match)
     found = [
         [frame, source.names[i], j, float(weights[i]), int(match.motion_labels[i])]
         for i, j in enumerate(match.assignment.tolist())
@@ -76,11 +73,11 @@ def _pose(match: Match) -> Pose | None:
     return match.poses[0] if match.poses else None
 
 
-def _cells(pose: Pose) -> list[Any]:
+def _cells(pose: Pose | None) -> list[Any]:
+    """The cells of a pose in space with its covariance; empty for what is absent."""
+    if pose is None or len(pose.R) != 3:
+        return [""] * (7 + len(COVARIANCES))
     spread = pose.covariance
-    covariance = ["" for _ in COVARIANCES]
-    if spread is not None and spread.shape == (6, 6):
-        covariance = [float(spread[a, b]) for a in range(6) for b in range(a, 6)]  # type: ignore[misc]
-    if len(pose.R) != 3:
-        return ["" for _ in range(7 + len(COVARIANCES))]
+    known = spread is not None and spread.shape == (6, 6)
+    covariance = [float(spread[a, b]) for a, b in upper_triangle(6)] if known else [""] * len(COVARIANCES)  # type: ignore[index]
     return [*pose.t.tolist(), *pose.quaternion.tolist(), *covariance]

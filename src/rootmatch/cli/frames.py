@@ -99,10 +99,10 @@ def match_frames(job: Job, image: Path, outputs: FrameOutputs, jobs: int, schedu
     """
     from rootmatch.cameras.rig import rig_of
     from rootmatch.cli.frame_outputs import COVARIANCES, MATCH_COLUMNS, POSE_COLUMNS
-    from rootmatch.experiments.sweep import check_jobs
     from rootmatch.io import is_standard_output
     from rootmatch.io.appended_table import AppendedTable
     from rootmatch.io.frame_files import read_frames
+    from rootmatch.research.sweep import check_jobs
 
     check_jobs(jobs)
     if outputs.paths:
@@ -151,7 +151,7 @@ def _results(job: Job, frames: Iterator[Frame], jobs: int, scheduler: str | None
     else:
         import joblib
 
-        from rootmatch.experiments.worker_lifetime import pool
+        from rootmatch.backends.worker_lifetime import pool
 
         processes = joblib.effective_n_jobs(jobs)
         try:

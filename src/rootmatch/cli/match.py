@@ -146,10 +146,7 @@ def match(
     if prior is not None and known is not None:
         raise InputError("--known: --prior is given, which says the whole pose; leave one of them out")
     priors = {} if known is None else io.read_known(known)
-    given_noise = Noise(
-        noise_option(noise), source.sigma, model, image, noisy_source=posed.noisy_source,
-        takes_prior=posed.takes_prior, problem=posed.name, given_source=source_noise,
-    )  # fmt: skip
+    given_noise = Noise(noise_option(noise), source.sigma, model, image, problem=posed, given_source=source_noise)
     if given_noise.of_source is not None:
         plain["source_noise"] = given_noise.of_source
     if has_frames(image):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from rootmatch.cli.problem_options import flag
+from rootmatch.cli.surroundings import printed
 from rootmatch.errors import InputError
 
 if TYPE_CHECKING:
@@ -161,10 +162,5 @@ def print_match(
         print(json.dumps(match_record(found), allow_nan=False))
         print(f"rootmatch: {found.advice}", file=sys.stderr)
         return
-    from rich.console import Console
-
     names = {"source_names": source.names, "target_names": target.names}
-    console = Console()
-    with console.capture() as captured:  # printed by itself, rich ends a program whose reader has gone with 1
-        text.print_match(found, console, **names, truth=true, estimated=estimated)
-    file.write(captured.get())
+    file.write(printed(lambda console: text.print_match(found, console, **names, truth=true, estimated=estimated)))

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from rootmatch.problems.base import Problem
+
     Floats = NDArray[np.float64]
 
 DEFAULT = 1.0
@@ -30,10 +32,7 @@ class Noise:
         The column of the model, or its three.
     model, image : path
         For the messages.
-    noisy_source, takes_prior : bool
-        Whether the problem has a noisy source, and whether it may have one: a pose of its camera.
-    problem : str
-        Its name.
+    problem : Problem
     given_source : float, optional
         What ``--source-noise`` says.
     """
@@ -42,9 +41,7 @@ class Noise:
     source_sigma: Floats | None
     model: Path
     image: Path
-    noisy_source: bool
-    takes_prior: bool
-    problem: str
+    problem: Problem
     given_source: float | None = None
 
     @property
@@ -61,8 +58,9 @@ class Noise:
         name = "sigma" if self.source_sigma.ndim == 1 else "sx"
         if self.given_source is not None:
             raise InputError(f"--source-noise: {self.model} has a column {name}, which says it; leave one of them out")
-        if not self.noisy_source and not self.takes_prior:
-            raise InputError(f"{self.model}: a column {name}, and {self.problem} has exact points there; leave it out")
+        if not self.problem.noisy_source and not self.problem.takes_prior:
+            exact = f"{self.problem.name} has exact points there"
+            raise InputError(f"{self.model}: a column {name}, and {exact}; leave it out")
         return self.source_sigma
 
     def of(self, target_sigma: Floats | None) -> Any:
@@ -74,17 +72,17 @@ class Noise:
             If both say it.
         """
         given = self.given
-        sides = ((self.model, self.source_sigma if self.noisy_source else None), (self.image, target_sigma))
+        sides = ((self.model, self.source_sigma if self.problem.noisy_source else None), (self.image, target_sigma))
         columns = [path for path, sigma in sides if sigma is not None]
         if not columns:
             return DEFAULT if given is None else given
-        said = given is not None and (len(columns) == 2 or not self.noisy_source)
+        said = given is not None and (len(columns) == 2 or not self.problem.noisy_source)
         if said or given == "auto":
             raise InputError(f"--noise: {columns[0]} has a column sigma, which states the noise; leave one of them out")
         source, target = given if isinstance(given, tuple) else (given or DEFAULT,) * 2
         if target_sigma is not None:
             target = target_sigma
-        return (source, target) if self.noisy_source and self.of_source is None else target
+        return (source, target) if self.problem.noisy_source and self.of_source is None else target
 
 
 def noise_option(text: str | None) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -53,29 +53,18 @@ def reproduce(
     """
     from contextlib import nullcontext
 
-    from rootmatch.experiments.progress import Console
-    from rootmatch.experiments.reproduce import reproduce as run
-    from rootmatch.experiments.settings import PROBLEMS, Effort
+    from rootmatch.research.hypergraph.run import reproduce as run_protocols
+    from rootmatch.research.paper.reproduce import reproduce as run
+    from rootmatch.research.paper.settings import PROBLEMS, Effort
+    from rootmatch.research.progress import Console
 
     leaves("finished work is kept, and the same command continues")
-    if which is Which.HYPERGRAPH:
-        from rootmatch.experiments.hypergraph.run import reproduce as run_protocols
-
-        with nullcontext() if quiet else Console() as progress:
-            files = run_protocols(
-                output,
-                instances=(10 if quick else 100) if instances is None else instances,
-                seed=seed,
-                jobs=jobs,
-                scheduler=scheduler,
-                progress=progress,
-            )
-        for path in files:
-            typer.echo(path)
-        return
-    effort = Effort((4 if quick else 100) if instances is None else instances, quick)
-    problems = PROBLEMS if which is Which.ALL else (which.value,)
     with nullcontext() if quiet else Console() as progress:
-        done = run(problems, output, effort=effort, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress)
-    for path in done.files:
+        how: dict[str, Any] = {"seed": seed, "jobs": jobs, "scheduler": scheduler, "progress": progress}
+        if which is Which.HYPERGRAPH:
+            files = run_protocols(output, instances=(10 if quick else 100) if instances is None else instances, **how)
+        else:
+            effort = Effort((4 if quick else 100) if instances is None else instances, quick)
+            files = run(PROBLEMS if which is Which.ALL else (which.value,), output, effort=effort, **how).files
+    for path in files:
         typer.echo(path)

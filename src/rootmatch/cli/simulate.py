@@ -76,26 +76,15 @@ def simulate(
                 raise InputError(f"--{name}: a scene of {problem} has no such option; leave it out")
             options[name] = value
     with option_names_in_errors({"n": "--points", **{name: f"--{name}" for name in (*options, *own)}}):
-        from rootmatch import simulation
+        from rootmatch.simulation import SCENES
 
-        make = {
-            SceneName.P3P: simulation.p3p_scene,
-            SceneName.UP2P: simulation.up2p_scene,
-            SceneName.THREE_PLUS_ONE: simulation.three_plus_one_scene,
-        }[problem]
-        scene = make(points, **options)
+        scene = SCENES[problem.value](points, **options)
     _write(scene, output, force)
     typer.echo(f"{output}: {len(scene.source)} source points, {len(scene.target)} target points")
     folder = str(output)
     match = ["rootmatch", "match", f"{folder}/model.csv", f"{folder}/image.csv", "--problem", problem.value]
-    match += [
-        "--camera",
-        f"{folder}/camera.json",
-        "--noise",
-        f"{noise or NOISE_OF_EXACT_SCENES:g}",
-        "--truth",
-        f"{folder}/truth.csv",
-    ]
+    match += ["--camera", f"{folder}/camera.json", "--noise", f"{noise or NOISE_OF_EXACT_SCENES:g}"]
+    match += ["--truth", f"{folder}/truth.csv"]
     match += ["--motions", str(motions)] if motions and motions > 1 else []
     typer.echo(shlex.join(match))
 

@@ -9,7 +9,10 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 Command = Callable[..., None]
 
@@ -62,6 +65,16 @@ def pipes_copied(*names: str) -> Callable[[Command], Command]:
         return called
 
     return copied
+
+
+def printed(draw: Callable[[Console], None]) -> str:
+    """What is drawn on a console of rich, which by itself ends a program whose reader has gone with 1."""
+    from rich.console import Console
+
+    console = Console()
+    with console.capture() as captured:
+        draw(console)
+    return captured.get()
 
 
 def terminated() -> bool:

@@ -38,30 +38,20 @@ Frames = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
+    option.points(
+        "Frames per second; missing frame numbers count as elapsed time.",
         metavar="HZ",
-        help="Frames per second; missing frame numbers count as elapsed time.",
-        show_default="60, or the column time",
-        rich_help_panel=option.INPUT,
+        default="60, or the column time",
     ),
 ]
 Poses = Annotated[
     Path | None,
-    typer.Option(
-        metavar="CSV",
-        help="Write one row per frame: status, and pose with its covariance.",
-        show_default="standard output",
-        rich_help_panel=option.OUTPUT,
+    option.output(
+        "Write one row per frame: status, and pose with its covariance.", metavar="CSV", default="standard output"
     ),
 ]
-AsJson = Annotated[
-    bool,
-    typer.Option("--json", help="Print one JSON object for each frame, one per line.", rich_help_panel=option.OUTPUT),
-]
-Matches = Annotated[
-    Path | None,
-    typer.Option(metavar="CSV", help="Write frame,source,target,weight,motion.", rich_help_panel=option.OUTPUT),
-]
+AsJson = Annotated[bool, option.output("--json", "Print one JSON object for each frame, one per line.")]
+Matches = Annotated[Path | None, option.output("Write frame,source,target,weight,motion.", metavar="CSV")]
 
 
 def track(
@@ -138,10 +128,7 @@ def track(
         "bodies": source.bodies,
         "seed": seed,
     }
-    noises = Noise(
-        given_noise, source.sigma, model, frames, noisy_source=posed.noisy_source, takes_prior=posed.takes_prior,
-        problem=posed.name, given_source=source_noise,
-    )  # fmt: skip
+    noises = Noise(given_noise, source.sigma, model, frames, problem=posed, given_source=source_noise)
     options["source_noise"] = noises.of_source
     options = {name: value for name, value in options.items() if value is not None}
     subjects = {name: flag(name) for name in (*options, "noise")}

@@ -54,10 +54,7 @@ class Judge:
     def _true_root(self, case: Instance) -> float:
         if case.shared is not None:
             return case.shared
-        roots = np.roots(self.polynomial(case, self.first))
-        other = self.polynomial(case, self.swept)
-        real = [float(r.real) for r in roots if abs(r.imag) < 1e-6 * (1.0 + abs(r))]
-        return min(real, key=lambda x: self.relative(other, x), default=float("nan"))
+        return self._partner(case, self.first, self.swept)
 
     def vanishes(self, order: Order) -> bool:
         """Whether the set in that order has the true root, in nearly all cases (one may be degenerate)."""
@@ -145,6 +142,7 @@ class Judge:
         return slope, rows.reshape(len(roots), -1)
 
     def _partner(self, case: Instance, base: Order, order: Order) -> float:
+        """The real root of one order that is the nearest to one of another."""
         roots = np.roots(self.polynomial(case, base))
         other = self.polynomial(case, order)
         real = [float(r.real) for r in roots if abs(r.imag) < 1e-6 * (1.0 + abs(r))]

@@ -242,14 +242,16 @@ def _determinant(rows: Sequence[Any], block: Sequence[Expr], homogeneous: bool, 
     polynomial = determinant(matrix, definitions.shorten)
     generators = [symbol for symbol in polynomial.gens if any(_has(entry, symbol) for row in matrix for entry in row)]
     if len(generators) == 1:
-        values = [[_horner(entry, generators[0]) for entry in row] for row in matrix]
+        x = generators[0]
+        values = [[horner(sp.Poly(entry.as_expr(), x).all_coeffs(), x) for entry in row] for row in matrix]
         definitions.values[polynomial.as_expr()] = determinant(values, definitions.name)
     return polynomial
 
 
-def _horner(polynomial: Any, x: Expr) -> Expr:
+def horner(coefficients: Sequence[Expr], x: Expr) -> Expr:
+    """Σ c_k x^k by Horner's rule, the highest power first."""
     total = sp.Integer(0)
-    for coefficient in sp.Poly(polynomial.as_expr(), x).all_coeffs():
+    for coefficient in coefficients:
         total = total * x + coefficient
     return total
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from rootmatch.derivation.hoisting import Hoisted, hoist, opened, ordered
+from rootmatch.derivation.hoisting import Hoisted, graded, hoist, opened, ordered
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
@@ -55,16 +55,11 @@ def draft(
     arguments = ordered(leaves, inputs)
     noisy = [k for k, symbol in enumerate(arguments) if _noisy(leaves, symbol)]
     gradient = program.gradient(value, [arguments[k] for k in noisy])
+    told = "Coefficients of a minimal set, highest degree first."
     texts = [
+        function_text("polynomial", arguments, coefficients, program, told),
         function_text(
-            "polynomial", arguments, coefficients, program, "Coefficients of a minimal set, highest degree first."
-        ),
-        function_text(
-            "partials",
-            [x, *arguments],
-            gradient,
-            program,
-            "Derivatives of the value at x in the noisy arguments.",
+            "partials", [x, *arguments], gradient, program, "Derivatives of the value at x in the noisy arguments."
         ),
     ]
     conditions = ordered(leaves, set().union(*(program.inputs(c) for c in positive)))
@@ -136,16 +131,16 @@ def _row(leaves: Leaves, split: Hoisted, x: Expr) -> tuple[dict[str, Any], list[
     terms = [
         (m, powers, value)
         for m, one in enumerate(split.value)
-        for powers, value in sorted(one.items(), key=lambda item: (sum(item[0]), item[0][::-1]))
+        for powers, value in sorted(one.items(), key=lambda item: graded(item[0]))
     ]
     signs = [
         (r, m, powers, value)
         for r, parts in enumerate(split.signs)
         for m, one in enumerate(parts)
-        for powers, value in sorted(one.items(), key=lambda item: (sum(item[0]), item[0][::-1]))
+        for powers, value in sorted(one.items(), key=lambda item: graded(item[0]))
     ]
     found = {powers for _, powers, _ in terms} | {powers for _, _, powers, _ in signs}
-    row_monomials = sorted(found, key=lambda powers: (sum(powers), powers[::-1]))
+    row_monomials = sorted(found, key=graded)
     sign_inputs = ordered(leaves, set().union(*(program.inputs(value) for *_, value in signs)))
     inputs: set[Expr] = set().union(*(program.inputs(value) for _, _, value in terms))
     stem = ordered(leaves, inputs)

@@ -8,11 +8,10 @@ point; its coefficients, and those of all its derivatives, are computed once for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import sympy as sp
 
-from rootmatch.derivation.leaves import Expr, Leaves, Use
+from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program
 
 Split = dict[tuple[int, ...], Expr]
@@ -70,6 +69,11 @@ def opened(leaves: Leaves, definitions: dict[Expr, Expr]) -> dict[Expr, Expr]:
     return entries | definitions
 
 
+def graded(powers: tuple[int, ...]) -> tuple[int, tuple[int, ...]]:
+    """By which monomials are sorted: their degree, then their last powers."""
+    return sum(powers), powers[::-1]
+
+
 def hoist(
     leaves: Leaves, definitions: dict[Expr, Expr], coefficients: list[Expr], value: Expr, positive: list[Expr]
 ) -> Hoisted | None:
@@ -90,7 +94,7 @@ def hoist(
     except _NotPolynomialError:
         return None
     found = {powers for one in (*splits, whole, *conditions) for powers in one}
-    monomials = sorted(found, key=lambda powers: (sum(powers), powers[::-1]))
+    monomials = sorted(found, key=graded)
     row = [symbol for symbol in swept if symbol not in last]
     inner = [[one.get(powers, sp.Integer(0)) for powers in monomials] for one in (whole, *conditions)]
     try:
@@ -174,14 +178,11 @@ def _product(one: Split, other: Split) -> Split:
     return total
 
 
-def _order(leaves: Leaves) -> Any:
-    def key(symbol: Expr) -> tuple[str, tuple[int, ...], int]:
-        use: Use = leaves.uses[symbol]
-        return use.kind, use.slots, use.index
-
-    return key
-
-
 def ordered(leaves: Leaves, symbols: set[Expr]) -> list[Expr]:
     """Leaf symbols in the order that generated functions take them."""
-    return sorted((symbol for symbol in symbols if symbol in leaves.uses), key=_order(leaves))
+
+    def key(symbol: Expr) -> tuple[str, tuple[int, ...], int]:
+        use = leaves.uses[symbol]
+        return use.kind, use.slots, use.index
+
+    return sorted((symbol for symbol in symbols if symbol in leaves.uses), key=key)

@@ -16,7 +16,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from rootmatch.derivation.elimination import Definitions
+from rootmatch.derivation.elimination import Definitions, horner
 from rootmatch.derivation.leaves import Expr, Leaves
 from rootmatch.derivation.straight_line import Program, function_text
 from rootmatch.errors import InputError
@@ -134,7 +134,7 @@ def without_spurious(
         factor = constant_factor(constant_roots(rows)) if len(coefficients) > 1 else None
         if factor is None:
             break
-        expression = _polynomial_text(factor, x)
+        expression = sp.expand(horner([sp.Rational(number.numerator, number.denominator) for number in factor], x))
         removed.append(str(expression))
         coefficients = divided(coefficients, factor, definitions.name)
         value = value / expression if value is not None and _positive(factor) else None
@@ -142,22 +142,11 @@ def without_spurious(
         raise InputError(
             "elimination: the shared variable drops out of the result; it is not determined by a minimal set"
         )
-    if value is None:
-        value = sp.Integer(0)
-        for coefficient in coefficients:
-            value = value * x + coefficient
-    return coefficients, value, removed
+    return coefficients, horner(coefficients, x) if value is None else value, removed
 
 
 def _positive(factor: Sequence[Fraction]) -> bool:
     return len(factor) == 3 and factor[1] ** 2 < 4 * factor[2]
-
-
-def _polynomial_text(factor: Sequence[Fraction], x: Expr) -> Expr:
-    total = sp.Integer(0)
-    for number in factor:
-        total = total * x + sp.Rational(number.numerator, number.denominator)
-    return sp.expand(total)
 
 
 def _visible_factors(polynomial: Any, x: Expr, definitions: Definitions) -> tuple[Any, list[str]]:

@@ -50,14 +50,14 @@ class Statement:
         """Expressions that must be positive at a true root."""
         return [] if self.positive is None else self._expressions("positive", self.positive, list(X), list(u))
 
-    def build(self, X: Sequence[Any], u: Sequence[Any], places: Sequence[int] | None = None) -> list[Expr]:
-        """Expressions for correspondences given by symbols; ``places`` name the copies of local unknowns."""
+    def build(self, X: Sequence[Any], u: Sequence[Any]) -> list[Expr]:
+        """Expressions for correspondences given by symbols; local unknowns are named after their places."""
         if not self.each:
             made = self._expressions("equations", self.equations, list(X), list(u))
         else:
             made = []
             for number, (point, image) in enumerate(zip(X, u, strict=True)):
-                swap = self.copies(number if places is None else places[number])
+                swap = self.copies(number)
                 made += [e.xreplace(swap) for e in self._expressions("each", self.equations, point, image)]
         return [e for e in made if e != 0]
 

@@ -115,9 +115,7 @@ class _Printer(PythonCodePrinter):  # type: ignore[misc]
 _PRINTER = _Printer({"fully_qualified_modules": False})
 
 
-def function_text(
-    name: str, arguments: Sequence[Expr], outputs: Sequence[Expr], program: Program, summary: str, prefix: str = "e"
-) -> str:
+def function_text(name: str, arguments: Sequence[Expr], outputs: Sequence[Expr], program: Program, summary: str) -> str:
     """Source of a function ``name(arguments) -> tuple of outputs`` with common subexpressions shared.
 
     Raises
@@ -129,7 +127,7 @@ def function_text(
     expressions = [*needed.values(), *outputs]
     # SymPy's "basic" optimisations without `factor_terms`, which takes a quarter of a derivation and saves nothing
     replacements, reduced = sp.cse(
-        expressions, symbols=sp.numbered_symbols(prefix, real=True), optimizations=[(sub_pre, sub_post)]
+        expressions, symbols=sp.numbered_symbols("e", real=True), optimizations=[(sub_pre, sub_post)]
     )
     assigned = dict(replacements) | dict(zip(needed, reduced[: len(needed)], strict=True))
     lines = [f"def {name}({', '.join(map(str, arguments))}):", f'    """{summary}"""']

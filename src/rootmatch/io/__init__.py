@@ -32,7 +32,7 @@ from rootmatch.io.point_files import (
     write_matches,
     write_points,
 )
-from rootmatch.io.pose_files import PoseFormat, pose_format, pose_record, read_prior, write_poses
+from rootmatch.io.pose_files import PoseFormat, finite, pose_format, pose_record, read_prior, write_poses
 
 __all__ = [
     "DIRECTIONS",
@@ -42,6 +42,7 @@ __all__ = [
     "camera_file",
     "check_output",
     "check_output_folder",
+    "finite",
     "folder_written_whole",
     "is_standard_output",
     "parse_camera",

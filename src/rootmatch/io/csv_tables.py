@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,32 +28,42 @@ def read_text(path: Path, most: int = LARGEST, remedy: str = "split it") -> str:
 
 def read_table(path: Path, needed: Sequence[str], known: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
     """Rows of a table as (row number, {column: stripped text}); blank lines are ignored."""
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
-    header: list[str] | None = None
-    rows = []
+    lines = io.StringIO(read_text(path), newline="")
+    rows = [row for row in table_rows(path, lines, lambda header: needed, known) if row[1]]
+    if not rows:
+        raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row per point")
+    if len(rows) == 1:
+        raise InputError(f"{path}: no row follows the header; give one row per point")
+    return rows[1:]
+
+
+def table_rows(
+    path: Path, lines: Iterable[str], needed: Callable[[list[str]], Sequence[str]], known: Sequence[str]
+) -> Iterator[tuple[int, dict[str, str]]]:
+    """Each row as (row number, {column: stripped text}), the header first; a blank line has no columns.
+
+    ``needed`` tells from the header which columns it must have.
+    """
+    reader = csv.reader(lines, strict=True)
+    header: list[str] = []
     try:
         for raw in reader:
             cells = [cell.strip() for cell in raw]
             if not any(cells):
+                yield reader.line_num, {}
                 continue
-            if header is None:
-                header = [cell.lower() for cell in cells]
-                check_header(path, reader.line_num, header, needed, known)
+            if not header:
+                cells = header = [cell.lower() for cell in cells]
+                check_header(path, reader.line_num, header, needed(header), known)
             elif len(cells) != len(header):
                 raise InputError(
                     f"{path}, row {reader.line_num}: {len(cells)} values given, {len(header)} expected "
-                    f"({','.join(needed)}); write a decimal point, not a comma, and fill every column"
+                    f"({','.join(needed(header))}); write a decimal point, not a comma, and fill every column"
                 )
-            else:
-                rows.append((reader.line_num, dict(zip(header, cells, strict=True))))
+            yield reader.line_num, dict(zip(header, cells, strict=True))
     except csv.Error as error:
         where = f"{path}, row {reader.line_num}"
         raise InputError(f"{where}: not comma-separated values ({error}); check the quotes") from None
-    if header is None:
-        raise InputError(f"{path}: the file is empty; give a header row {','.join(needed)} and one row per point")
-    if not rows:
-        raise InputError(f"{path}: no row follows the header; give one row per point")
-    return rows
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import sys
 from collections.abc import Iterator
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.appended_table import MOST_DIGITS
-from rootmatch.io.csv_tables import check_header, number, positive
+from rootmatch.io.csv_tables import number, positive, table_rows
+from rootmatch.io.inputs import unreadable_named
 from rootmatch.io.known_files import COLUMNS, KnownInImage, check_groups
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 
@@ -162,27 +162,16 @@ class _Frames:
 
 
 def _frames(path: Path, stream: TextIO, axes: tuple[str, ...]) -> Iterator[Frame]:
-    reader = csv.reader(_lines(path, stream), strict=True)
-    header: list[str] = []
+    def needed(header: list[str]) -> tuple[str, ...]:
+        return ("time" if "time" in header and "frame" not in header else "frame", *axes)
+
     frames: _Frames | None = None
     try:
-        for raw in reader:
-            cells = [cell.strip() for cell in raw]
-            row = reader.line_num
-            if not any(cells):
-                if frames is not None:
-                    yield from frames.end()
-            elif frames is None:
-                header = [cell.lower() for cell in cells]
-                key = "time" if "time" in header and "frame" not in header else "frame"
-                check_header(path, row, header, (key, *axes), ("frame", "time", *axes, "sigma", *COLUMNS))
-                frames = _Frames(path, header, axes)
-            elif len(cells) != len(header):
-                raise InputError(f"{path}, row {row}: {len(cells)} values given, {len(header)} expected")
+        for row, cells in table_rows(path, _lines(path, stream), needed, ("frame", "time", *axes, "sigma", *COLUMNS)):
+            if frames is None:
+                frames = _Frames(path, list(cells), axes) if cells else None
             else:
-                yield from frames.take(row, dict(zip(header, cells, strict=True)))
-    except csv.Error as error:
-        raise InputError(f"{path}, row {reader.line_num}: not comma-separated values ({error})") from None
+                yield from frames.take(row, cells) if cells else frames.end()
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not UTF-8 text; save it as UTF-8") from None
     except OSError as error:
@@ -226,11 +215,7 @@ def _opened(path: Path) -> Iterator[TextIO]:
     if path == STANDARD_INPUT:
         yield from _standard_input()
         return
-    try:
+    with unreadable_named(path):
         stream = path.open(encoding="utf-8-sig", newline="")
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file; check the name") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     with stream:
         yield stream

@@ -22,22 +22,29 @@ def read_bytes(path: Path, most: int = LARGEST, remedy: str = "split it") -> byt
     InputError
         If there is more of it, as of a device without end, or it cannot be read; ``remedy`` says what to do.
     """
-    try:
+    with unreadable_named(path):
         if path.is_dir():
             raise InputError(f"{path}: it is a folder; give the name of a file")
         with path.open("rb") as stream:
             content = stream.read(most + 1)
-    except InputError:
-        raise
+    if len(content) > most:
+        raise InputError(f"{path}: more than the {most:,} bytes that are read; {remedy}")
+    return content
+
+
+@contextmanager
+def unreadable_named(path: Path) -> Iterator[None]:
+    """Errors of opening and reading a file as one line that names it."""
+    try:
+        yield
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; check the name") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f"{path}: {error}; give the name of a file") from None
-    if len(content) > most:
-        raise InputError(f"{path}: more than the {most:,} bytes that are read; {remedy}")
-    return content
 
 
 @contextmanager

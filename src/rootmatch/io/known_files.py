@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.values import said_of
 from rootmatch.io.csv_tables import number, positive, read_table, refuse_repeats
 from rootmatch.problems.pose_fit.pose_checks import rotation_of_quaternion
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -76,11 +77,9 @@ def check_groups(path: Path, columns: Collection[str]) -> bool:
 def known_in_row(path: Path, row: int, cells: Mapping[str, str]) -> PosePrior | None:
     """What a row tells of a pose; None if all of its cells are empty."""
     given = {name: _group(path, row, cells, group) for name, group in GROUPS.items()}
-    try:
+    with said_of(f"{path}, row {row}"):
         values = {name: _value(name, group) for name, group in given.items() if group is not None}
         return PosePrior(**values) if values else None  # type: ignore[arg-type]
-    except InputError as error:
-        raise InputError(f"{path}, row {row}: {error}") from None
 
 
 class KnownInImage:
@@ -131,13 +130,8 @@ def prior_of_frame(
         if known:
             raise InputError("--known: the image file has columns of what is known as well; leave one of them out")
         return here
-    return _of_frame(known, frame, time)
-
-
-def _of_frame(known: dict[Key, PosePrior], frame: int | None, time: float | None) -> Any:
-    """What a file of its own tells of a frame."""
-    here = (None, ("frame", frame), ("time", time))
-    own = {body: one for (when, body), one in known.items() if when in here}
+    asked = (None, ("frame", frame), ("time", time))
+    own = {body: one for (when, body), one in known.items() if when in asked}
     if None in own:
         return own[None]
     return {body: one for body, one in own.items() if body is not None} or None

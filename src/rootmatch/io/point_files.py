@@ -236,7 +236,7 @@ def write_matches(
     confidence: NDArray[np.float64],
     source: PointSet,
     target: PointSet,
-    residuals: NDArray[np.float64] | None = None,
+    residuals: NDArray[np.float64],
 ) -> None:
     """Write ``source,target,weight,motion,residual,confidence``, one row per matched source point.
 
@@ -246,24 +246,11 @@ def write_matches(
         Index into the target (−1 unmatched), weight, motion label and confidence of each source point, and its distance
         from where the pose of its motion predicts it; NaN, where there is none, is written as an empty cell.
     """
-    if residuals is None:
-        residuals = np.full(len(assignment), np.nan)
-    write_table(
-        path,
-        MATCHES,
-        (
-            (
-                source.names[i],
-                target.names[j],
-                float(weights[i]),
-                int(motions[i]),
-                _told(residuals[i]),
-                _told(confidence[i]),
-            )
-            for i, j in enumerate(assignment.tolist())
-            if j >= 0
-        ),
-    )
+    rows = []
+    for i in np.flatnonzero(assignment >= 0).tolist():
+        names = source.names[i], target.names[int(assignment[i])]
+        rows.append((*names, float(weights[i]), int(motions[i]), _told(residuals[i]), _told(confidence[i])))
+    write_table(path, MATCHES, rows)
 
 
 def _told(number: float) -> float | str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rootmatch.errors import InputError, quoted
 from rootmatch.io.calibrations.reading import load_json, read_small_text
+from rootmatch.io.calibrations.values import said_of
 from rootmatch.io.csv_tables import write_table
 from rootmatch.io.exports import openxr_record, ros_record
 from rootmatch.io.outputs import written_whole
@@ -60,10 +61,10 @@ def pose_record(pose: Pose) -> dict[str, Any]:
         "focal": pose.focal,
         "parameters": list(_parameters(pose)[:size]),
         "covariance": None if pose.covariance is None else pose.covariance.tolist(),
-        "chi2": _finite(pose.chi2),
+        "chi2": finite(pose.chi2),
         "dof": pose.dof,
-        "rms": _finite(pose.rms),
-        "rms_sigma": _finite(pose.rms_sigma),
+        "rms": finite(pose.rms),
+        "rms_sigma": finite(pose.rms_sigma),
         "points": None if pose.points is None else pose.points.tolist(),
         "residuals": None if pose.residuals is None else pose.residuals.tolist(),
         "inliers": None if pose.inliers is None else pose.inliers.tolist(),
@@ -97,10 +98,8 @@ def _read_pose(path: Path, record: Any) -> Pose:
     missing = [name for name in ("R", "t", "covariance") if not isinstance(record, dict) or record.get(name) is None]
     if missing:
         raise InputError(f"{path}: {missing[0]} is missing; give an object with R, t and covariance")
-    try:
+    with said_of(path):
         return Pose(record["R"], record["t"], record["covariance"])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> None:
@@ -136,10 +135,20 @@ def write_poses(path: Path, poses: Sequence[Pose | None], form: PoseFormat) -> N
     in_plane = any(len(pose.R) == 2 for _, pose in known)
     turn, shift = (("angle",), ("tx", "ty")) if in_plane else (("qx", "qy", "qz", "qw"), ("tx", "ty", "tz"))
     names = _parameters(known[0][1]) if known else IN_SPACE
-    pairs = [(a, b) for a in range(len(names)) for b in range(a, len(names))]
+    pairs = upper_triangle(len(names))
     header = ["motion", *turn, *shift, "scale", "focal", "rms", "rms_sigma", "inliers", "points"]
-    header += [f"cov_{names[a]}_{names[b]}" for a, b in pairs]
+    header += covariance_columns(names)
     write_table(path, header, ([motion, *_row(pose, pairs)] for motion, pose in known))
+
+
+def upper_triangle(size: int) -> list[tuple[int, int]]:
+    """Rows and columns of a covariance as files have it."""
+    return [(a, b) for a in range(size) for b in range(a, size)]
+
+
+def covariance_columns(names: Sequence[str]) -> list[str]:
+    """Columns of the covariance of parameters of these names."""
+    return [f"cov_{names[a]}_{names[b]}" for a, b in upper_triangle(len(names))]
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -155,7 +164,7 @@ def _row(pose: Pose, pairs: Sequence[tuple[int, int]]) -> list[Any]:
         turn = [math.atan2(pose.R[1, 0], pose.R[0, 0])]
     counts = ["" if part is None else len(part) for part in (pose.inliers, pose.points)]
     spread = ["" if pose.covariance is None else float(pose.covariance[a, b]) for a, b in pairs]
-    numbers = ["" if value is None else value for value in (pose.focal, _finite(pose.rms), _finite(pose.rms_sigma))]
+    numbers = ["" if value is None else value for value in (pose.focal, finite(pose.rms), finite(pose.rms_sigma))]
     return [*turn, *pose.t.tolist(), pose.scale, *numbers, *counts, *spread]
 
 
@@ -166,5 +175,6 @@ def _parameters(pose: Pose) -> tuple[str, ...]:
     return names if size == len(names) else (*names, "scale" if pose.focal is None else "focal")
 
 
-def _finite(value: float | None) -> float | None:
+def finite(value: float | None) -> float | None:
+    """A number that JSON can hold, or None."""
     return float(value) if value is not None and np.isfinite(value) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.backends.strongest import Progress
@@ -175,21 +175,15 @@ class _View:
         self.centre = points.mean(axis=0)
         self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
         camera = problem.camera  # type: ignore[attr-defined]
-        rig = isinstance(camera, Rig)
-        self.cameras = [
-            (each, rotation, translation)
-            for each, rotation, translation in (
-                zip(camera.cameras, camera.rotations, camera.translations, strict=True)
-                if rig
-                else [(camera, np.eye(3), np.zeros(3))]
-            )
-        ]
-        self.rig = rig
+        self.rig = isinstance(camera, Rig)
+        self.cameras = [(camera, np.eye(3), np.zeros(3))]
+        if isinstance(camera, Rig):
+            self.cameras = list(zip(camera.cameras, camera.rotations, camera.translations, strict=True))
         self.of_rays = problem.noise_is_angular
         self.sigma = SIGMA_RADIANS if self.of_rays else SIGMA
         self.axis = np.array(getattr(problem, "vertical_world", (0.3, 1.0, 0.2)), np.float64)
         self.axis /= np.linalg.norm(self.axis)
-        self.upright = _between(self.axis, np.array(getattr(problem, "vertical_camera", self.axis), np.float64))
+        self.upright = Rotation.align_vectors(getattr(problem, "vertical_camera", self.axis), self.axis)[0].as_matrix()
         self.R, self.t = np.eye(3), np.zeros(3)
 
     def frame(self, number: int, shown: int, clutter: int) -> Any:
@@ -216,20 +210,3 @@ class _View:
         if self.of_rays:
             return target / np.linalg.norm(target, axis=1, keepdims=True)
         return (target, np.concatenate(index)) if self.rig else target
-
-
-def _between(first: Floats, second: Floats) -> Floats:
-    """A rotation that takes one direction to another."""
-    second = second / np.linalg.norm(second)
-    axis, cosine = np.cross(first, second), float(first @ second)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        return np.eye(3) if cosine > 0.0 else one_rotation_matrix(_across(first) * math.pi)
-    return one_rotation_matrix(axis / sine * math.atan2(sine, cosine))
-
-
-def _across(direction: Floats) -> Floats:
-    """A unit vector across a direction."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    across = np.cross(direction, other)
-    return np.asarray(across / np.linalg.norm(across))

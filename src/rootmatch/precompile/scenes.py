@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.problems import problem_class
 from rootmatch.problems.base import Problem
-from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation import SCENES, Scene
 
 CAMERA = Camera(1000.0, 1000.0, 320.0, 240.0)
 
@@ -34,8 +34,7 @@ class Sample:
 
 def simulated(name: str, points: int, outliers: int, **more: Any) -> Sample:
     """A scene of the paper."""
-    make = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}[name]
-    return Sample.of(make(points, outliers, 0.5, 1, **more))
+    return Sample.of(SCENES[name](points, outliers, 0.5, 1, **more))
 
 
 def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,13 +12,13 @@ from queue import Empty, SimpleQueue
 from threading import Lock
 from typing import Any
 
+from rootmatch.backends.strongest import Progress
 from rootmatch.errors import RootmatchError
 from rootmatch.jit import prebuilt
 from rootmatch.precompile.steps import STEPS
 
 MOST_WORKERS = 8
 """A worker takes 300 MB and works for a minute."""
-Progress = Callable[[int, int], None]
 
 
 def warm_up(chosen: str = "first", progress: Progress | None = None, workers: int | None = None) -> None:

@@ -65,12 +65,16 @@ def draw_poses(
 
 
 def _factor(target: Floats, poses: Sequence[Pose]) -> float:
-    """1, 2 or 5 times a power of ten, by which the longest residual is drawn as long as it may be."""
+    """The factor by which the longest residual is drawn as long as it may be."""
     longest = max(float(np.max(pose.residuals, initial=0.0)) for pose in poses)  # type: ignore[arg-type]
     extent = float(np.max(np.ptp(target, axis=0)))
     if not longest > 1e-9 * extent:
         return 1.0
-    most = LONGEST * extent / longest
+    return round_factor(LONGEST * extent / longest)
+
+
+def round_factor(most: float) -> float:
+    """1, 2 or 5 times a power of ten, not above ``most`` but where that is below 1."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(power * max(step for step in STEPS if step * power <= most * (1.0 + 1e-9)), 1.0)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rootmatch.io import pose_record
+from rootmatch.io import finite, pose_record
 
 if TYPE_CHECKING:
     from rootmatch.problems.pose_fit.pose import Pose
@@ -29,23 +28,23 @@ def match_record(match: Match) -> dict[str, Any]:
     others = match.alternative_poses if fits else [None] * len(match.alternatives)
     return {
         "assignment": match.assignment.tolist(),
-        "score": _finite(match.score),
-        "margin": _finite(match.margin),
-        "probability": _finite(match.probability),
-        "log_odds": _finite(match.log_odds),
-        "confidence": [_finite(value) for value in match.confidence.tolist()],
+        "score": finite(match.score),
+        "margin": finite(match.margin),
+        "probability": finite(match.probability),
+        "log_odds": finite(match.log_odds),
+        "confidence": [finite(value) for value in match.confidence.tolist()],
         "motion_labels": match.motion_labels.tolist(),
         "alternatives": [
-            {"assignment": other.tolist(), "score": _finite(score), "poses": _records(poses)}
+            {"assignment": other.tolist(), "score": finite(score), "poses": _records(poses)}
             for (other, score), poses in zip(match.alternatives, others, strict=True)
         ],
         "status": match.status.name.lower(),
         **({} if match.sightings is None else {"sightings": match.sightings.assignment.tolist()}),
         "converged": match.converged,
         "stopped_early": match.stopped_early,
-        "seconds": _finite(match.seconds),
+        "seconds": finite(match.seconds),
         "evaluated": int(match.evaluated),
-        "noise": _finite(match.noise) if isinstance(match.noise, int | float) else None,
+        "noise": finite(match.noise) if isinstance(match.noise, int | float) else None,
         "poses": _records(match.poses) if fits else None,
         "other_poses": [{"pose": pose_record(pose), "probability": likely} for pose, likely in match.other_poses]
         if fits
@@ -56,7 +55,3 @@ def match_record(match: Match) -> dict[str, Any]:
 def _records(poses: Sequence[Pose | None] | None) -> list[dict[str, Any] | None] | None:
     """Records of poses, None if there are none."""
     return None if poses is None else [None if pose is None else pose_record(pose) for pose in poses]
-
-
-def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None

@@ -29,6 +29,7 @@ from rootmatch.report.picture_axes import (
     view_near_camera,
 )
 from rootmatch.report.point_labels import draw_labels
+from rootmatch.report.text import point_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -176,8 +177,8 @@ def match_figure(
             right, source=source, target=target, match=match, poses=poses, colours=COLOURS, camera=camera
         )
     handles += _draw_unmatched((left, right), (source[match < 0], _unmatched_targets(target, match)), titles)
-    draw_labels(left, flat, _names(source_names, len(source)), towards=-1.0)
-    draw_labels(right, flat_target, _names(target_names, len(target)), towards=1.0)
+    draw_labels(left, flat, point_names(source_names, len(source)), towards=-1.0)
+    draw_labels(right, flat_target, point_names(target_names, len(target)), towards=1.0)
     figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 6), fontsize=9, frameon=False)
     return figure
 
@@ -190,10 +191,6 @@ def _check_shapes(source: Floats, target: Floats, match: Integers, labels: Integ
             raise InputError(f"picture: {name} of shape {array.shape} given, ({len(source)},) expected")
     if match.max(initial=-1) >= len(target):
         raise InputError(f"picture: the assignment names target {match.max()}, but there are {len(target)}")
-
-
-def _names(names: Sequence[str] | None, count: int) -> Sequence[str]:
-    return [str(index) for index in range(count)] if names is None else names
 
 
 def _pixels(photo: Path) -> Floats:

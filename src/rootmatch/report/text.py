@@ -22,6 +22,11 @@ NAMES_SHOWN = 40
 """Unmatched points listed by name; the rest are counted."""
 
 
+def point_names(names: Sequence[str] | None, count: int) -> list[str]:
+    """Names of points; by default their zero-based row numbers."""
+    return [str(name) for name in (range(count) if names is None else names)]
+
+
 def match_weights(match: Match) -> NDArray[np.float64]:
     """Weight (n,) of each source point's match in the soft assignment, 0 where unmatched."""
     matched = match.assignment >= 0
@@ -83,8 +88,8 @@ def print_match(
     estimated : bool
         Whether σ was estimated; if so it is printed.
     """
-    sources = source_names or [str(row) for row in range(match.soft_assignment.shape[0])]
-    targets = target_names or [str(row) for row in range(match.soft_assignment.shape[1])]
+    sources = point_names(source_names, match.soft_assignment.shape[0])
+    targets = point_names(target_names, match.soft_assignment.shape[1])
     console.print(_table(match, sources, targets, truth))
     unmatched_sources = [sources[i] for i in np.flatnonzero(match.assignment < 0).tolist()]
     unmatched_targets = [targets[j] for j in np.setdiff1d(np.arange(len(targets)), match.assignment).tolist()]

@@ -10,6 +10,6 @@ ten times the noise at σ = 0.1, and five outliers are the first five of ten.
 """
 
 from rootmatch.simulation.ingredients import FOCAL, HEIGHT, WIDTH
-from rootmatch.simulation.scenes import Scene, p3p_scene, three_plus_one_scene, up2p_scene
+from rootmatch.simulation.scenes import SCENES, Scene, p3p_scene, three_plus_one_scene, up2p_scene
 
-__all__ = ["FOCAL", "HEIGHT", "WIDTH", "Scene", "p3p_scene", "three_plus_one_scene", "up2p_scene"]
+__all__ = ["FOCAL", "HEIGHT", "SCENES", "WIDTH", "Scene", "p3p_scene", "three_plus_one_scene", "up2p_scene"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,34 @@ TRIES = 100
 """Draws of outliers, of which those count that the camera shows."""
 MOST = 10_000_000
 """Points, or outliers, of a scene: gigabytes. A round value."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How much there is in a scene, as `rootmatch.simulation.p3p_scene` has it."""
+
+    n: int
+    outliers: int
+    noise: float
+    seed: int
+    hidden: int
+
+    def check(self, motions: int = 1) -> None:
+        """Refuse counts, noise or a seed out of range."""
+        given = (("n", self.n, 1), ("outliers", self.outliers, 0), ("seed", self.seed, 0), ("motions", motions, 1))
+        for name, value, least in (*given, ("hidden", self.hidden, 0)):
+            if int(value) != value or value < least:
+                raise InputError(
+                    f"{name} is {value!r}; expected a whole number of at least {least}: give such a number"
+                )
+            if name != "seed" and value > MOST:
+                raise InputError(f"{name} is {value}; expected {MOST:,} at the most: give a smaller number")
+        if motions > self.n:
+            raise InputError(
+                f"{motions} motions for {self.n} points; expected at least one point per motion: give fewer motions"
+            )
+        if not (np.isfinite(self.noise) and self.noise >= 0.0):
+            raise InputError(f"noise is {self.noise!r}; expected a finite σ ≥ 0 in pixels: give such a number")
 
 
 class Streams:
@@ -58,13 +87,13 @@ def image_of(
     camera: CameraModel,
     points: Floats,
     motions: Integers,
-    poses: tuple[Pose, ...] | list[Pose],
+    poses: tuple[Pose, ...],
     streams: Streams,
-    outliers: int,
-    noise: float,
+    *,
+    counts: Counts,
 ) -> tuple[Floats, Integers]:
     """Shuffled noisy image points (n', 2) of the visible points and the outliers, and the truth (n + hidden,)."""
-    visible = np.flatnonzero(motions >= 0)
+    visible, outliers, noise = np.flatnonzero(motions >= 0), counts.outliers, counts.noise
     moved = np.stack([poses[motions[i]][0] @ points[i] + poses[motions[i]][1] for i in visible])
     image = detected_at(camera, moved, noise * streams["noise"].standard_normal((len(visible), 2)))
     clutter = clutter_in(camera, streams["outliers"], outliers)
@@ -129,24 +158,3 @@ def horizontal(rng: np.random.Generator) -> Floats:
     """Unit vector uniform on the circle y = 0."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
-
-
-def check_counts(n: int, outliers: int, noise: float, seed: int, motions: int, hidden: int) -> None:
-    """Refuse counts, noise or a seed out of range."""
-    for name, value, least in (
-        ("n", n, 1),
-        ("outliers", outliers, 0),
-        ("seed", seed, 0),
-        ("motions", motions, 1),
-        ("hidden", hidden, 0),
-    ):
-        if int(value) != value or value < least:
-            raise InputError(f"{name} is {value!r}; expected a whole number of at least {least}: give such a number")
-        if name != "seed" and value > MOST:
-            raise InputError(f"{name} is {value}; expected {MOST:,} at the most: give a smaller number")
-    if motions > n:
-        raise InputError(
-            f"{motions} motions for {n} points; expected at least one point per motion: give fewer motions"
-        )
-    if not (np.isfinite(noise) and noise >= 0.0):
-        raise InputError(f"noise is {noise!r}; expected a finite σ ≥ 0 in pixels: give such a number")

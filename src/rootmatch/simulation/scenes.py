@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,8 @@ from rootmatch.simulation.ingredients import (
     CAMERA_RADIUS,
     CUBE_SIDE,
     DOWN,
+    Counts,
     Streams,
-    check_counts,
     detected_at,
     horizontal,
     image_of,
@@ -28,6 +29,9 @@ from rootmatch.simulation.ingredients import (
 if TYPE_CHECKING:
     from rootmatch.cameras.base import CameraModel
     from rootmatch.problems.base import Problem
+    from rootmatch.problems.p3p.problem import P3P
+    from rootmatch.problems.three_plus_one.problem import ThreePlusOne
+    from rootmatch.problems.up2p.problem import UP2P
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -125,24 +129,14 @@ def p3p_scene(
     """
     from rootmatch.problems.p3p.problem import P3P
 
-    check_counts(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
+    counts = Counts(n, outliers, noise, seed, hidden)
+    counts.check(motions)
     streams, camera = Streams(seed), camera or paper_camera()
     rng = streams["camera"]
     pose = look_at_origin(CAMERA_RADIUS * unit(rng), roll=rng.uniform(0.0, 2.0 * np.pi))
     rng = streams["motions"]
     moves = [(np.eye(3), np.zeros(3))] + [(random_rotation(rng), unit(rng)) for _ in range(motions - 1)]
-    return _absolute(
-        problem=P3P(camera),
-        camera=camera,
-        pose=pose,
-        moves=moves,
-        streams=streams,
-        n=n,
-        outliers=outliers,
-        noise=noise,
-        seed=seed,
-        hidden=hidden,
-    )
+    return _absolute(P3P(camera), pose, moves, streams, counts)
 
 
 def up2p_scene(
@@ -161,7 +155,8 @@ def up2p_scene(
     """
     from rootmatch.problems.up2p.problem import UP2P
 
-    check_counts(n=n, outliers=outliers, noise=noise, seed=seed, motions=motions, hidden=hidden)
+    counts = Counts(n, outliers, noise, seed, hidden)
+    counts.check(motions)
     streams, camera = Streams(seed), camera or paper_camera()
     pose = look_at_origin(CAMERA_RADIUS * horizontal(streams["camera"]))
     rng = streams["motions"]
@@ -169,19 +164,7 @@ def up2p_scene(
     for _ in range(motions - 1):
         angle = rng.uniform(0.0, 2.0 * np.pi)
         moves.append((rotation_about_y(np.cos(angle), np.sin(angle)), unit(rng)))
-    problem = UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN)
-    return _absolute(
-        problem=problem,
-        camera=camera,
-        pose=pose,
-        moves=moves,
-        streams=streams,
-        n=n,
-        outliers=outliers,
-        noise=noise,
-        seed=seed,
-        hidden=hidden,
-    )
+    return _absolute(UP2P(camera, vertical_camera=DOWN, vertical_world=DOWN), pose, moves, streams, counts)
 
 
 def three_plus_one_scene(
@@ -205,7 +188,8 @@ def three_plus_one_scene(
     """
     from rootmatch.problems.three_plus_one.problem import ThreePlusOne
 
-    check_counts(n=n, outliers=outliers, noise=noise, seed=seed, motions=1, hidden=hidden)
+    counts = Counts(n, outliers, noise, seed, hidden)
+    counts.check()
     limit = CAMERA_RADIUS - CUBE_SIDE / np.sqrt(2.0)
     if not 0.0 < baseline < limit:
         raise InputError(f"baseline is {baseline!r}; expected a length between 0 and {limit:.2f}: give such a number")
@@ -218,53 +202,44 @@ def three_plus_one_scene(
     points = world @ R1.T + t1
     relative = R2 @ R1.T, t2 - R2 @ R1.T @ t1
     source = detected_at(camera, points, noise * streams["source noise"].standard_normal((n + hidden, 2)))
-    target, truth = image_of(
-        camera=camera, points=points, motions=motions, poses=[relative], streams=streams, outliers=outliers, noise=noise
-    )
     problem = ThreePlusOne(camera, camera, axis=DOWN, axis2=DOWN)
-    return Scene(
-        problem=problem,
-        source=source,
-        target=target,
-        truth=truth,
-        motions=motions,
-        noise=noise,
-        poses=(relative,),
-        cameras=(camera, camera),
-        points=points,
-        seed=seed,
-    )
+    return _scene(problem, points, motions, (relative,), streams, counts=counts, source=source)
 
 
-def _absolute(
-    problem: Problem,
-    camera: CameraModel,
-    pose: Pose,
-    moves: list[Pose],
-    streams: Streams,
-    n: int,
-    outliers: int,
-    noise: float,
-    seed: int,
-    hidden: int,
-) -> Scene:
+def _absolute(problem: P3P | UP2P, pose: Pose, moves: list[Pose], streams: Streams, counts: Counts) -> Scene:
     """Scene of 3D points: each group moved by one of ``moves``, then imaged by the camera at ``pose``."""
-    labels = np.arange(n) * len(moves) // n
-    points, motions = points_of(streams, n, hidden, labels)
+    points, motions = points_of(streams, counts.n, counts.hidden, np.arange(counts.n) * len(moves) // counts.n)
     R, t = pose
     poses = tuple((R @ rotation, R @ translation + t) for rotation, translation in moves)
-    target, truth = image_of(
-        camera=camera, points=points, motions=motions, poses=poses, streams=streams, outliers=outliers, noise=noise
-    )
+    return _scene(problem, points, motions, poses, streams, counts=counts)
+
+
+def _scene(
+    problem: P3P | UP2P | ThreePlusOne,
+    points: Floats,
+    motions: Integers,
+    poses: tuple[Pose, ...],
+    streams: Streams,
+    *,
+    counts: Counts,
+    source: Floats | None = None,
+) -> Scene:
+    """Scene of the image of points by the problem's camera; ``source`` where that is the image of another one."""
+    cameras = (problem.camera,) if source is None else (problem.camera, problem.camera)
+    target, truth = image_of(problem.camera, points, motions, poses, streams, counts=counts)
     return Scene(
         problem=problem,
-        source=points,
+        source=points if source is None else source,
         target=target,
         truth=truth,
         motions=motions,
-        noise=noise,
+        noise=counts.noise,
         poses=poses,
-        cameras=(camera,),
+        cameras=cameras,
         points=points,
-        seed=seed,
+        seed=counts.seed,
     )
+
+
+SCENES: dict[str, Callable[..., Scene]] = {"p3p": p3p_scene, "up2p": up2p_scene, "3p1": three_plus_one_scene}
+"""The paper's scenes by the names of their problems."""

@@ -12,6 +12,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.values import said_of
 
 NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -47,9 +48,7 @@ def read_colmap_text(path: Path, text: str) -> dict[str, Camera]:
         try:
             values = [float(cell) for cell in cells[4:]]
         except ValueError:
-            raise InputError(
-                f"{where}: parameters that are not numbers; give CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
-            ) from None
+            raise InputError(f"{where}: parameters that are not numbers; give {LINE}") from None
         found[cells[0]] = colmap_camera(where, cells[1], values)
     if not found:
         raise InputError(f"{path}: no camera; give COLMAP's cameras.txt")
@@ -92,7 +91,7 @@ def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
     InputError
         If the model is unknown, or its parameters are not valid.
     """
-    try:
+    with said_of(where):
         if model in COUNTS and len(values) != COUNTS[model]:
             raise InputError(f"camera: {len(values)} parameters given, and {model} has {COUNTS[model]}; give that many")
         if not all(math.isfinite(value) for value in values):
@@ -107,8 +106,6 @@ def colmap_camera(where: str, model: str, values: list[float]) -> Camera:
         fx, fy = values[0], values[focals - 1]
         cx, cy, *rest = values[focals:]
         return Camera(fx, fy, cx, cy, _lens(model, rest))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def _lens(model: str, rest: list[float]) -> Lens | None:

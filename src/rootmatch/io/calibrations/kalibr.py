@@ -11,7 +11,7 @@ from rootmatch.cameras.kannala_brandt import KannalaBrandt
 from rootmatch.cameras.lens import Lens
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import numbers
+from rootmatch.io.calibrations.values import numbers, said_of
 
 COUNTS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
 """Coefficients of each distortion model."""
@@ -46,11 +46,9 @@ def read_kalibr(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
             raise InputError(f"{where}: {len(intrinsics)} intrinsics given; give fx, fy, cx and cy")
         if len(values) != COUNTS[model]:
             raise InputError(f"{where}: {len(values)} distortion_coeffs given, and {model} has {COUNTS[model]}")
-        try:
+        with said_of(where):
             fx, fy, cx, cy = intrinsics
             found[str(name)] = Camera(fx, fy, cx, cy, _lens(str(model), tuple(values)))
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
     return found
 
 

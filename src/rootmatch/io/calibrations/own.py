@@ -17,7 +17,7 @@ from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.unit_rays import UnitRays
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import matrix, numbers
+from rootmatch.io.calibrations.values import matrix, numbers, said_of
 from rootmatch.problems.derived.measurements import Bearings
 
 NUMBERS = ("fx", "fy", "cx", "cy")
@@ -64,7 +64,7 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
         near = difflib.get_close_matches(key[:40], [name for name in known if name not in LOOSE], n=1, cutoff=0.7)
         if near and key.lower() not in known and key not in known:
             raise InputError(f"{path}: {quoted(key)} is unknown; did you mean {near[0]!r}? Rename it, or leave it out")
-    try:
+    with said_of(path):
         if "K" in content:
             pinhole = Camera.from_matrix(_square(path, content["K"]))
         else:
@@ -73,8 +73,6 @@ def camera_of(path: Path, content: Any, more: Sequence[str]) -> CameraModel:
                 raise InputError(f"{missing[0]} is missing; give fx, fy, cx and cy in pixels, or the matrix K")
             pinhole = Camera(*(content[name] for name in NUMBERS))
         return _with_lens(path, pinhole, content)
-    except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _rig(path: Path, views: Any) -> Rig:
@@ -92,10 +90,8 @@ def _rig(path: Path, views: Any) -> Rig:
         place = matrix(path, "R", view["R"]), numbers(path, "t", view["t"])
         cameras.append((camera_of(path, rest, ()), *place))
     sizes = [[view[key] for key in SIZE if key in view] for view in views]
-    try:
+    with said_of(path):
         return Rig(cameras, sizes if any(sizes) else None)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _square(path: Path, value: Any) -> list[list[float]]:

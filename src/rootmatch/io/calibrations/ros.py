@@ -7,7 +7,7 @@ from typing import Any
 
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.errors import InputError, quoted
-from rootmatch.io.calibrations.values import matrix, numbers
+from rootmatch.io.calibrations.values import matrix, numbers, said_of
 
 COUNTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
 """Coefficients of each distortion model."""
@@ -35,11 +35,7 @@ def read_ros(path: Path, content: dict[str, Any]) -> dict[str, Camera]:
     values = [] if dist is None else numbers(path, dist, content[dist])
     if model in COUNTS and values and len(values) != COUNTS[model]:
         raise InputError(f"{path}: {dist} has {len(values)} numbers, and {model} has {COUNTS[model]}; give that many")
-    try:
-        if model in ("equidistant", "fisheye"):
-            camera = Camera.from_opencv_fisheye(K, values)
-        else:
-            camera = Camera.from_opencv(K, values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    with said_of(path):
+        fisheye = model in ("equidistant", "fisheye")
+        camera = Camera.from_opencv_fisheye(K, values) if fisheye else Camera.from_opencv(K, values)
     return {str(content.get("camera_name") or "camera")[:80]: camera}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +15,15 @@ LARGEST = 10_000_000
 """Maximum size of a calibration file in bytes."""
 
 T = TypeVar("T")
+
+
+@contextmanager
+def said_of(where: object) -> Iterator[None]:
+    """Errors of a block as those of a file, or of a place in it."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {str(error).removeprefix(f'{where}: ')}") from None
 
 
 def parsed(path: Path, kind: str, parse: Callable[[], T]) -> T:

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.errors import InputError
+from rootmatch.io import finite
 from rootmatch.problems.pose_fit.pose import Pose
+from rootmatch.report.drawn_poses import round_factor
 from rootmatch.report.html.camera_view import camera_view
-from rootmatch.report.text import match_weights, summary, weight
+from rootmatch.report.text import match_weights, point_names, summary, weight
 
 if TYPE_CHECKING:
     from rootmatch.result import Match
@@ -51,7 +53,7 @@ def report_content(
     truth = labels[0].truth if len(matches) == 1 else None
     return {
         "source": first.source.tolist(),
-        "sourceNames": _names(labels[0].source, len(first.source)),
+        "sourceNames": point_names(labels[0].source, len(first.source)),
         "sourceSide": _side(first.source, _source_title(first), _is_two_images(first)),
         "frames": frames,
         "truth": None if truth is None else truth.tolist(),
@@ -102,7 +104,7 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
         side["photo"], side["photoSize"] = _embedded(photo)
         side["extent"] = _joined(side["extent"], [-0.5, -0.5, side["photoSize"][0] - 0.5, side["photoSize"][1] - 0.5])
     fits = match.problem.least_for_pose > 0
-    named = _names(labels.source, len(match.source)), _names(labels.target, len(match.target))
+    named = point_names(labels.source, len(match.source)), point_names(labels.target, len(match.target))
     views = [_view(match, match.assignment, match.poses if fits else [], "best", probability=match.probability)]
     for rank, (pose, likely) in enumerate(match.other_poses, start=1):
         shown, title = "Differs in its pose alone", f"other pose {rank}"
@@ -172,14 +174,12 @@ def _view(
     confidence = getattr(match, "confidence", None)
     return {
         "title": title,
-        "probability": _finite(probability),
+        "probability": finite(probability),
         "differs": differs,
         "assignment": assignment.tolist(),
         "motions": motions.tolist(),
         "weights": np.nan_to_num(weights / max(float(weights.max(initial=0.0)), 1e-300)).tolist(),
-        "confidence": None
-        if confidence is None or title != "best"
-        else [_finite(float(value)) for value in confidence],
+        "confidence": None if confidence is None or title != "best" else [finite(float(value)) for value in confidence],
         "residuals": residuals,
         "predicted": predicted,
         "dimensions": 1 if _is_two_images(match) else match.target.shape[1],
@@ -311,20 +311,10 @@ def _scale(frames: Sequence[dict[str, Any]]) -> int:
         if longest > 0.0:
             points = np.array(target)
             ratios.append(DRAWN * float(np.ptp(points, axis=0).max()) / longest)
-    wanted = min(max(float(np.median(ratios)) if ratios else 1.0, 1.0), 1e6)
-    power = 10 ** math.floor(math.log10(wanted))
-    return int(power * max(step for step in (1, 2, 5) if step * power <= wanted))
+    return int(round_factor(min(float(np.median(ratios)) if ratios else 1.0, 1e6)))
 
 
 def _difference(other: Integers, best: Integers, source: Sequence[str], target: Sequence[str]) -> str:
     changed = np.flatnonzero(other != best).tolist()
     parts = [f"{source[i]} → {target[other[i]] if other[i] >= 0 else 'unmatched'}" for i in changed[:40]]
     return ", ".join(parts) + (f" and {len(changed) - 40} more" if len(changed) > 40 else "") + "."
-
-
-def _names(names: Sequence[str] | None, count: int) -> list[str]:
-    return [str(row) for row in range(count)] if names is None else [str(name) for name in names]
-
-
-def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None

@@ -1,5 +1,0 @@
-"""Speed and memory on this machine: kernels, contraction and whole matches, for ``rootmatch benchmark``."""
-
-from rootmatch.benchmark.run import NOTE, Plan, Results, run
-
-__all__ = ["NOTE", "Plan", "Results", "run"]

@@ -1,1 +1,0 @@
-"""The paper's experiments: what is run, where its results are kept, and what they say."""

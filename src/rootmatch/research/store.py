@@ -1,0 +1,260 @@
+"""Results in SQLite: one row an instance, setting, method and sample size; written as they come."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rootmatch._version import __version__
+from rootmatch.errors import InputError
+from rootmatch.research.paper.settings import Method, Setting
+
+SCHEMA_VERSION = 1
+WAITS = 60.0
+"""Seconds for which a run waits for another one that is writing."""
+
+_SCHEMA = """
+CREATE TABLE settings (
+    id INTEGER PRIMARY KEY, problem TEXT NOT NULL, outliers INTEGER NOT NULL, noise REAL NOT NULL,
+    baseline REAL NOT NULL, motions INTEGER NOT NULL, UNIQUE (problem, outliers, noise, baseline, motions));
+CREATE TABLE methods (
+    id INTEGER PRIMARY KEY, residual TEXT NOT NULL, solver TEXT NOT NULL, rho REAL NOT NULL,
+    UNIQUE (residual, solver, rho));
+CREATE TABLE versions (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
+CREATE TABLE results (
+    setting INTEGER NOT NULL REFERENCES settings, method INTEGER NOT NULL REFERENCES methods,
+    seed INTEGER NOT NULL, samples INTEGER NOT NULL,
+    accuracy REAL NOT NULL, score REAL NOT NULL, hyperedges INTEGER NOT NULL,
+    iterations INTEGER NOT NULL, converged INTEGER NOT NULL, versions INTEGER NOT NULL REFERENCES versions,
+    PRIMARY KEY (setting, method, seed, samples)) WITHOUT ROWID;
+CREATE TABLE work (seconds REAL NOT NULL, settings INTEGER NOT NULL, finished TEXT DEFAULT CURRENT_TIMESTAMP);
+CREATE VIEW rows AS
+    SELECT problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples,
+           accuracy, score, hyperedges, iterations, converged, text AS versions
+    FROM results JOIN settings ON settings.id = setting JOIN methods ON methods.id = method
+         JOIN versions ON versions.id = results.versions;
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One result.
+
+    Attributes
+    ----------
+    setting, method : Setting, Method
+    seed : int
+        Of the scene; the stream of hyper-edges and the solver have the same one.
+    samples : int
+        Hyper-edges drawn.
+    accuracy : float
+        Right matches over the number of points, 0 to 1.
+    score : float
+        Objective that the solver reached.
+    hyperedges : int
+        Different hyper-edges of weight above 10⁻¹² among those drawn.
+    iterations, converged : int, bool
+        How the solver went.
+    """
+
+    setting: Setting
+    method: Method
+    seed: int
+    samples: int
+    accuracy: float
+    score: float
+    hyperedges: int
+    iterations: int
+    converged: bool
+
+
+def versions_in_use() -> str:
+    """Versions and kind of processor, which may change a result, as JSON text."""
+    names = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    return json.dumps(
+        {"rootmatch": __version__, "python": platform.python_version(), **names, "machine": platform.machine()}
+    )
+
+
+class Store:
+    """The results of a sweep in one SQLite file, which any number of runs may extend.
+
+    Write-ahead logging and one transaction for each batch of rows: whatever stops the process, the file holds whole
+    batches only.
+
+    Parameters
+    ----------
+    path : Path
+        Made, with its folder, when absent.
+
+    Raises
+    ------
+    InputError
+        If the file is no such store, damaged, locked, or one of another layout; later, where it cannot be written any
+        more, as on a full disk. What was written before is kept.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path.parent}: cannot be made ({error.strerror}); name another output folder") from None
+        # Transactions are begun and ended here by hand, not by the module.
+        with self._said():
+            self._connection = sqlite3.connect(path, timeout=WAITS, isolation_level=None)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        """Lay out a new file, or make sure that an old one is whole and of this layout."""
+        with self._said():
+            # before anything is written: a database of somebody else is left as it is
+            tables = self._connection.execute("SELECT 1 FROM sqlite_master").fetchone()
+            (found,) = self._connection.execute("PRAGMA user_version").fetchone()
+            if found == 0 and tables:
+                raise InputError(f"{self.path}: not a store of results, but another database; name another folder")
+            if found not in (0, SCHEMA_VERSION):
+                raise InputError(
+                    f"{self.path}: layout {found}, expected {SCHEMA_VERSION}; name another output folder, or go on "
+                    "with the version of rootmatch that made it"
+                )
+            for (line,) in self._connection.execute("PRAGMA quick_check(1)"):
+                if line != "ok":
+                    raise sqlite3.DatabaseError(str(line))
+            self._connection.execute("PRAGMA journal_mode=WAL")
+            self._connection.execute("PRAGMA synchronous=NORMAL")
+            with self._transaction():
+                # another run may have laid it out in the meantime
+                (found,) = self._connection.execute("PRAGMA user_version").fetchone()
+                if found == 0:
+                    for statement in _SCHEMA.split(";\n"):
+                        self._connection.execute(statement)
+                    self._connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with self._said():
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:  # a full disk may have ended it
+                    self._connection.execute("ROLLBACK")
+                raise
+
+    @contextmanager
+    def _said(self) -> Iterator[None]:
+        """Errors of SQLite as one line that says what to do."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            text = str(error)
+            if "locked" in text:
+                text = f"another program has held it for {WAITS:g} s; end that one"
+            elif "full" in text or "disk I/O" in text:
+                text = f"{text}; free some space; finished work is kept and the same command continues"
+            else:
+                text = f"{text}; check its permissions, or name another output folder"
+            raise InputError(f"{self.path}: cannot be used: {text}") from None
+        except sqlite3.DatabaseError as error:
+            raise InputError(
+                f"{self.path}: damaged, or not a store of results ({error}); move it away, or name another folder"
+            ) from None
+
+    def _fetched(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
+        """The lines of a query."""
+        with self._said():
+            return self._connection.execute(query, values).fetchall()
+
+    def _id(self, table: str, columns: tuple[str, ...], values: tuple[object, ...]) -> int:
+        """Number of a line of a table, added when absent."""
+        where = " AND ".join(f"{column} = ?" for column in columns)
+        found = self._connection.execute(f"SELECT id FROM {table} WHERE {where}", values).fetchone()
+        if found is None:
+            marks = ", ".join("?" * len(values))
+            cursor = self._connection.execute(f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})", values)
+            return int(cursor.lastrowid or 0)
+        return int(found[0])
+
+    def add(self, rows: Iterable[Row], versions: str, seconds: float = 0.0) -> None:
+        """Write rows in one transaction; those that are there already stay as they are.
+
+        ``seconds`` is the time that it took to work them out; it is kept apart, as it differs from run to run.
+        """
+        with self._transaction():
+            version_id = self._id("versions", ("text",), (versions,))
+            numbers: dict[Setting | Method, int] = {}
+            records = []
+            for row in rows:
+                s, m = row.setting, row.method
+                if s not in numbers:
+                    columns = ("problem", "outliers", "noise", "baseline", "motions")
+                    numbers[s] = self._id("settings", columns, astuple(s))
+                if m not in numbers:
+                    numbers[m] = self._id("methods", ("residual", "solver", "rho"), astuple(m))
+                figures = (row.accuracy, row.score, row.hyperedges, row.iterations, int(row.converged))
+                records.append((numbers[s], numbers[m], row.seed, row.samples, *figures, version_id))
+            self._connection.executemany("INSERT OR IGNORE INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", records)
+            count = len({record[0] for record in records})
+            self._connection.execute("INSERT INTO work (seconds, settings) VALUES (?, ?)", (seconds, count))
+
+    def done(self) -> dict[tuple[Setting, Method, int], set[int]]:
+        """The sample sizes that are there, for each setting, method and seed."""
+        there: dict[tuple[Setting, Method, int], set[int]] = {}
+        settings = {i: Setting(*rest) for i, *rest in self._fetched("SELECT * FROM settings")}
+        methods = {i: Method(*rest) for i, *rest in self._fetched("SELECT * FROM methods")}
+        for s, m, seed, samples in self._fetched("SELECT setting, method, seed, samples FROM results"):
+            there.setdefault((settings[s], methods[m], seed), set()).add(samples)
+        return there
+
+    def rows(self) -> list[tuple[object, ...]]:
+        """All rows of the view ``rows``, in an order that does not depend on when they were written."""
+        key = "problem, outliers, noise, baseline, motions, residual, solver, rho, seed, samples"
+        return self._fetched(f"SELECT * FROM rows ORDER BY {key}")
+
+    def accuracies(self, setting: Setting, method: Method, seeds: range) -> dict[int, dict[int, float]]:
+        """Accuracy by sample size and seed."""
+        found: dict[int, dict[int, float]] = {}
+        query = """
+            SELECT samples, seed, accuracy FROM results
+            JOIN settings ON settings.id = setting JOIN methods ON methods.id = method
+            WHERE problem = ? AND outliers = ? AND noise = ? AND baseline = ? AND motions = ?
+              AND residual = ? AND solver = ? AND rho = ? AND seed >= ? AND seed < ? ORDER BY samples, seed"""
+        values = (*astuple(setting), *astuple(method), seeds.start, seeds.stop)
+        for samples, seed, accuracy in self._fetched(query, values):
+            found.setdefault(samples, {})[seed] = accuracy
+        return found
+
+    def versions(self) -> list[str]:
+        """The versions under which the rows were worked out."""
+        return [text for (text,) in self._fetched("SELECT text FROM versions ORDER BY id")]
+
+    def seconds(self) -> float:
+        """Processor time spent on all the rows, over all runs."""
+        ((total,),) = self._fetched("SELECT COALESCE(SUM(seconds), 0) FROM work")
+        return float(total)

@@ -1,0 +1,166 @@
+"""Runs units of work on this machine's processors or on a cluster, and writes their rows as they come."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import islice
+from typing import Any
+
+import joblib
+
+from rootmatch.backends.dask import connected
+from rootmatch.backends.worker_lifetime import end_with
+from rootmatch.errors import InputError, RootmatchError
+from rootmatch.research.paper.settings import Method, Setting
+from rootmatch.research.paper.work_unit import Task, Unit, evaluate
+from rootmatch.research.progress import Progress
+from rootmatch.research.store import Row, Store, versions_in_use
+
+Plan = dict[Setting, tuple[tuple[Method, tuple[int, ...]], ...]]
+"""What is to be tried on each setting: methods, each with its sample sizes."""
+
+Evaluate = Callable[[Unit], list[Row]]
+
+IN_FLIGHT = 2
+"""Units sent ahead to each thread of a cluster, so that none waits for the next."""
+
+
+MOST_JOBS = 1024
+"""Processes on one machine; each takes 200 MB."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of a worker."""
+
+    rows: list[Row]
+    seconds: float
+    versions: str
+
+
+def units(plan: Plan, seeds: Iterable[int], store: Store) -> list[Unit]:
+    """The units that are not in the store yet, seed after seed.
+
+    Settings with the same problem and number of outliers have the same stream of hyper-edges and go together. A method
+    of which any sample size is missing is run again as a whole.
+    """
+    there = store.done()
+    families: dict[tuple[str, int], list[Setting]] = {}
+    for setting in plan:
+        families.setdefault((setting.problem, setting.outliers), []).append(setting)
+    found = []
+    for seed in seeds:
+        for family in families.values():
+            tasks = []
+            for setting in family:
+                missing = tuple(
+                    (method, sizes)
+                    for method, sizes in plan[setting]
+                    if not set(sizes) <= there.get((setting, method, seed), set())
+                )
+                if missing:
+                    tasks.append(Task(setting, missing))
+            if tasks:
+                found.append(Unit(seed, tuple(tasks)))
+    return found
+
+
+def run(
+    work: list[Unit],
+    store: Store,
+    *,
+    jobs: int = -1,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    function: Evaluate = evaluate,
+) -> None:
+    """Work out units and write the rows of each in one transaction as soon as it is done.
+
+    Parameters
+    ----------
+    work : list of Unit
+    store : Store
+    jobs : int
+        Processes on this machine; −1 for one a processor. Not used with a scheduler.
+    scheduler : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``; its workers need this package in this version.
+    progress : Progress, optional
+        Told of every unit.
+    function : callable
+        Works out a unit; another one in tests.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed or the scheduler does not answer.
+    RootmatchError
+        If a worker dies; what is done is kept.
+    """
+    if not work:
+        return
+    results = _on_cluster(work, scheduler, function) if scheduler else _here(work, jobs, function)
+    for result in results:
+        store.add(result.rows, result.versions, result.seconds)
+        if progress is not None:
+            progress.advance(len(result.rows))
+
+
+def check_jobs(jobs: int) -> None:
+    """Refuse an impossible number of processes."""
+    if jobs == 0 or abs(jobs) > MOST_JOBS:
+        raise InputError(f"jobs: {jobs} given; give a number of processes, or -1 for one per processor")
+
+
+def _timed(function: Evaluate, unit: Unit, parent: int | None = None) -> Result:
+    if parent is not None:
+        end_with(parent)
+    start = time.process_time()
+    rows = function(unit)
+    return Result(rows, time.process_time() - start, versions_in_use())
+
+
+def _here(work: list[Unit], jobs: int, function: Evaluate) -> Iterator[Result]:
+    check_jobs(jobs)
+    # One unit a batch: a batch comes back as a whole, and what is in flight is what a kill loses.
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+    with warnings.catch_warnings():
+        # A worker that has grown by 300 MB, as the compiler makes it, is replaced once it is idle; nothing is lost.
+        warnings.filterwarnings("ignore", message="A worker stopped while some jobs were given to the executor")
+        try:
+            yield from parallel(joblib.delayed(_timed)(function, unit, os.getpid()) for unit in work)
+        except BrokenProcessPool:
+            raise RootmatchError(
+                "a worker process died, perhaps for lack of memory; finished work is kept: run the same command again, "
+                "with fewer --jobs if necessary"
+            ) from None
+
+
+def _on_cluster(work: list[Unit], scheduler: str, function: Evaluate) -> Iterator[Result]:
+    with connected(scheduler) as client:
+        threads = sum(client.nthreads().values())
+        waiting = iter(work)
+
+        def send(unit: Unit) -> Any:
+            # Not pure: Dask would otherwise look the unit's result up by a hash of its input.
+            return client.submit(_timed, function, unit, pure=False)
+
+        distributed: Any = import_module("distributed")
+        finished = distributed.as_completed(
+            [send(unit) for unit in islice(waiting, IN_FLIGHT * threads)], loop=client.loop
+        )
+        for future in finished:
+            try:
+                result = future.result()
+            except RootmatchError:
+                raise
+            except Exception as error:
+                raise RootmatchError(f"scheduler: a unit failed on a worker: {error!r}") from error
+            yield result
+            for unit in islice(waiting, 1):
+                finished.add(send(unit))
