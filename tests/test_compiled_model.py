@@ -127,13 +127,14 @@ def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> 
     if cosine is None:
         return 1.0
     limit = (0.0 if view_cosine is None else view_cosine) - SLACK
-    if view_cosine is None:
-        shown = np.clip(cosine / FULLY, 0.0, 1.0)
-    else:
-        blur = np.sqrt(EDGE**2 + (1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None] ** 2)
-        with np.errstate(over="ignore"):
-            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / blur))
-    shown = np.where(cosine < limit, UNSEEN, BARELY + (1.0 - BARELY) * shown)
+    spread = np.sqrt(1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None]
+    with np.errstate(over="ignore"):
+        if view_cosine is None:
+            shown = np.clip(cosine / FULLY, 0.0, 1.0)
+        else:
+            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / np.sqrt(EDGE**2 + spread**2)))
+        barely = BARELY / (1.0 + np.exp(-LOGISTIC * (cosine - limit) / np.maximum(spread, 1e-6)))
+    shown = np.maximum(barely + (1.0 - BARELY) * shown, UNSEEN)
     return np.asarray(np.where(np.isnan(cosine), 1.0, shown))
 
 

@@ -36,6 +36,7 @@ from rootmatch.model.proposals import (
     Proposals,
     joined,
     look_alikes,
+    no_proposals,
     poses_of_few,
     poses_of_sets,
     reversed_in_depth,
@@ -94,8 +95,10 @@ class Candidate:
         proposals = proposals_of(self.task, self.model, assignments)
         several = proposals if predicted is None else joined([proposals, predicted])
         modes = modes_of(self.model, several)
-        if len(proposals.assignments) and len(modes.log_odds):
-            modes = modes_of(self.model, twins_of(self.task, self.model, modes), modes)
+        if len(modes.log_odds):
+            searched = len(proposals.assignments) > 0
+            twins = twins_of if searched else twins_about_predictions
+            modes = modes_of(self.model, twins(self.task, self.model, modes), modes)
         return replace(self, modes=modes)
 
     def reconsidered(self, modes: Modes) -> Candidate:
@@ -205,7 +208,7 @@ def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[In
     enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
     every = list({one.tobytes(): one for one in enough}.values())
     if not every:
-        return Proposals(np.empty((0, task.rows), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
+        return no_proposals(task.rows)
     rows = np.array(every)
     return joined([rough_fits(model, rows), poses_of_few(model, rows)])
 
@@ -216,6 +219,22 @@ def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposa
     parts = [reversed_in_depth(model, first), *_twins_of_few(task, model, first)]
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
+    return joined(parts)
+
+
+def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposals:
+    """Poses about one prediction in which the body looks as in its best modes, which may lie about another.
+
+    A prediction that is off by many degrees may not find what a better one of the same body has found, and would lose
+    to it for that reason alone.
+    """
+    first, prior, parts = _best(modes), model.prior, [no_proposals(task.rows)]
+    if isinstance(prior, Doubted) and len(prior.predictions) > 1:
+        for image in _symmetries(task, (False,)):
+            twins = look_alikes(first, model.points, model.points, image[None])
+            known = (twins.assignments[:, None] == modes.assignments).all(axis=2).any(axis=1)
+            twins = twins.take(~known)
+            parts.append(twins.take(prior.prediction_of(twins.rotation, twins.position) >= 0))
     return joined(parts)
 
 
@@ -237,9 +256,9 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
     return parts
 
 
-def _symmetries(task: MatchingTask) -> list[Integers]:
-    """Row of an assignment at the place of each in the near symmetries of a body."""
+def _symmetries(task: MatchingTask, mirrored: Sequence[bool] = (False, True)) -> list[Integers]:
+    """Row of an assignment at the place of each in the near symmetries of a body: motions, reflections, or both."""
     points, normals = task.points.source, task.points.normals
-    found = [*symmetries_of(points, normals), *symmetries_of(points, normals, mirrored=True)]
+    found = [one for kind in mirrored for one in symmetries_of(points, normals, mirrored=kind)]
     images = {one.image.tobytes(): one.image for one in found}.values()
     return [task.sightings_of(image) for image in images]

@@ -37,6 +37,11 @@ class Proposals(NamedTuple):
         return Proposals(self.assignments[which], self.rotation[which], self.position[which])
 
 
+def no_proposals(n: int) -> Proposals:
+    """No proposals of a body of n points."""
+    return Proposals(np.empty((0, n), np.int64), np.empty((0, 3, 3)), np.empty((0, 3)))
+
+
 def joined(parts: list[Proposals]) -> Proposals:
     """All of several proposals."""
     return Proposals(

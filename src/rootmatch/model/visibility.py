@@ -14,7 +14,8 @@ BARELY = 0.02
 """Visibility, relative to that, of a point that is only just hidden: normals are not exact. A round value."""
 SLACK = 0.15
 """Cosine beyond the view angle, or beyond a right angle, from which a point is not seen: five deviations of the
-edge, or 9° beyond the right angle. A round value."""
+edge, or 9° beyond the right angle. Like that edge it is blurred by what a pose leaves open of its direction: after an
+occlusion that is 15°, and a point that only the most probable pose hides may well be seen. A round value."""
 UNSEEN = 1e-9
 """Visibility of such a point: less than any detection is worth."""
 EDGE = 0.03

@@ -15,6 +15,10 @@ RIDGE = 1e-13
 """Added to the unit diagonal of a scaled precision, so that it has an inverse."""
 SMALL = 1e-200
 """Size below which a product of chances goes on as a logarithm."""
+LEAST_SPREAD = 1e-6
+"""Spread of a cosine below which it counts as exact."""
+MOST_BEYOND = 500.0
+"""Exponent beyond which a visibility is nothing in any case."""
 SURE = 1.0 - 1e-15
 """Visibility above which a point of a blob counts as that: its logarithm of not being seen stays finite."""
 
@@ -29,15 +33,16 @@ def shown_of(expected, cosine, view_cosine, tilt, i, out):  # type: ignore[no-un
         value = 1.0
         if cosine.shape[0] > 0 and not math.isnan(cosine[i, point]):
             c = cosine[i, point]
+            spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
             limit = -SLACK
             if view_cosine.shape[0] > 0:
                 edge = view_cosine[point]
                 limit += edge
-                blur = math.sqrt(EDGE * EDGE + (1.0 - min(c * c, 1.0)) * tilt * tilt)
-                value = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / blur))
+                value = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / math.sqrt(EDGE * EDGE + spread * spread)))
             else:
                 value = min(max(c / FULLY, 0.0), 1.0)
-            value = UNSEEN if c < limit else BARELY + (1.0 - BARELY) * value
+            beyond = min(LOGISTIC * (limit - c) / max(spread, LEAST_SPREAD), MOST_BEYOND)
+            value = max(BARELY / (1.0 + math.exp(beyond)) + (1.0 - BARELY) * value, UNSEEN)
         out[point] = expected[point] * value
 
 

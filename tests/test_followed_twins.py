@@ -1,0 +1,79 @@
+"""Poses that look the same, followed with predictions of which one is much better than the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+import rootmatch as rm
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.tracking.belief import FollowedPose
+from rootmatch.tracking.motion_filter import MotionFilter
+
+Floats = NDArray[np.float64]
+
+CAMERA = rm.Camera(800.0, 780.0, 320.0, 240.0)
+VIEW = np.radians(70.0)
+TURN = np.array([-1.0, 1.0, -1.0])
+"""Half a turn about the y axis, which maps the body onto itself."""
+
+
+def two_sides() -> tuple[Floats, Floats]:
+    """Eight points on a dome and the same on its back, with normals."""
+    side = np.random.default_rng(6).uniform(-0.3, 0.3, (8, 2))
+    front = np.column_stack([side, 0.2 - (side**2).sum(axis=1)])
+    normals = np.column_stack([4.0 * side, np.ones(8)])
+    return np.concatenate([front, front * TURN]), np.concatenate([normals, normals * TURN])
+
+
+def cosines(points: Floats, normals: Floats, R: Floats, t: Floats) -> Floats:
+    """Cosines between normals and the directions to the camera."""
+    place, normal = points @ R.T + t, normals @ R.T
+    length = np.linalg.norm(place, axis=1) * np.linalg.norm(normal, axis=1)
+    return np.asarray(-(place * normal).sum(axis=1) / length)
+
+
+def test_a_poor_prediction_does_not_lose_to_a_good_one_of_the_pose_that_looks_the_same() -> None:
+    """The right pose, 150 times as probable, is off by 15°: too far for its own prediction to find all six points."""
+    points, normals = two_sides()
+    R, t = Rotation.from_euler("xyz", [225.0, 0.0, 60.0], degrees=True).as_matrix(), np.array([0.1, 0.0, 3.0])
+    seen = np.flatnonzero(cosines(points, normals, R, t) > np.cos(VIEW))
+    rng = np.random.default_rng(1)
+    shown = CAMERA.project(points[seen] @ R.T + t) + rng.normal(0.0, 0.2, (len(seen), 2))
+    target = np.concatenate([shown, rng.uniform((0.0, 0.0), (640.0, 480.0), (5, 2))])
+    off = Rotation.from_rotvec(np.radians(15.0) * np.array([np.cos(1.0), np.sin(1.0), 0.0])).as_matrix() @ R
+    tracker = rm.Tracker(points, rm.P3P(CAMERA), noise=0.2, normals=normals, view_angle=VIEW)
+    tracker.update(np.empty((0, 2)), time=0.0)
+    poor, good = np.diag(np.repeat([0.1, 0.02], 3) ** 2), 0.02**2 * np.eye(6)
+    tracker._bodies[None].belief.poses = [
+        FollowedPose(MotionFilter(points, rm.Pose(off, t, poor), 0.0)),
+        FollowedPose(MotionFilter(points, rm.Pose(R * TURN, t, good), 0.0), -5.0),
+    ]
+    match = tracker.update(target)
+    assert match.status is rm.Status.AMBIGUOUS
+    every = [match.assignment, *(one for one, _ in match.alternatives[:2])]
+    assert any(np.array_equal(one[seen], np.arange(len(seen))) for one in every)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.05, 0.3])
+def test_visibility_is_its_mean_over_the_directions_that_a_pose_leaves_open(tilt: float) -> None:
+    """Integrated numerically: a point that only this pose hides may well be seen."""
+    points, normals = two_sides()
+    model = DetectionModel(
+        CAMERA, points, np.empty((0, 2)), np.empty(0), normals=normals, view_cosine=np.full(16, np.cos(VIEW))
+    )
+    turns = np.radians(np.linspace(100.0, 260.0, 41))
+    rotations = Rotation.from_rotvec(turns[:, None] * np.array([1.0, 0.0, 0.0])).as_matrix()
+    at = model.linearised(rotations, np.tile([0.0, 0.0, 3.0], (41, 1)))
+    assert at.cosine is not None
+    steps = np.linspace(-5.0, 5.0, 1001)
+    cosine = at.cosine[..., None] + tilt * np.sqrt(1.0 - at.cosine[..., None] ** 2) * steps
+    exact = np.where(cosine < np.cos(VIEW) - 0.15, 0.0, 0.02 + 0.98 * norm.cdf(cosine - np.cos(VIEW), scale=0.03))
+    mean = (exact * norm.pdf(steps)).sum(axis=-1) / norm.pdf(steps).sum()
+    told = model.visibility(at, np.full(41, tilt))
+    np.testing.assert_allclose(told, mean, atol=0.02)
+    likely = mean > 0.02
+    np.testing.assert_allclose(np.log(told[likely]), np.log(mean[likely]), atol=0.7)
