@@ -10,7 +10,8 @@ match is wrong, of a body in view or of one that is not. "First": right, whateve
 others are families of benchmarks/constellations.py. Scenes are found as there. Defaults were chosen on seeds below
 2000.
 
-At the end: how often matches and assignments were right, by bins of their confidence and probability.
+At the end: how often matches and assignments were right, by bins of their confidence and probability. An interval
+counts scenes, not matches: the matches of one scene share its pose, and are right or wrong together.
 """
 
 from __future__ import annotations
@@ -51,17 +52,26 @@ class Calibration:
 
     told: list[float] = field(default_factory=list)
     was: list[bool] = field(default_factory=list)
+    scene: list[int] = field(default_factory=list)
+
+    def add(self, told: list[float], was: list[bool]) -> None:
+        """Add those of one scene."""
+        self.scene += [self.scene[-1] + 1 if self.scene else 0] * len(told)
+        self.told += told
+        self.was += was
 
     def lines(self, bins: int = 10) -> Iterator[str]:
         """A row for each of some bins of equal width."""
-        told, was = np.array(self.told), np.array(self.was)
+        told, was, scene = np.array(self.told), np.array(self.was), np.array(self.scene)
         place = np.minimum((told * bins).astype(int), bins - 1)
         for k in range(bins):
             own = place == k
             if own.any():
                 share = was[own].mean()
-                half = 1.96 * np.sqrt(max(share * (1.0 - share), 0.25 / own.sum()) / own.sum())
-                yield f"| {k / bins:.1f} | {own.sum()} | {told[own].mean():.3f} | {share:.3f} ± {half:.3f} |"
+                off = np.bincount(scene[own], was[own] - share)
+                scenes = len(np.unique(scene[own]))
+                half = 1.96 * max(float(np.sqrt((off**2).sum())) / own.sum(), 0.5 / scenes)
+                yield f"| {k / bins:.1f} | {own.sum()} | {scenes} | {told[own].mean():.3f} | {share:.3f} ± {half:.3f} |"
 
 
 def few_leds(xr: ModuleType, family: str, seed: int, least: float | None) -> dict[Any, tuple[rm.Match, Integers]]:
@@ -133,17 +143,16 @@ def main() -> None:
             for label, (match, truth) in found.items():
                 count(tallies.setdefault(label, Tally()), match, truth, seed)
                 matched = match.assignment >= 0
-                of_matches.told += match.confidence[matched].tolist()
-                of_matches.was += (match.assignment == truth)[matched].tolist()
+                right = (match.assignment == truth)[matched]
+                of_matches.add(match.confidence[matched].tolist(), right.tolist())
                 if match.probability is not None and matched.any():
-                    of_assignments.told.append(match.probability)
-                    of_assignments.was.append(bool((match.assignment == truth)[matched].all()))
+                    of_assignments.add([match.probability], [bool(right.all())])
         for label, one in tallies.items():
             figures = one.scenes, one.right, one.wrong, one.ambiguous, one.first, f"{1e3 * np.median(seconds):.0f}"
             row(family, label, *figures, one.wrong_seeds)
     for name, calibration in (("confidence", of_matches), ("probability", of_assignments)):
         print()
-        head(f"{name} from", "number", "mean", "right")
+        head(f"{name} from", "number", "scenes", "mean", "right")
         print("\n".join(calibration.lines()), flush=True)
 
 

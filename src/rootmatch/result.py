@@ -171,8 +171,9 @@ class Match:
     def probability(self) -> float | None:
         """Posterior probability that the whole assignment is right.
 
-        It comes from a model of all observations, in which the object may be absent, or two views may have nothing in
-        common (docs/model.md). None if the problem fits no poses, for the paper's residuals and with several motions.
+        If the status is MATCHED and doubtful matches were left out, it is that of those that remain. It comes from a
+        model of all observations, in which the object may be absent, or two views may have nothing in common
+        (docs/model.md). None if the problem fits no poses, for the paper's residuals and with several motions.
         """
         return self._told("probability", np.prod)
 
