@@ -27,7 +27,7 @@ from rootmatch.model.evidence import about, evidence, log_detected, stepped
 from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
 from rootmatch.model.proposals import poses_of_few
 from rootmatch.model.views import frames_of, views_of
-from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
+from rootmatch.model.visibility import BARELY, EDGE, EDGES, FULLY, LOGISTIC, SLACK, UNSEEN
 from rootmatch.problems.pose_fit.starts import poses_of_triples, triples
 
 Floats = NDArray[np.float64]
@@ -112,7 +112,12 @@ def test_projection_and_its_derivatives(name: str) -> None:
     np.testing.assert_array_equal(at.by_position, at.jacobian[..., 3:])
 
 
-def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> Floats | float:
+EDGE_COSINES = FULLY * (np.arange(EDGES) + 0.5) / EDGES
+
+
+def visible(
+    cosine: Floats | None, view_cosine: Floats | None, tilt: Floats, edge: float | None = None
+) -> Floats | float:
     """Visibility of points by their normals, at most 1; 1 if no normals are known.
 
     Parameters
@@ -123,16 +128,18 @@ def visible(cosine: Floats | None, view_cosine: Floats | None, tilt: Floats) -> 
         Cosine of the view angle of each point.
     tilt : (…) array
         Standard deviation of the pose's direction, in radians: it blurs the edge.
+    edge : float, optional
+        Cosine of the view angle where none is given; the mean over all of them if this is not given either.
     """
     if cosine is None:
         return 1.0
+    if view_cosine is None and edge is None:
+        return np.mean([visible(cosine, None, tilt, one) for one in EDGE_COSINES], axis=0)
     limit = (0.0 if view_cosine is None else view_cosine) - SLACK
     spread = np.sqrt(1.0 - np.minimum(cosine**2, 1.0)) * tilt[..., None]
     with np.errstate(over="ignore"):
-        if view_cosine is None:
-            shown = np.clip(cosine / FULLY, 0.0, 1.0)
-        else:
-            shown = 1.0 / (1.0 + np.exp(-LOGISTIC * (cosine - view_cosine) / np.sqrt(EDGE**2 + spread**2)))
+        off = cosine - (edge if view_cosine is None else view_cosine)
+        shown = 1.0 / (1.0 + np.exp(-LOGISTIC * off / np.sqrt(EDGE**2 + spread**2)))
         barely = BARELY / (1.0 + np.exp(-LOGISTIC * (cosine - limit) / np.maximum(spread, 1e-6)))
     shown = np.maximum(barely + (1.0 - BARELY) * shown, UNSEEN)
     return np.asarray(np.where(np.isnan(cosine), 1.0, shown))
@@ -167,21 +174,30 @@ def log_evidence(model: DetectionModel, assignment: NDArray[np.int64], R: Floats
     squared = max(squared - slope @ step, 0.0)
     freedom = 2.0 * len(pairs) - np.trace(covariance @ (precision - terms.precision[0]))
     tilt = min(math.sqrt(np.trace(covariance[:3, :3]) / 2.0), 1.0)
-    shown = at.expected[0] * visible(None if at.cosine is None else at.cosine[0], model.view_cosine, np.array(tilt))
-    if at.blob is not None:
-        first = at.blob[0] == np.arange(len(shown))
-        any_of = [
-            1.0 - np.prod([1.0 - shown[m] for m in range(len(shown)) if at.blob[0, m] == i]) for i in range(len(shown))
-        ]
-        shown = np.where(first, any_of, 1e-9)
+    cosine = None if at.cosine is None else at.cosine[0]
+    unknown = cosine is not None and model.view_cosine is None
     nodes, log_nodes = model.rates
     owned = np.isin(np.arange(len(assignment)), [i for i, _ in pairs])
-    with np.errstate(divide="ignore"):
-        each = [
-            weight + np.where(owned, np.log(rate * shown), np.log1p(-rate * shown)).sum()
-            for rate, weight in zip(nodes, log_nodes, strict=True)
-        ]
-    total += float(logsumexp(each))
+    values, every = [], []
+    for edge in EDGE_COSINES.tolist() if unknown else [None]:
+        shown = at.expected[0] * visible(cosine, model.view_cosine, np.array(tilt), edge)
+        if at.blob is not None:
+            first = at.blob[0] == np.arange(len(shown))
+            any_of = [
+                1.0 - np.prod([1.0 - shown[m] for m in range(len(shown)) if at.blob[0, m] == i])
+                for i in range(len(shown))
+            ]
+            shown = np.where(first, any_of, 1e-9)
+        with np.errstate(divide="ignore"):
+            each = [
+                weight + np.where(owned, np.log(rate * shown), np.log1p(-rate * shown)).sum()
+                for rate, weight in zip(nodes, log_nodes, strict=True)
+            ]
+        values.append(float(logsumexp(each)))
+        every.append(shown)
+    total += float(logsumexp(values)) - math.log(len(values))
+    weights = np.exp(np.array(values) - max(values)) if np.isfinite(max(values)) else np.eye(len(values))[0]
+    shown = weights @ np.array(every) / weights.sum()
     images = model.images or [np.arange(len(model.target))]
     for own in images:
         left = len(own) - len([j for _, j in pairs if j in own])

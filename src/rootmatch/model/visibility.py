@@ -9,7 +9,10 @@ Floats = NDArray[np.float64]
 
 FULLY = 0.5
 """Cosine between a normal and the direction to the camera up to which a point is as visible as from its front, if no
-view angle is given; beyond, light falls with the cosine (Lambert). A round value."""
+view angle is given: that is then the same for all points, and its cosine lies anywhere below. A round value."""
+EDGES = 8
+"""View angles over which a mean is taken if none is given; nearer ones are hardly told apart, as `EDGE` is half of
+their distance."""
 BARELY = 0.02
 """Visibility, relative to that, of a point that is only just hidden: normals are not exact. A round value."""
 SLACK = 0.15

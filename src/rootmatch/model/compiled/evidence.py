@@ -8,7 +8,7 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.visibility import BARELY, EDGE, FULLY, LOGISTIC, SLACK, UNSEEN
+from rootmatch.model.visibility import BARELY, EDGE, EDGES, FULLY, LOGISTIC, SLACK, UNSEEN
 
 LOG_2PI = math.log(2.0 * math.pi)
 RIDGE = 1e-13
@@ -24,26 +24,39 @@ SURE = 1.0 - 1e-15
 
 
 @part
-def shown_of(expected, cosine, view_cosine, tilt, i, out):  # type: ignore[no-untyped-def]
+def shown_by_normal(c, edge, limit, tilt):  # type: ignore[no-untyped-def]
+    """Visibility of a point whose normal has the cosine ``c``, for a view angle of cosine ``edge``.
+
+    Beyond ``limit`` nothing is seen; ``tilt``: the pose's deviation in direction, rad.
+    """
+    spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
+    facing = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / math.sqrt(EDGE * EDGE + spread * spread)))
+    beyond = min(LOGISTIC * (limit - c) / max(spread, LEAST_SPREAD), MOST_BEYOND)
+    return max(BARELY / (1.0 + math.exp(beyond)) + (1.0 - BARELY) * facing, UNSEEN)
+
+
+@part
+def shown_of(expected, cosine, view_cosine, tilt, edge, i, out):  # type: ignore[no-untyped-def]
     """Visibility (n,) of the points in one pose, into ``out``; ``tilt``: its direction's deviation, rad.
 
-    ``expected`` (n,), ``cosine`` (K, n) and ``view_cosine`` (n,), the latter two empty where unknown; ``i``: the pose.
+    ``expected`` (n,), ``cosine`` (K, n) and ``view_cosine`` (n,), the latter two empty where unknown; ``i``: the pose;
+    ``edge``: cosine of the view angle of all points if that is not given.
     """
     for point in range(expected.shape[0]):
         value = 1.0
         if cosine.shape[0] > 0 and not math.isnan(cosine[i, point]):
-            c = cosine[i, point]
-            spread = math.sqrt(1.0 - min(c * c, 1.0)) * tilt
-            limit = -SLACK
             if view_cosine.shape[0] > 0:
-                edge = view_cosine[point]
-                limit += edge
-                value = 1.0 / (1.0 + math.exp(-LOGISTIC * (c - edge) / math.sqrt(EDGE * EDGE + spread * spread)))
+                own = view_cosine[point]
+                value = shown_by_normal(cosine[i, point], own, own - SLACK, tilt)
             else:
-                value = min(max(c / FULLY, 0.0), 1.0)
-            beyond = min(LOGISTIC * (limit - c) / max(spread, LEAST_SPREAD), MOST_BEYOND)
-            value = max(BARELY / (1.0 + math.exp(beyond)) + (1.0 - BARELY) * value, UNSEEN)
+                value = shown_by_normal(cosine[i, point], edge, -SLACK, tilt)
         out[point] = expected[point] * value
+
+
+@part
+def edge_of(k):  # type: ignore[no-untyped-def]
+    """The cosine of one of the `EDGES` equally probable view angles."""
+    return FULLY * (k + 0.5) / EDGES
 
 
 @part
@@ -198,7 +211,8 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     n, images = assignments.shape[1], log_counts.shape[0]
     whole, measured, factor = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     scale, slope, row = np.empty(6), np.empty(6), np.empty(6)
-    missing, counts, taken = np.empty(n), np.empty(images, np.int64), np.zeros(target.shape[0], np.bool_)
+    missing, shown, counts = np.empty(n), np.empty(n), np.empty(images, np.int64)
+    taken = np.zeros(target.shape[0], np.bool_)
     for k in range(assignments.shape[0]):
         total, matches, possible = 0.0, 0, True
         squared = squares[k]
@@ -256,20 +270,35 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
         squared = max(squared - decrement, 0.0)
         freedom = max(2.0 * matches - known, 0.0)
         tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
-        shown_of(expected[k], cosine, view_cosine, tilt, k, visible[k])
-        if blob.shape[0] > 0:
-            shown_of_blobs(blob[k], visible[k], missing)
-        owned = 0.0
-        for i in range(n):
-            if assignments[k, i] >= 0:
-                owned += math.log(visible[k, i])
-                missing[i] = 0.0
+        edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
+        highest, weights = -math.inf, 0.0
+        visible[k] = 0.0
+        for edge in range(edges):
+            shown_of(expected[k], cosine, view_cosine, tilt, edge_of(edge), k, shown)
+            if blob.shape[0] > 0:
+                shown_of_blobs(blob[k], shown, missing)
+            owned = 0.0
+            for i in range(n):
+                if assignments[k, i] >= 0:
+                    owned += math.log(shown[i])
+                    missing[i] = 0.0
+                else:
+                    missing[i] = shown[i]
+            value = log_of_rates(owned, missing, matches, nodes, log_nodes)
+            if edge == 0 or value > highest:
+                before = math.exp(highest - value) if weights > 0.0 else 0.0
+                highest, weight = value, 1.0
             else:
-                missing[i] = visible[k, i]
+                before, weight = 1.0, math.exp(value - highest) if highest > -math.inf else 0.0
+            weights = before * weights + weight
+            for i in range(n):
+                visible[k, i] = before * visible[k, i] + weight * shown[i]
+        for i in range(n):
+            visible[k, i] /= weights
+        total += highest + math.log(weights / edges)
         for one in range(images):
             total += log_counts[one, counts[one]]
         total += log_of_first(assignments[k], taken, clutter)
-        total += log_of_rates(owned, missing, matches, nodes, log_nodes)
         total += log_of_squared(squared, freedom, noise_freedom)
         total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[k]
         log_odds[k] = total if possible and total < math.inf else -math.inf
@@ -291,9 +320,14 @@ def see(at, view_cosine, tilts, out):  # type: ignore[no-untyped-def]
     """
     at, view_cosine, tilts, out = borrowed((at, view_cosine, tilts, out))
     expected, cosine, blob = at
-    hidden = np.empty(out.shape[1])
+    shown, hidden = np.empty(out.shape[1]), np.empty(out.shape[1])
+    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
     for k in range(out.shape[0]):
-        shown_of(expected[k], cosine, view_cosine, tilts[k], k, out[k])
+        out[k] = 0.0
+        for edge in range(edges):
+            shown_of(expected[k], cosine, view_cosine, tilts[k], edge_of(edge), k, shown)
+            for i in range(shown.shape[0]):
+                out[k, i] += shown[i] / edges
         if blob.shape[0] > 0:
             shown_of_blobs(blob[k], out[k], hidden)
 
