@@ -264,8 +264,9 @@ def _updates(
     covariances = covariance - kalman @ gain.swapaxes(-1, -2)
     shown = np.flatnonzero(candidates.any(axis=1))
     rows = jacobian[shown]
-    moved = first.pixels[0][shown] + np.einsum("nqp,kp->knq", rows, steps)
-    spreads = np.einsum("nqp,kpr,nsr->knqs", rows, covariances, rows, optimize=True)
+    flat = rows.reshape(-1, 6)
+    moved = first.pixels[0][shown] + (steps @ flat.T).reshape(len(steps), -1, 2)
+    spreads = (flat @ covariances).reshape(len(steps), -1, 2, 6) @ rows.swapaxes(-1, -2)
     if of_points is not None:
         spreads += of_points[0, shown]
     possible, chance = _possible(model, visible)[shown], (model.rate or options.usual_rate) * visible[shown]
