@@ -206,8 +206,8 @@ max_hyperedges, max_evaluations
         rivals : dict, optional
             By the label of a body, None for a single one: predicted poses beside that of ``prior``.
         searching : bool or callable
-            False: nothing is looked for elsewhere than about the predicted poses. Of several bodies in images, a
-            function of the finding about those that says what to look for.
+            False: nothing is looked for elsewhere than about the predicted poses. A function of the finding about those
+            says what to look for.
         more_images : bool
             Whether the time of this frame may be spent on what searches in later ones need.
         """

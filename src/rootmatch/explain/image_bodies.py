@@ -42,7 +42,7 @@ class SearchPart(NamedTuple):
 
     body: int
     camera: int | None = None
-    """Of a rig; None for one image."""
+    """Of a rig; None for one image. A single body is searched for in all."""
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -114,6 +114,8 @@ class _Body:
         self.found = found
         if found.posterior is not None:
             self.candidate = self.candidate.reconsidered(found.posterior.modes)
+        elif found.named:
+            self.candidate = self.candidate.also(found.named)
 
 
 def match_bodies_in_image(
@@ -142,7 +144,7 @@ def match_bodies_in_image(
             _search(task, bodies, free, solve, options)
         else:
             predicted = _finding(task, bodies)
-            if (part := choice(predicted)) is None:
+            if (part := choice(predicted)) is None or bodies[part.body].settled:
                 return predicted
             _search_part(replace(task, search_camera=part.camera), bodies, part, free, solve=solve, options=options)
     return _finding(task, bodies)
@@ -191,11 +193,10 @@ def _search_part(
 ) -> None:
     """Search once for one body."""
     body, budget = bodies[part.body], budgets_of(task, options)[0]
-    if not body.settled:
-        found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
-        body.budget, body.among, body.evaluated = budget, int(free.sum()), found.evaluated
-        body.propose(found)
-        _weigh(bodies, options)
+    found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
+    body.budget, body.among, body.evaluated = budget, int(free.sum()), found.evaluated
+    body.propose(found)
+    _weigh(bodies, options)
 
 
 def _search(

@@ -88,14 +88,23 @@ class Candidate:
         sets = poses_of_sets(self.model, rows, rows.shape[1])
         return list(gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED).assignments)
 
-    def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
+    def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
         proposals = proposals_of(self.task, self.model, assignments)
         several = proposals if predicted is None else joined([proposals, predicted])
         modes = modes_of(self.model, several)
-        if len(proposals.assignments) and len(modes.log_odds):
-            modes = modes_of(self.model, twins_of(self.task, self.model, modes), modes)
-        return replace(self, modes=modes)
+        return replace(self, modes=self._with_twins(modes) if len(proposals.assignments) else modes)
+
+    def also(self, assignments: Sequence[Integers]) -> Candidate:
+        """The candidate by further assignments and the twins of the best poses."""
+        proposals = proposals_of(self.task, self.model, assignments)
+        if not len(proposals.assignments):
+            return self
+        return replace(self, modes=self._with_twins(modes_of(self.model, proposals, self.modes)))
+
+    def _with_twins(self, modes: Modes) -> Modes:
+        """Modes and the twins of the best of them."""
+        return modes_of(self.model, twins_of(self.task, self.model, modes), modes) if len(modes.log_odds) else modes
 
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
@@ -189,7 +198,7 @@ def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
     return Doubted(predictions, shares, without, DOUBT)
 
 
-def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
+def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:
     """Assignments with their fitted poses, and all poses of those with few matches."""
     n = task.shape[0]
     enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]

@@ -57,10 +57,10 @@ SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
 
-def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
+def match_copies(task: MatchingTask, options: RigOptions = OPTIONS, *, judging: bool = True) -> Finding:
     """The match of a task of copies, searched without a prediction.
 
-    `Finding.converged` says whether each camera's search ended before its budget.
+    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     problem = task.problem
     assert isinstance(problem, RigCopies)
@@ -69,7 +69,7 @@ def match_copies(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
     sampled, hypotheses, whole = _searched(task, problem, model, options)
-    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)))
+    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)), judging=judging)
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
@@ -105,7 +105,8 @@ def _searched(
             options=replace(part.options, sampler=guided),
             deadline=searching.part(1.0 / (len(copies.rig.cameras) - k)),
         )
-        of_triples = replace(part, problem=P3P(camera))  # a measured vertical has its say in the model
+        # a measured vertical has its say in the model
+        of_triples = part if type(alone) is P3P else replace(part, problem=P3P(camera))
         hypotheses += assignments_of_triples(of_triples, model, k, own, guided)
         if len(own) < LEAST:
             continue
