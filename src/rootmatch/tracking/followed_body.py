@@ -20,6 +20,10 @@ from rootmatch.tracking.motion_filter import DEFAULT_MOTION, MotionOptions
 Floats = NDArray[np.float64]
 
 
+LONGEST = 8
+"""Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value."""
+
+
 class TrackingState(Enum):
     """Whether a body is being followed."""
 
@@ -75,14 +79,14 @@ class FollowedBody:
         self.belief = Belief(source, options.motion)
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
-        self.detections = self.searched = self.served = self.confirmed = self.failures = 0
+        self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
         self.forget()
 
     def forget(self) -> None:
         """Declare the body lost."""
         self.belief.poses = []
         self.settled, self.matched = False, -math.inf
-        self.missed = 0
+        self.missed = self.agreements = 0
 
     @property
     def state(self) -> TrackingState:
@@ -106,7 +110,12 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
-        return not _is_enough(found) and frame - self.searched >= self.options.search_every
+        return not _is_enough(found) and frame - self.searched >= self._interval
+
+    @property
+    def _interval(self) -> int:
+        """Frames between searches for poses that may explain more; it doubles with each that found none."""
+        return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
     def wants_search_of_several(self, found: Finding, frame: int) -> bool:
         """Whether a search for the body is due among those for several bodies."""
@@ -125,13 +134,14 @@ class FollowedBody:
         if searched:
             self.searched = frame
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
+            self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found, of_several=True):
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        if unsure or frame - self.confirmed > self.options.search_every:
+        if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
 
