@@ -107,8 +107,10 @@ def _searched(
         )
         # a measured vertical has its say in the model
         of_triples = part if type(alone) is P3P else replace(part, problem=P3P(camera))
-        hypotheses += assignments_of_triples(of_triples, model, k, own, guided)
-        if len(own) < LEAST:
+        of_camera = assignments_of_triples(of_triples, model, k, own, guided)
+        hypotheses += of_camera
+        # if one camera is searched a frame, triples tell all: a search for four there meets nothing else
+        if len(own) < LEAST or (task.search_camera is not None and of_camera):
             continue
         sampled = sample(part)
         evaluated += sampled.evaluated
