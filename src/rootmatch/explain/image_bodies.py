@@ -23,7 +23,14 @@ from rootmatch.explain.body_labels import Label
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import (
+    NAMED,
+    PREDICTION,
+    Candidate,
+    competing,
+    is_enough,
+    proposals_by_prediction,
+)
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.rig_copies import twin_of
 from rootmatch.explain.task import MatchingTask
@@ -195,7 +202,7 @@ def _search_part(
     body, budget = bodies[part.body], budgets_of(task, options)[0]
     found, body.cut = searched_among(task, body.number, np.flatnonzero(free), budget, solve)
     body.budget, body.among, body.evaluated = budget, int(free.sum()), found.evaluated
-    body.propose(found)
+    body.propose(replace(found, named=found.named[:NAMED]))
     _weigh(bodies, options)
 
 

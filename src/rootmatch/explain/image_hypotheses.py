@@ -56,6 +56,10 @@ DOUBT = 0.01
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
+NAMED = 16
+"""Assignments that a tracker's search named and that are weighed, the strongest ones: what is in view is among the
+first few, and where nothing is, up to 64 take 13 ms. The same bodies are right with all of them (benchmarks/flights.py,
+room and drone, 3 flights from 1100 and 1300)."""
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 

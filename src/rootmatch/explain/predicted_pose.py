@@ -10,7 +10,7 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 
 UNCONFIRMED = "the prior pose is not confirmed"
@@ -54,6 +54,7 @@ def match_predicted(
         )
     searched = solve(replace(task, prior_pose=None, rival_poses=()))
     with suppress(OutOfTime):
-        body = body.proposed(searched.named or searched.every, predicted)
+        named = searched.named if choice is None else searched.named[:NAMED]
+        body = body.proposed(named or searched.every, predicted)
         return told_by(replace(searched, task=task), body.alone(), body)
     return searched
