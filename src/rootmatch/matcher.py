@@ -204,8 +204,8 @@ max_hyperedges, max_evaluations
         present : dict, optional
             By label as well: probability that a body is in view, before the frame is seen.
         searching : bool or callable
-            False: nothing is looked for elsewhere than about the predicted poses. Of several bodies in images, a
-            function of the finding about those that says what to look for.
+            False: nothing is looked for elsewhere than about the predicted poses. A function of the finding about those
+            says what to look for.
         more_images : bool
             Whether the time of this frame may be spent on what searches in later ones need.
         """

@@ -81,6 +81,7 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
         posterior=told,
         assignment=of_all(found.assignment),
         others=[of_all(other) for other in found.others],
+        named=[of_all(one) for one in found.named],
         scores=found.every_score,
         soft=soft,
         tensor=AffinityTensor.unchecked(indices, np.asarray(found.tensor.weights), task.row_shape, task.row_weights),

@@ -38,26 +38,36 @@ def explain(task: MatchingTask, searching: bool | Choice = True) -> Finding:
     """The finding of a task; its noise is estimated first if requested.
 
     The assignments of a rig are of sightings, see `MatchingTask.rows`. Unless ``searching``, nothing is looked for
-    elsewhere than about predicted poses; of several bodies in images, it may choose what.
+    elsewhere than about predicted poses; it may choose by what is found about those.
     """
     if not searching:
         return _predicted(task)
     if callable(searching):
         with task.deadline.with_grace().enforced():
-            if is_modelled(task.body(0)):
-                return match_bodies_in_image(task, _explained, choice=searching)
+            if task.bodies is not None and is_modelled(task.body(0)):
+                return match_bodies_in_image(task, _named, choice=searching)
+            if task.prior_pose is not None:
+                return match_predicted(task, _named, searching)
             found = _predicted(task)
             return found if searching(found) is None else _explained(task)
     with task.deadline.with_grace().enforced():
         return solve_with_estimated_noise(task, _explained) if task.estimates_noise else _explained(task)
 
 
-def _explained(task: MatchingTask) -> Finding:
-    """The finding of a task whose noise is known; an empty one if there is no time for anything."""
+def _explained(task: MatchingTask, judging: bool = True) -> Finding:
+    """The finding of a task whose noise is known; an empty one if there is no time for anything.
+
+    Unless ``judging``, that of a search with a budget is not judged: see `Finding.named`.
+    """
     try:
-        return _found(task)
+        return _found(task, judging or task.budget is None)
     except OutOfTime:
         return nothing_found(task, "max_seconds were over before anything was found")
+
+
+def _named(task: MatchingTask) -> Finding:
+    """What a search proposes to a route that weighs it together with more."""
+    return _explained(task, judging=False)
 
 
 def _predicted(task: MatchingTask) -> Finding:
@@ -67,23 +77,24 @@ def _predicted(task: MatchingTask) -> Finding:
     return match_bodies_in_image(task, lambda part: nothing_found(part, UNCONFIRMED))
 
 
-def _found(task: MatchingTask) -> Finding:
+def _found(task: MatchingTask, judging: bool) -> Finding:
     """The finding of a task whose noise is known, by the route that its other knowledge calls for."""
     if task.bodies is not None:
-        together = match_bodies_in_image if is_modelled(task.body(0)) else match_bodies
-        return together(task, _explained)
+        if is_modelled(task.body(0)):
+            return match_bodies_in_image(task, _named)
+        return match_bodies(task, _explained)
     of_camera = task.problem.takes_prior  # two point sets are weighed with all that is known, see `MotionPrior`
     if of_camera and task.known is not None:
         return match_known(task, _explained)
     if of_camera and task.prior_pose is not None:
-        return match_predicted(task, _explained)
+        return match_predicted(task, _named)
     if task.rig is not None:
-        return match_rig(task)
+        return match_rig(task, judging=judging)
     if (decided := decided_by_model(task)) is not None:
         return decided
     if (dense := match_dense(task)) is not None:
         return dense
-    return _several_motions(task) if task.options.packs_motions else _one_motion(task)
+    return _several_motions(task) if task.options.packs_motions else _one_motion(task, judging)
 
 
 def _several_motions(task: MatchingTask) -> Finding:
@@ -92,7 +103,7 @@ def _several_motions(task: MatchingTask) -> Finding:
     return assess(task, solution, sampled)
 
 
-def _one_motion(task: MatchingTask) -> Finding:
+def _one_motion(task: MatchingTask, judging: bool) -> Finding:
     """Sampled hyper-edges, solved and judged; all of them if a quick search finds no match to trust."""
     sampled = sample(task)
     by_image, views = is_modelled(task), two_view_model(task)
@@ -103,7 +114,7 @@ def _one_motion(task: MatchingTask) -> Finding:
         solver = task.options.solver_after(named is not None)
         solution = solved(solver, affordable(sampled.tensor, deadline), task.options.seed, deadline)
     if by_image:
-        found = judged_by_image(task, sampled, solution)
+        found = judged_by_image(task, sampled, solution, judging=judging)
     elif views is not None:
         found = judged_by_views(task, views, sampled, solution)
     else:

@@ -75,6 +75,8 @@ class Finding:
         That model.
     parts : dict, optional
         The findings of several bodies by their labels.
+    named : sequence of (n,) int64
+        All assignments that a bounded search named, where no model has judged them.
     """
 
     task: MatchingTask
@@ -98,6 +100,7 @@ class Finding:
     posterior: Posterior | None = None
     model: DetectionModel | None = None
     parts: dict[Label, Finding] | None = None
+    named: Sequence[Integers] = ()
 
     @cached_property
     def status(self) -> Status:

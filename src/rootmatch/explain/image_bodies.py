@@ -23,7 +23,14 @@ from rootmatch.explain.body_labels import Label, twin_points
 from rootmatch.explain.body_options import OPTIONS, BodyOptions
 from rootmatch.explain.finding import Finding, nothing_found
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, competing, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import (
+    NAMED,
+    PREDICTION,
+    Candidate,
+    competing,
+    is_enough,
+    proposals_by_prediction,
+)
 from rootmatch.explain.known_pose import proposals_by_knowledge
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.posterior import Posterior, unknown
@@ -41,7 +48,7 @@ class SearchPart(NamedTuple):
 
     body: int
     camera: int | None = None
-    """Of a rig; None for one image."""
+    """Of a rig; None for one image. A single body is searched for in all."""
 
 
 Choice = Callable[[Finding], SearchPart | None]
@@ -119,6 +126,8 @@ class _Body:
         self.found = found
         if found.posterior is not None:
             self.candidate = self.candidate.reconsidered(found.posterior.modes)
+        elif found.named:
+            self.candidate = self.candidate.also(found.named[:NAMED])
 
 
 def match_bodies_in_image(

@@ -48,9 +48,16 @@ def is_modelled(task: MatchingTask) -> bool:
     return by_noise and not task.options.packs_motions and task.problem.takes_prior
 
 
-def assessed(task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None) -> Finding:
-    """The finding of what a search or a solver proposed, judged by the model of the image."""
+def assessed(
+    task: MatchingTask, sampled: SampledTensor, solution: Solution | None = None, *, judging: bool = True
+) -> Finding:
+    """The finding of what a search or a solver proposed, judged by the model of the image.
+
+    Unless ``judging``, what a search named is left to whoever weighs it among more: `Finding.named`.
+    """
     named, base = unjudged(task, sampled, solution)
+    if not judging and sampled.assignments is not None:
+        return replace(base, named=named)
     try:
         body = Candidate.of(task, named, sampled.tensor if sampled.assignments is None else None)
         told = body.alone()

@@ -58,6 +58,10 @@ DOUBT = 0.01
 PREDICTION = 0.05
 """Seconds that a prediction may take even after the deadline: it is better than nothing, and takes milliseconds unless
 hundreds of detections are near it."""
+NAMED = 16
+"""Assignments that a tracker's search named and that are weighed, the strongest ones: what is in view is among the
+first few, and where nothing is, up to 64 take 13 ms. The same bodies are right with all of them (benchmarks/flights.py,
+room and drone, 3 flights from 1100 and 1300)."""
 MOST_PREDICTED = 8
 """Assignments about a predicted pose that are weighed. A round value."""
 
@@ -90,16 +94,27 @@ class Candidate:
         sets = poses_of_sets(self.model, rows, rows.shape[1])
         return list(gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED).assignments)
 
-    def proposed(self, assignments: list[Integers], predicted: Proposals | None = None) -> Candidate:
+    def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
         proposals = proposals_of(self.task, self.model, assignments)
         several = proposals if predicted is None else joined([proposals, predicted])
         modes = modes_of(self.model, several)
-        if len(modes.log_odds):
-            searched = len(proposals.assignments) > 0
-            twins = twins_of if searched else twins_about_predictions
-            modes = modes_of(self.model, twins(self.task, self.model, modes), modes)
-        return replace(self, modes=modes)
+        return replace(self, modes=self._with_twins(modes, searched=len(proposals.assignments) > 0))
+
+    def also(self, assignments: Sequence[Integers]) -> Candidate:
+        """The candidate of one of several bodies by further assignments and the twins of the best poses."""
+        proposals = proposals_of(self.task, self.model, assignments)
+        if not len(proposals.assignments):
+            return self
+        modes = modes_of(self.model, proposals, self.modes, of_several=True)
+        return replace(self, modes=self._with_twins(modes))
+
+    def _with_twins(self, modes: Modes, searched: bool = True) -> Modes:
+        """Modes and the twins of the best of them."""
+        if not len(modes.log_odds):
+            return modes
+        twins = twins_of if searched else twins_about_predictions
+        return modes_of(self.model, twins(self.task, self.model, modes), modes)
 
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
@@ -203,7 +218,7 @@ def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
     return Doubted(predictions, shares, without, DOUBT)
 
 
-def proposals_of(task: MatchingTask, model: DetectionModel, assignments: list[Integers]) -> Proposals:
+def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:
     """Assignments with their fitted poses, and all poses of those with few matches."""
     enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
     every = list({one.tobytes(): one for one in enough}.values())

@@ -8,14 +8,17 @@ from dataclasses import replace
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.explain.finding import Finding, nothing_found
+from rootmatch.explain.image_bodies import Choice
 from rootmatch.explain.image_decision import told_by
-from rootmatch.explain.image_hypotheses import PREDICTION, Candidate, is_enough, proposals_by_prediction
+from rootmatch.explain.image_hypotheses import NAMED, PREDICTION, Candidate, is_enough, proposals_by_prediction
 from rootmatch.explain.task import MatchingTask
 
 UNCONFIRMED = "the prior pose is not confirmed"
 
 
-def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None) -> Finding:
+def match_predicted(
+    task: MatchingTask, solve: Callable[[MatchingTask], Finding] | None, choice: Choice | None = None
+) -> Finding:
     """The match of a task with a predicted pose, or with several.
 
     Where what is assigned about the prediction leaves a doubt, all is searched without it; what is told is the
@@ -26,6 +29,8 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
     task : MatchingTask
     solve : callable, optional
         From a task without a prediction to its match; nothing is searched if it is not given.
+    choice : callable, optional
+        Says whether to search; by default, where the prediction leaves a doubt.
     """
     searchable = solve is not None and task.shape[1] >= task.problem.order
     body = Candidate.of(task, [])
@@ -34,11 +39,12 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
         predicted = proposals_by_prediction(body.model)
         body = body.proposed([], predicted)
         told = body.alone()
-        if not searchable or is_enough(body.model, told, task.problem.minimal):
+        if choice is not None or not searchable or is_enough(body.model, told, task.problem.minimal):
             found = told_by(found, told, body)
-            if found.prior_holds:
-                return replace(found, reason=None)
-    if solve is None:
+            found = replace(found, reason=None) if found.prior_holds else found
+            if found.prior_holds and (choice is None or not searchable):
+                return found
+    if solve is None or (choice is not None and choice(found) is None):
         return found
     if not searchable:
         return nothing_found(
@@ -48,6 +54,7 @@ def match_predicted(task: MatchingTask, solve: Callable[[MatchingTask], Finding]
         )
     searched = solve(replace(task, prior_pose=None, rival_poses=()))
     with suppress(OutOfTime):
-        body = body.proposed(searched.every, predicted)
+        named = searched.named if choice is None else searched.named[:NAMED]
+        body = body.proposed(named or searched.every, predicted)
         return told_by(replace(searched, task=task), body.alone(), body)
     return searched

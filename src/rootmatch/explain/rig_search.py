@@ -53,17 +53,17 @@ SEARCHED = 0.75
 """Share of the time left at a deadline for the searches in single cameras, the same for each. A round value."""
 
 
-def match_rig(task: MatchingTask, options: RigOptions = OPTIONS) -> Finding:
+def match_rig(task: MatchingTask, options: RigOptions = OPTIONS, *, judging: bool = True) -> Finding:
     """The match of a task of a rig, searched without a prediction.
 
-    `Finding.converged` says whether each camera's search ended before its budget.
+    `Finding.converged` says whether each camera's search ended before its budget. ``judging``: see `assessed`.
     """
     if task.budget is not None:
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
     sampled, hypotheses, whole = _searched(task, model, options)
-    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)))
+    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)), judging=judging)
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
@@ -94,9 +94,12 @@ def _searched(
             options=replace(part.options, sampler=guided),
             deadline=searching.part(1.0 / (len(task.rig.cameras) - k)),
         )
-        of_triples = replace(part, problem=P3P(camera))  # a measured vertical has its say in the model
-        hypotheses += assignments_of_triples(of_triples, model, k, own, guided)
-        if len(own) < LEAST:
+        # a measured vertical has its say in the model
+        of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
+        of_camera = assignments_of_triples(of_triples, model, k, own, guided)
+        hypotheses += of_camera
+        # if one camera is searched a frame, triples tell all: a search for four there meets nothing else
+        if len(own) < LEAST or (task.search_camera is not None and of_camera):
             continue
         sampled = sample(part)
         evaluated += sampled.evaluated

@@ -18,12 +18,12 @@ from rootmatch.samplers.guided.visible_search import VisibleSearch, search_of
 
 Integers = NDArray[np.int64]
 
-TRIPLES, FEW_TRIPLES, KEPT = 4096, 256, 8
+TRIPLES, FEW_TRIPLES, KEPT = 4096, 128, 8
 """Triples whose poses are looked at, those that explain most of their own image; how many where a search is bounded, as
 those of a tracker are; and the assignments that are kept. With three of eight LEDs detected in each camera, 2 of 20
 scenes are right with 256, 4 with 1,024, 20 with 4,096 (tests/test_rig_triples.py). In flights, where most that face a
-camera are detected, 256 find as many as 1,024: 2,843 for 2,847 of 3,084 bodies (benchmarks/flights.py, rig, seeds from
-1100)."""
+camera are detected, 128 find the same as 256, alone and among eight more clutter points in each image: 376 of 390
+bodies, 495 of 503 (benchmarks/flights.py, rig, 3 flights from 1100; 1000, 1100 and 1101)."""
 
 
 def assignments_of_triples(

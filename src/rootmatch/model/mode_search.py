@@ -198,9 +198,9 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
     """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
-    turn = mode.rotation @ other.rotation.T
-    if turn[0, 0] + turn[1, 1] + turn[2, 2] < 2.0:  # 60°
+    if np.vdot(mode.rotation, other.rotation) < 2.0:  # the trace of the turn between them, of 60°
         return False
+    turn = mode.rotation @ other.rotation.T
     step = _step(turn, mode.position - other.position)
     steps = [step]
     value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, step))
@@ -271,14 +271,26 @@ def _together(assignment: Integers, changed: Integers, least: int) -> Integers:
 
     None if that is fewer than two, or if fewer matches than ``least`` would remain.
     """
-    out, count = assignment.copy(), 0
-    for one in changed:
-        (points,) = np.nonzero(one != assignment)
-        new = one[points]
-        free = (out[points] == assignment[points]).all() and not np.isin(new[new >= 0], np.delete(out, points)).any()
-        if free:
-            out[points], count = new, count + 1
-    return out[None] if count > 1 and np.count_nonzero(out >= 0) >= least else np.empty((0, len(out)), np.int64)
+    rows, points = np.nonzero(changed != assignment)
+    ends = np.searchsorted(rows, np.arange(len(changed)), side="right").tolist()
+    out, moved, count, first = assignment.tolist(), set[int](), 0, 0
+    owners: dict[int, set[int]] = {}
+    for point, detection in enumerate(out):
+        owners.setdefault(detection, set()).add(point)
+    every, news = points.tolist(), changed[rows, points].tolist()
+    for last in ends:
+        own, new, first = every[first:last], news[first:last], last
+        taken = any(j >= 0 and not owners.get(j, set()).issubset(own) for j in new)
+        if taken or not moved.isdisjoint(own):
+            continue
+        for i, j in zip(own, new, strict=True):
+            owners[out[i]].discard(i)
+            owners.setdefault(j, set()).add(i)
+            out[i] = j
+        moved.update(own)
+        count += 1
+    enough = count > 1 and sum(j >= 0 for j in out) >= least
+    return np.array([out], np.int64) if enough else np.empty((0, len(out)), np.int64)
 
 
 def _first_order(

@@ -106,11 +106,12 @@ def proposals_about(
     first = model.linearised(prediction.rotation[None], prediction.position[None])
     covariance = prediction.bounded
     visible = model.visibility(first, np.array([_tilt(covariance)]))[0]
-    candidates = _gated(model, first, covariance, visible, options).candidates
+    gated = _gated(model, first, covariance, visible, options)
+    candidates = gated.candidates
     if not 0 < np.count_nonzero(candidates) <= options.most_pairs * max(len(model.images), 1):
         return None
     known: dict[bytes, Settled] = {}
-    start = settle(model, first, covariance, options=options, known=known)
+    start = settle(model, first, covariance, options=options, known=known, gated=gated)
     if start is None or not start.is_convincing(options):
         with suppress(OutOfTime):  # what is known by then is handed on
             for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
@@ -132,12 +133,18 @@ def settle(
     *,
     options: PredictionOptions,
     known: dict[bytes, Settled],
+    gated: _Gated | None = None,
 ) -> Settled | None:
-    """Assignment and step in turn until the assignment stays; all of them are added to ``known``."""
+    """Assignment and step in turn until the assignment stays; all of them are added to ``known``.
+
+    ``gated``: the candidates about the first pose, if they are known.
+    """
     best = None
     for _ in range(options.rounds):
         checkpoint()
-        assignment = _assigned(model, at, covariance, options)
+        if gated is None:
+            gated = _gated(model, at, covariance, model.visibility(at, np.array([_tilt(covariance)]))[0], options)
+        assignment, gated = _assigned(gated), None
         if not (assignment >= 0).any():
             break
         key = assignment.tobytes()
@@ -153,12 +160,10 @@ def settle(
     return best
 
 
-def _assigned(model: DetectionModel, at: Linearised, covariance: Floats, options: PredictionOptions) -> Integers:
+def _assigned(gated: _Gated) -> Integers:
     """The most probable one-to-one assignment (n,) about a pose, with independent pairs."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
-    visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
-    gated = _gated(model, at, covariance, visible, options)
     if gated.unique:
         return gated.assignment
     possible = gated.candidates & (gated.gains > 0.0)
@@ -264,8 +269,9 @@ def _updates(
     covariances = covariance - kalman @ gain.swapaxes(-1, -2)
     shown = np.flatnonzero(candidates.any(axis=1))
     rows = jacobian[shown]
-    moved = first.pixels[0][shown] + np.einsum("nqp,kp->knq", rows, steps)
-    spreads = np.einsum("nqp,kpr,nsr->knqs", rows, covariances, rows, optimize=True)
+    flat = rows.reshape(-1, 6)
+    moved = first.pixels[0][shown] + (steps @ flat.T).reshape(len(steps), -1, 2)
+    spreads = (flat @ covariances).reshape(len(steps), -1, 2, 6) @ rows.swapaxes(-1, -2)
     if of_points is not None:
         spreads += of_points[0, shown]
     possible, chance = _possible(model, visible)[shown], (model.rate or options.usual_rate) * visible[shown]

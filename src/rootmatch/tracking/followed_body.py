@@ -25,6 +25,8 @@ RETURN = 1.0
 """Seconds within which a body that was not in view may be so as probably as any. A round value: of ten tools of five
 markers, three of them in view among four strays, 7 of 186 trusted matches of one flight were of absent ones without it,
 in six flights with it none of 1,080."""
+LONGEST = 8
+"""Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value."""
 
 
 class TrackingState(Enum):
@@ -82,7 +84,7 @@ class FollowedBody:
         self.belief = Belief(source, options.motion)
         self.waiting: list[int | None] = []
         """Images that a search under way has not come to: cameras of a rig, None for a single one."""
-        self.detections = self.searched = self.served = self.confirmed = self.failures = 0
+        self.detections = self.searched = self.served = self.confirmed = self.failures = self.agreements = 0
         self.absent: tuple[float, float] | None = None
         """Probability that it is in view after all by the last search for it, and its time; None if it was found."""
         self.forget()
@@ -91,7 +93,7 @@ class FollowedBody:
         """Declare the body lost."""
         self.belief.poses = []
         self.settled, self.matched = False, -math.inf
-        self.missed = 0
+        self.missed = self.agreements = 0
 
     @property
     def state(self) -> TrackingState:
@@ -126,7 +128,12 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
-        return not _is_enough(found) and frame - self.searched >= self.options.search_every
+        return not _is_enough(found) and frame - self.searched >= self._interval
+
+    @property
+    def _interval(self) -> int:
+        """Frames between searches for poses that may explain more; it doubles with each that found none."""
+        return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
     def wants_search_of_several(self, found: Finding, frame: int) -> bool:
         """Whether a search for the body is due among those for several bodies."""
@@ -145,13 +152,14 @@ class FollowedBody:
         if searched:
             self.searched = frame
             self.failures = 0 if found.status is Status.MATCHED else self.failures + 1
+            self.agreements = self.agreements + 1 if found.status is Status.MATCHED and found.prior_holds else 0
         if found.status is not Status.MATCHED:
             return found
         if searched or _is_enough(found, of_several=True):
             self.confirmed = frame
         # a pose that no frame was certain of is not made certain by the next one: what it explains by chance, stays
         unsure = bool(self.belief) and not self.settled and not _is_met(found)
-        if unsure or frame - self.confirmed > self.options.search_every:
+        if unsure or frame - self.confirmed > self._interval:
             return found.with_facts(contested=True, sure_of_the_rest=False)
         return found
 

@@ -16,7 +16,7 @@ from rootmatch.deadline import Deadline
 from rootmatch.errors import InputError
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.image_bodies import Choice
+from rootmatch.explain.image_bodies import Choice, SearchPart
 from rootmatch.explain.match_options import SamplerName
 from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.explain.prior_validation import Prior, check_followed, check_predicted
@@ -288,18 +288,24 @@ max_evaluations
                 rivals=rivals, present=present, searching=searching, more_images=True,
             )  # fmt: skip
 
-        searched = set(self._bodies)
+        searched: set[Label | None] = set(self._bodies)
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None:
             found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
             searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
+        elif not poses:
+            found = explained(True)
         else:
-            near = explained(False) if poses else None
-            if near is None or self._bodies[None].wants_search(near, self._frame):
-                found = explained(True)
-            else:
-                found, searched = near, set()
+            searched = set()
+
+            def choice(near: Finding) -> SearchPart | None:
+                if not self._bodies[None].wants_search(near, self._frame):
+                    return None
+                searched.add(None)
+                return SearchPart(0)
+
+            found = explained(choice)
         parts = {
             label: self._bodies[label].checked(part, self._frame, label in searched)
             for label, part in self._parts(found).items()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.samplers.guided.minimal_sets import FIRST_WAVE
-from rootmatch.samplers.guided.sequential_test import prepare_sets
+from rootmatch.samplers.guided.sequential_test import PreparedSets, prepare_sets
 from rootmatch.samplers.guided.triangle_shapes import add_near_shapes, shape_tables
 from rootmatch.samplers.guided.visibility import LOST, covering_order, facing_points, some_of, sphere, within
 from rootmatch.samplers.guided.visible_triples import VisibleSets
@@ -55,6 +55,7 @@ class ModelViews:
         least = np.zeros(len(normals)) if view_cosine is None else view_cosine
         self.least_cosine = np.where(normals.any(axis=1), least, -1.0)
         self._waves: dict[int, VisibleSets] = {}
+        self._whole: VisibleSets | None = None
         self._views: dict[int, NDArray[np.bool_]] = {}
         self._met: dict[int, list[NDArray[np.int64]]] = {}
 
@@ -79,6 +80,14 @@ class ModelViews:
             )
             self._waves[number] = VisibleSets(prepared, shapes)
         return self._waves[number]
+
+    def whole(self, tables: Any) -> VisibleSets:
+        """The triples of all waves; see `wave`."""
+        if self._whole is None:
+            waves = [self.wave(number, tables) for number in range(len(self.edges))]
+            prepared = (np.concatenate(part) for part in zip(*(sets.prepared for sets in waves), strict=True))
+            self._whole = VisibleSets(PreparedSets(*prepared), np.concatenate([sets.shapes for sets in waves]))
+        return self._whole
 
     def missed(self, matched: int, waves: int) -> float:
         """Probability that no set of the first waves met a pose with ``matched`` detected points."""

@@ -30,6 +30,8 @@ MOST_DETECTIONS = 128
 
 SHAPES_PER_SOLVED = 16
 """Image triples whose shape is looked up in the time of one that is solved."""
+CHUNKS = 32
+"""Chunks of the triples that are ranked alone: each looks for its weakest at every one that it keeps. A round value."""
 SECONDS_PER_TRIPLE = 5e-8
 """Most sets, each tried whole, take at least so long for each triple of images (benchmarks/deadlines.py, task 970)."""
 LEAST_MATCHED = 6
@@ -101,23 +103,18 @@ class VisibleSearch(Search):
         Those first whose poses explain most of the other detections.
         """
         test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
-        found, images = [], np.arange(self.n_target)
-        for number in range(len(self.views.edges)):
-            sets = self.views.wave(number, self.tables)
-            survivors, ratios, counts = run_visible_tests(
-                self.tables, self.grid, test, sets, self.cells,
-                images=images, first=0, last=len(sets.shapes), allowed=self.allowed,
-                keep=max(most // 4, 1), chunks=8,  # a chunk looks for its weakest at each one that it keeps
-            )  # fmt: skip
-            self.evaluated += int(counts[:, ::2].sum())
-            found.append(Survivors.of(sets.prepared.points, survivors, ratios, most))
-        order = np.argsort(-np.concatenate([some.ratios for some in found]), kind="stable")
-        rows = np.hstack(
-            [np.concatenate([some.points for some in found]), np.concatenate([some.images[:, 1:] for some in found])]
-        )
-        _, first = np.unique(rows[order], axis=0, return_index=True)
-        rows = rows[order][np.sort(first)[:most]]
-        return rows[:, :3], rows[:, 3:]
+        sets = self.views.whole(self.tables)
+        survivors, ratios, counts = run_visible_tests(
+            self.tables, self.grid, test, sets, self.cells,
+            images=np.arange(self.n_target), first=0, last=len(sets.shapes),
+            allowed=self.allowed, keep=max(most // 8, 1), chunks=CHUNKS,
+        )  # fmt: skip
+        self.evaluated += int(counts[:, ::2].sum())
+        found = Survivors.of(sets.prepared.points, survivors, ratios, ratios.size)
+        images = found.images[:, 1:]
+        same = found.sets * self.n_target**3 + images @ self.n_target ** np.arange(3)  # but for the root
+        first = np.sort(np.unique(same, return_index=True)[1])[:most]
+        return found.points[first], images[first]
 
     def _none_missed_of(self, matched: int, waves: int) -> bool:
         """Whether the first waves would have met a pose that explains this many points."""

@@ -1,0 +1,106 @@
+"""What a tracker's frames search, and what they need not do twice."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rootmatch as rm
+from rootmatch.explain import explain, predicted_pose
+from rootmatch.model.mode_search import _together
+from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS
+from rootmatch.samplers.guided.model_views import model_views
+from rootmatch.samplers.guided.visibility import DEFAULT_VISIBILITY
+from rootmatch.tracking.followed_body import LONGEST
+from rootmatch.tracking.tracker import TrackingOptions
+from test_tracker import frame, tracker
+from test_visibility import CAMERA, NOISE, ball, view
+
+
+def scant(k: int, shown: int) -> tuple[np.ndarray, np.ndarray]:
+    """A frame of some points of the body, the same for many frames, among clutter that could be the rest of it."""
+    target, truth = frame(k)
+    clutter = np.random.default_rng([k, 1]).uniform((0.0, 0.0), (640.0, 480.0), (12, 2))
+    own = np.full(len(truth), -1)
+    own[:shown] = np.arange(shown)
+    return np.concatenate([target[truth[:shown]], clutter]), own
+
+
+def test_searches_that_find_nothing_better_become_rare() -> None:
+    one, every = tracker(tracking=TrackingOptions(search_every=2)), 2
+    one.update(frame(0)[0])
+    searched = []
+    for k in range(1, 70):
+        target, truth = scant(k, 5)
+        match = one.update(target)
+        assert match.status is rm.Status.MATCHED
+        np.testing.assert_array_equal(match.assignment, truth)
+        if match.evaluated > 0:
+            searched.append(k)
+    gaps = [second - first for first, second in pairwise(searched)]
+    assert all(second >= first for first, second in pairwise(gaps[:3]))
+    assert gaps[0] <= 2 * every + 1
+    assert min(gaps[2:]) >= LONGEST * every
+
+
+@pytest.mark.parametrize("of_rig", [False, True])
+def test_a_frame_that_is_searched_looks_at_its_prediction_once(monkeypatch: pytest.MonkeyPatch, of_rig: bool) -> None:
+    looked, searched = [0], [0]
+    of_prediction, named = predicted_pose.proposals_by_prediction, explain._named
+
+    def counted(model: Any) -> Any:
+        looked[0] += 1
+        return of_prediction(model)
+
+    def search(task: Any) -> Any:
+        searched[0] += 1
+        return named(task)
+
+    monkeypatch.setattr(predicted_pose, "proposals_by_prediction", counted)
+    monkeypatch.setattr(explain, "_named", search)
+    camera = rm.Camera(800.0, 780.0, 320.0, 240.0)
+    problem = rm.P3P(rm.Rig([(camera, np.eye(3), np.zeros(3))])) if of_rig else rm.P3P(camera)
+    one = rm.Tracker(tracker().matcher.source, problem, noise=0.2, tracking=TrackingOptions(search_every=2))
+    for k in range(6):
+        target, _ = frame(k) if k == 0 else scant(k, 5)
+        one.update((target, np.zeros(len(target), int)) if of_rig else target)
+        assert looked[0] == k
+    assert searched[0] >= 1
+
+
+def test_all_waves_together_are_the_waves_one_after_another() -> None:
+    points, normals = ball(5)
+    seen, facing, pixels, _ = view(5, 0)
+    tables = rm.P3P(CAMERA).prepare(seen, pixels, NOISE, facing)
+    views = model_views(points, normals, DEFAULT_SETS, DEFAULT_VISIBILITY)
+    whole = views.whole(tables)
+    assert views.whole(tables) is whole
+    np.testing.assert_array_equal(whole.prepared.points, views.ordered)
+    for number, (first, last) in enumerate(views.edges):
+        wave = views.wave(number, tables)
+        np.testing.assert_array_equal(whole.shapes[first:last], wave.shapes)
+        np.testing.assert_array_equal(whole.prepared.coordinates[first:last], wave.prepared.coordinates)
+
+
+def test_changes_together_keep_one_owner_of_each_detection() -> None:
+    """Against the rule, row by row."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        n, detections = rng.integers(3, 9, 2)
+        given = np.where(rng.random(n) < 0.7, rng.permutation(max(n, detections))[:n], -1)
+        changed = np.repeat(given[None], rng.integers(0, 7), axis=0)
+        for row in changed:
+            row[rng.permutation(n)[:2]] = rng.integers(-1, detections, 2)
+            used = row[row >= 0]
+            row[:] = row if len(np.unique(used)) == len(used) else given
+        out, count = given.copy(), 0
+        for row in changed:
+            own = row != given
+            others = out[~own]
+            if (out[own] == given[own]).all() and not np.isin(row[own & (row >= 0)], others[others >= 0]).any():
+                out[own], count = row[own], count + 1
+        expected = [out] if count > 1 and (out >= 0).sum() >= 3 else []
+        np.testing.assert_array_equal(_together(given, changed, 3), np.array(expected).reshape(-1, n))
