@@ -13,11 +13,10 @@ import numpy as np
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
 from rootmatch.model.two_view_odds import epipolar, inverse_distance
+from rootmatch.problems.pose_fit.descent import SETTLED
 
 IMPOSSIBLE = 6.0
 """Deviation, in σ, of a match that lies behind a camera, so that a fit can go on without it. A round value."""
-SETTLED = 1e-13
-"""Predicted relative decrease of χ² below which a fit has converged; as of other poses."""
 
 
 @part

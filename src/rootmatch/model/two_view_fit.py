@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from rootmatch.model.two_view_model import SCALES, SPREADS, Relative, Seen, TwoViewModel
 from rootmatch.problems.pose_fit.base import invertible
+from rootmatch.problems.pose_fit.two_view_pose import ANGLES, OPEN
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ANGLES = 240
-"""Rotations about the common direction that are tried for a start, 1.5° apart. A round value."""
 VALLEYS = 4
 """The best of them, from which epipolar planes are fitted. A round value."""
 STARTS = 2
@@ -28,8 +27,6 @@ STEPS = 3
 """Steps of a fit in each of its rounds; samples need no better centres. A round value."""
 ROUNDS = 2
 """Rounds with epipolar planes alone, and as many with inverse distances. A round value."""
-OPEN = 1.0
-"""σ in radians of a pose's angles, and of its log scale, that the points leave open. By construction."""
 DOUBTED = 3.0
 """Deviation from which a match counts less, in σ or in medians of all where those are larger. A round value."""
 FIRST_SCALE = 0.1

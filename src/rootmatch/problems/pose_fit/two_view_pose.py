@@ -37,7 +37,7 @@ ANGLES = 240
 STARTS = 6
 """The best of them, from which an assignment is fitted. Not tuned."""
 OPEN = 1.0
-"""σ in radians beforehand of a direction that the points leave open. By construction: about all of it."""
+"""σ in radians beforehand of an angle that the points leave open. By construction: about all of it."""
 
 
 @dataclass(frozen=True, eq=False)
