@@ -176,7 +176,6 @@ def test_what_a_rig_does_not_take() -> None:
         {"motions": 2},
         {"preset": "paper"},
         {"solver": "ascent"},
-        {"noise": "auto"},
         {"sampler": "random"},
     ):
         with pytest.raises(InputError, match=next(iter(options))):
