@@ -24,7 +24,7 @@ from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.single_changes import gains_of_matches
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, log_detected, stepped
-from rootmatch.model.pose_prior import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
+from rootmatch.model.pose_density import DEPTHS, FIELD, Broad, Doubted, Gaussian, PoseDensity
 from rootmatch.model.proposals import poses_of_few
 from rootmatch.model.views import frames_of, views_of
 from rootmatch.model.visibility import BARELY, EDGE, EDGES, FULLY, LOGISTIC, SLACK, UNSEEN

@@ -23,7 +23,7 @@ from rootmatch.model import mode_search, point_set_posterior, prediction, two_vi
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.mode_search import PosteriorOptions, modes_of
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.two_view_model import TwoViewModel

@@ -13,7 +13,7 @@ from rootmatch.explain.finding import nothing_found
 from rootmatch.explain.image_decision import is_modelled, told_by
 from rootmatch.explain.image_hypotheses import Candidate, model_of
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.pose_prior import Broad, Doubted, Gaussian
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
 from rootmatch.model.posterior import Posterior
 
 CAMERA = rm.Camera(800.0, 800.0, 640.0, 480.0)

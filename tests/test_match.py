@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.explain.advice import advice_on
+from rootmatch.explain.status_advice import advice_on
 from rootmatch.hypergraph.enumeration import exhaustive_count
 from rootmatch.samplers.limits import LIMITS
 from rootmatch.simulation import Scene, p3p_scene, three_plus_one_scene, up2p_scene

@@ -22,7 +22,7 @@ from rootmatch.model.detection_model import DetectionModel, ModelOptions
 from rootmatch.model.evidence import about, evidence, settled
 from rootmatch.model.mode_search import PosteriorOptions, modes_of
 from rootmatch.model.modes import Modes, none_near
-from rootmatch.model.pose_prior import Broad, Gaussian, Known, PoseDensity
+from rootmatch.model.pose_density import Broad, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.pose_prior import PosePrior

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_t
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, settled, stepped
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import deviations, proposals_about
 from rootmatch.problems.pose_fit.pose_prior import with_vertical
 from rootmatch.problems.pose_fit.reference_point import about_point

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rootmatch.algebra.rotation import rotation_from_vector, rotation_vector
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-10, np.pi])

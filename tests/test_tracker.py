@@ -20,7 +20,7 @@ from rootmatch.explain.near_symmetries import near_symmetries
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import modes_of
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.averaged_pose import averaged_pose
 from rootmatch.tracking.belief import Belief, FollowedPose

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rootmatch.hypergraph.tensor import AffinityTensor
     from rootmatch.io.calibrations.reading import read_cameras
     from rootmatch.matcher import Matcher
-    from rootmatch.precompile.ahead import warmup
+    from rootmatch.precompile.ahead_of_time import warmup
     from rootmatch.problems.base import Problem
     from rootmatch.problems.derived.measurements import Bearings, Points, Uncalibrated
     from rootmatch.problems.p3p import P3P as P3P

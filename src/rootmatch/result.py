@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.errors import InputError
-from rootmatch.explain.advice import advice
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Status
 from rootmatch.explain.diagnosis import Diagnosis, diagnosed
@@ -20,6 +19,7 @@ from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions, other_poses
 from rootmatch.explain.poses import Pose, poses_of
 from rootmatch.explain.predicted_poses import polished_pose
+from rootmatch.explain.status_advice import advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
 from rootmatch.hypergraph.tensor import AffinityTensor

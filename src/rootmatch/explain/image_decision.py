@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rootmatch.deadline import NEVER, OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_hypotheses import Candidate
-from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
@@ -26,7 +26,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.mode_search import DEFAULT_POSTERIOR
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_prior import LEAST, Doubted
+from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point

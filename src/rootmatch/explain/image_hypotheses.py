@@ -18,17 +18,18 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.explain.body_labels import twin_points
 from rootmatch.explain.body_options import OPTIONS
 from rootmatch.explain.detection_odds import candidate_log_odds
-from rootmatch.explain.few_point_twins import twins_of_few
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.predicted_poses import knowledge_of, predictions_of, vertical_of
+from rootmatch.explain.similar_subsets import twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.competition import joint_posterior
+from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.gathering import gathered
 from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, no_modes
-from rootmatch.model.pose_prior import Doubted, Gaussian, Known, PoseDensity
+from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import (
@@ -39,7 +40,6 @@ from rootmatch.model.proposals import (
     no_proposals,
     poses_of_few,
     poses_of_sets,
-    reversed_in_depth,
     rough_fits,
 )
 from rootmatch.problems.pose_fit.reference_point import about_point

@@ -20,7 +20,7 @@ from rootmatch.explain.known_rotation import lines_of_sight, poses_by_rotation
 from rootmatch.explain.predicted_poses import knowledge_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.pose_fit.pose_prior import PosePrior

@@ -20,7 +20,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import stepped
-from rootmatch.model.pose_prior import Known
+from rootmatch.model.pose_density import Known
 from rootmatch.model.prediction import DEFAULT_PREDICTION, Settled, deviations, settle
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.problems.noise import mean_deviation

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
-from rootmatch.model.pose_prior import Gaussian, Known
+from rootmatch.model.pose_density import Gaussian, Known
 from rootmatch.problems.base import Problem
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose

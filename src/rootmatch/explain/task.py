@@ -72,7 +72,7 @@ class MatchingTask:
     prior_poses, prior_rivals : dict
         Those of several bodies, by label.
     prior_freedom : float
-        Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_prior.Gaussian`.
+        Degrees of freedom of the predictions' covariances; see `rootmatch.model.pose_density.Gaussian`.
     present : float, optional
         Probability that the body is among the targets in space, before they are seen; that of the model if not given.
     present_of : dict

@@ -16,8 +16,8 @@ from rootmatch.deadline import OutOfTime
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.detection_odds import candidate_log_odds
 from rootmatch.explain.finding import Finding, unjudged
+from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_decision import KEPT
-from rootmatch.explain.misfit import Misfit, does_not_fit
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.clutter import clutter_areas, clutter_of

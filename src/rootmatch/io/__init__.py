@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rootmatch.io.calibrations.own import DIRECTIONS
+from rootmatch.io.calibrations.native import DIRECTIONS
 from rootmatch.io.camera_files import (
     Calibration,
     camera_file,

@@ -16,8 +16,8 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.pinhole import Camera
 from rootmatch.cameras.vertical import unit_direction
 from rootmatch.errors import InputError, quoted
+from rootmatch.io.calibrations.native import DIRECTIONS, camera_entry, camera_of
 from rootmatch.io.calibrations.opencv import is_opencv
-from rootmatch.io.calibrations.own import DIRECTIONS, camera_entry, camera_of
 from rootmatch.io.calibrations.reading import SUFFIXES, load_json, read_cameras, read_small_text
 from rootmatch.io.inputs import rereadable
 from rootmatch.io.outputs import written_whole

@@ -3,5 +3,5 @@
 The image of a body: `detection_model` says what is known of the body and the image, `evidence` weighs hypotheses (an
 assignment with its pose each), `posterior` turns those of one body into probabilities and `competition` those of
 several bodies that compete for detections. Poses and assignments come from the layers above. Two point sets in space:
-`point_set_model`, `point_set_posterior` and `self_motion`.
+`point_set_model`, `point_set_posterior` and `exact_symmetry`.
 """

@@ -24,7 +24,7 @@ from rootmatch.model.blobs import blobs, mean_of_each, spread_of_each
 from rootmatch.model.clutter import Clutter, clutter_areas, clutter_of
 from rootmatch.model.compiled.evidence import see
 from rootmatch.model.linearised import Linearised, linearised
-from rootmatch.model.pose_prior import Broad, PoseDensity
+from rootmatch.model.pose_density import Broad, PoseDensity
 from rootmatch.model.views import Views, rays_of, views_of
 from rootmatch.model.visibility import BARELY, UNSEEN, within
 from rootmatch.options import Options, option

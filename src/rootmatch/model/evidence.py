@@ -22,7 +22,7 @@ from rootmatch.model.compiled.evidence import detect, weigh
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.linearised import Linearised, with_rows
-from rootmatch.model.pose_prior import PoseDensity
+from rootmatch.model.pose_density import PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]

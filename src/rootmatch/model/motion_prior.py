@@ -59,7 +59,7 @@ class MotionPrior:
     doubt : float
         Probability that none of them holds.
     freedom : float
-        Degrees of freedom for which their covariances count, see `rootmatch.model.pose_prior.Gaussian`.
+        Degrees of freedom for which their covariances count, see `rootmatch.model.pose_density.Gaussian`.
     """
 
     predictions: tuple[tuple[Pose | PosePrior, float], ...]

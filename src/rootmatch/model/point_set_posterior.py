@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
+from rootmatch.model.exact_symmetry import exactly_symmetric
 from rootmatch.model.point_set_model import PointSetModel
-from rootmatch.model.self_motion import exactly_symmetric
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 Floats = NDArray[np.float64]

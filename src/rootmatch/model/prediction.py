@@ -22,7 +22,7 @@ from rootmatch.model.compiled.gating import gate
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, evidence, stepped
 from rootmatch.model.linearised import Linearised
-from rootmatch.model.pose_prior import Gaussian
+from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.options import Options, option
 

@@ -12,7 +12,6 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence, about, settled, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.views import frames_of
-from rootmatch.problems.pose_fit.starts import reflected
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -125,17 +124,6 @@ def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Ev
     found, at = about(model, *proposals)
     found, at = settled(model, proposals.assignments, found, at)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
-
-
-def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
-    """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
-    points = np.broadcast_to(model.points - model.centre, (len(proposals.assignments), *model.points.shape))
-    matched = (proposals.assignments >= 0).astype(np.float64)
-    rotations, translations = frames_of(model.camera)
-    camera = matched.reshape(len(matched), len(rotations), -1).sum(axis=2).argmax(axis=1)
-    centre = -(rotations[camera].swapaxes(1, 2) @ translations[camera][..., None])[..., 0]
-    rotation, place = reflected((proposals.rotation, proposals.position - centre), points, matched)
-    return Proposals(proposals.assignments, rotation, place + centre)
 
 
 def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Integers) -> Proposals:

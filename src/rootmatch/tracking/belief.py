@@ -21,11 +21,12 @@ from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.task import Rivals
+from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, log_detected, settled, stepped
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_prior import Doubted
-from rootmatch.model.proposals import Proposals, joined, poses_of_few, reversed_in_depth
+from rootmatch.model.pose_density import Doubted
+from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.tracking.averaged_pose import averaged_pose

@@ -33,7 +33,7 @@ from rootmatch.tracking.followed_body import FollowedBody, TrackingOptions, Trac
 from rootmatch.tracking.frame_steps import FrameSteps
 from rootmatch.tracking.identical_bodies import Groups, identical_bodies, name_places
 from rootmatch.tracking.noise_scale import NoiseScale
-from rootmatch.tracking.search_turns import next_part
+from rootmatch.tracking.search_schedule import next_part
 
 __all__ = ["Tracker", "TrackingOptions", "TrackingState"]
 

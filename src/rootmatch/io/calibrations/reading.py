@@ -11,8 +11,8 @@ from rootmatch.cameras.base import CameraModel
 from rootmatch.errors import InputError
 from rootmatch.io.calibrations.colmap import read_colmap_binary, read_colmap_text
 from rootmatch.io.calibrations.kalibr import is_kalibr, read_kalibr
+from rootmatch.io.calibrations.native import EXAMPLE, cameras_of
 from rootmatch.io.calibrations.opencv import is_opencv, read_opencv, xml_content
-from rootmatch.io.calibrations.own import EXAMPLE, cameras_of
 from rootmatch.io.calibrations.ros import is_ros, read_ros
 from rootmatch.io.calibrations.values import LARGEST, load_yaml, parsed
 from rootmatch.io.csv_tables import read_text

@@ -188,7 +188,7 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
         Jacobians, residuals and ½ log |S| in units of a noise that points share, as `Linearised`; without rows if each
         detection has its own alone.
     terms : tuple
-        Of `rootmatch.model.pose_prior.Terms`.
+        Of `rootmatch.model.pose_density.Terms`.
     image : tuple
         Detections (n', 2), their σ (n',), logarithms of the weights of matches (n, n'), −∞ where one is not allowed,
         and cosines of the view angles (n,), the last two empty if not given; logarithms (C, n' + 1) of the odds of

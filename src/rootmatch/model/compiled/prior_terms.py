@@ -1,4 +1,4 @@
-"""Terms of predicted poses beside a broad prior, compiled: the formulas of `rootmatch.model.pose_prior`."""
+"""Terms of predicted poses beside a broad prior, compiled: the formulas of `rootmatch.model.pose_density`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-unt
         Precision of a rotation, solid angle, logarithm of the ratio of distances, and logarithm of the density of
         rotations with the share of this component, −∞ for none.
     out : tuple
-        Of `rootmatch.model.pose_prior.Terms`, filled.
+        Of `rootmatch.model.pose_density.Terms`, filled.
     which : (K,) int64 array
         The largest component, G for the broad one; filled.
     """

@@ -24,7 +24,7 @@ from rootmatch.problems.pose_fit.descent import (
 )
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Prior, Upright
+from rootmatch.problems.pose_fit.prior_residuals import Prior, Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, reflected, starting_poses
 

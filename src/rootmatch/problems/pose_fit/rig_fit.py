@@ -18,7 +18,7 @@ from rootmatch.problems.pose_fit.base import Floats
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Prior
+from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
 from rootmatch.problems.pose_fit.starts import best_apart, starting_poses
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import cross, rotation_about_y
 from rootmatch.problems.pose_fit.descent import Floats, Model, State
-from rootmatch.problems.pose_fit.prior import Upright
+from rootmatch.problems.pose_fit.prior_residuals import Upright
 
 STARTS = 8
 """Starts of a fit, the best of all that are tried. Not tuned."""

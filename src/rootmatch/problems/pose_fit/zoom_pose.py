@@ -13,7 +13,7 @@ from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.descent import Floats, State, chi2_of, covariance_of, descended, lowest_of
 from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Upright
+from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel
 from rootmatch.problems.pose_fit.starts import GRID, STARTS
 

@@ -16,7 +16,7 @@ from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, known_normals
 from rootmatch.problems.pose_fit.camera_pose import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
-from rootmatch.problems.pose_fit.prior import Upright
+from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rootmatch as rm
-from rootmatch.explain.few_point_twins import MOST, MOST_POINTS, TOLERANCE, twins_of_few
 from rootmatch.explain.image_hypotheses import model_of, proposals_of, twins_of
 from rootmatch.explain.near_symmetries import body_radius
+from rootmatch.explain.similar_subsets import MOST, MOST_POINTS, TOLERANCE, twins_of_few
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.mode_search import modes_of
 
