@@ -10,6 +10,10 @@ from scipy.stats import norm
 
 import rootmatch as rm
 from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import about, settled
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
+from rootmatch.model.proposals import Proposals
 from rootmatch.tracking.belief import FollowedPose
 from rootmatch.tracking.motion_filter import MotionFilter
 
@@ -56,6 +60,25 @@ def test_a_poor_prediction_does_not_lose_to_a_good_one_of_the_pose_that_looks_th
     assert match.status is rm.Status.AMBIGUOUS
     every = [match.assignment, *(one for one, _ in match.alternatives[:2])]
     assert any(np.array_equal(one[seen], np.arange(len(seen))) for one in every)
+
+
+def test_two_matches_about_a_prediction_are_weighed_against_each_alone() -> None:
+    """One of them may be clutter: a wide prediction meets some by chance, and followed it turned a headset by 34°."""
+    points, position = np.random.default_rng(4).uniform(-0.3, 0.3, (7, 3)), np.array([0.0, 0.0, 3.0])
+    wide = np.diag(np.repeat([0.15, 0.03], 3) ** 2)
+    gaussian = Gaussian(np.eye(3), position + points.mean(axis=0), wide, freedom=8.0)
+    prior = Doubted([gaussian], [np.log(0.99)], Broad(), 0.01)
+    shown = CAMERA.project(points[:1] + position)
+    target = np.concatenate([shown, np.random.default_rng(3).uniform((0.0, 0.0), (640.0, 480.0), (6, 2))])
+    model = DetectionModel(CAMERA, points, target, np.full(7, 0.2), prior=prior)
+    both, pose = np.array([[0, 6, -1, -1, -1, -1, -1]]), (np.eye(3)[None], gaussian.position[None])
+    modes = modes_of(model, Proposals(both, *pose))
+    np.testing.assert_array_equal(modes.assignments, both)
+    alone = np.array([np.where(np.arange(7) == k, both[0], -1) for k in (0, 1)])
+    found, _ = settled(model, alone, *about(model, alone, *(np.repeat(one, 2, axis=0) for one in pose)))
+    every = np.logaddexp.reduce([modes.log_odds[0], *found.log_odds])
+    assert modes.log_mass[0] == pytest.approx(every, abs=0.02)
+    np.testing.assert_allclose(modes.local[0, :2], 1.0 - np.exp(found.log_odds[::-1] - every), atol=0.01)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.05, 0.3])

@@ -23,6 +23,7 @@ from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, about, evidence, settled, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
+from rootmatch.model.pose_density import LEAST
 from rootmatch.model.proposals import Proposals
 from rootmatch.options import Options, option
 
@@ -236,12 +237,13 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
             same = at.take(np.zeros(len(changed), np.int64))
             weighed = evidence(model, changed, same)
             values = np.maximum(weighed.log_odds, IMPOSSIBLE)
+            enough = (changed >= 0).sum(axis=1) >= model.prior.least
             gains[strong] = values[: len(strong)] - mode.log_odds
             to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
-            best = int(values.argmax())
-            if values[best] > mode.log_odds and turn < options.rounds:
+            best = int(np.where(enough, values, -np.inf).argmax())
+            if enough[best] and values[best] > mode.log_odds and turn < options.rounds:
                 here = about(model, changed[[best]], mode.rotation[None], mode.position[None])
                 found, settled_at = settled(model, changed[[best]], *here)
                 better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
@@ -322,7 +324,7 @@ def _first_order(
     own = gains[np.flatnonzero(matched), assignment[matched]]
     gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
     changes, change = likely_changes(assignment, gains, -options.negligible)
-    if count > model.prior.least:
+    if count > model.prior.least or model.prior.least < LEAST:  # one match is no mode, but it is weighed
         return changes, change
     smaller = (changes.target < 0) & (changes.other < 0)
     return changes.take(~smaller), change[~smaller]

@@ -25,7 +25,7 @@ from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, log_detected, settled, stepped
 from rootmatch.model.modes import Modes
-from rootmatch.model.pose_density import Doubted
+from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -187,6 +187,8 @@ class Belief:
                 chance = float((many or told_of) and shows)
             else:
                 chance = math.exp(each[k] - np.logaddexp(each[k], nothing + log_share[of]))
+                if np.count_nonzero(modes.assignments[k] >= 0) < LEAST:  # its pose is that of these matches alone
+                    chance *= math.exp(min(float(modes.log_odds[k] - modes.log_mass[k]), 0.0))
             if chance >= LIKELY:
                 go_on.append(_Step(float(weight[k]), float(shown[k]), of, k, chance))
         gone = {step.origin for step in go_on}
