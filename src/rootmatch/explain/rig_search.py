@@ -96,10 +96,10 @@ def _searched(
         )
         # a measured vertical has its say in the model
         of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
-        of_camera = assignments_of_triples(of_triples, model, k, own, guided)
-        hypotheses += of_camera
+        by_triples = assignments_of_triples(of_triples, model, k, own, guided)
+        hypotheses += by_triples or []
         # if one camera is searched a frame, triples tell all: a search for four there meets nothing else
-        if len(own) < LEAST or (task.search_camera is not None and of_camera):
+        if len(own) < LEAST or (task.search_camera is not None and by_triples is not None):
             continue
         sampled = sample(part)
         evaluated += sampled.evaluated

@@ -28,7 +28,7 @@ bodies, 495 of 503 (benchmarks/flights.py, rig, 3 flights from 1100; 1000, 1100 
 
 def assignments_of_triples(
     part: MatchingTask, model: DetectionModel, camera: int, own: Integers, options: GuidedOptions
-) -> list[Integers]:
+) -> list[Integers] | None:
     """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
 
     Parameters
@@ -41,10 +41,15 @@ def assignments_of_triples(
     own : (m,) int64 array
         The detections of that camera among all.
     options : GuidedOptions
+
+    Returns
+    -------
+    list of (n,) int64 arrays, or None
+        None if triples cannot be searched: without normals, or among too many detections.
     """
     search = search_of(part.sampling_task, options, part.deadline)
     if not isinstance(search, VisibleSearch):
-        return []  # no normals say what is visible together
+        return None  # no normals say what is visible together
     points, images = search.triples(TRIPLES if part.budget is None else FEW_TRIPLES)
     n = model.shape[0] // len(model.images)
     rows = np.full((len(points), model.shape[0]), -1, np.int64)
