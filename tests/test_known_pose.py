@@ -68,7 +68,7 @@ class Scene:
         ({"position": ((0.0, 0.0, 1.0), np.inf)}, "NaN or infinity"),
         ({"position": ((0.0, 0.0, 1.0), -np.eye(3))}, "not symmetric, or has a negative eigenvalue"),
         ({"vertical": ((0.0, 1.0, 0.0), 0.1)}, "vertical: give"),
-        ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "a direction of length 0"),
+        ({"vertical": ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.1)}, "its length is 0"),
         ({"vertical": ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 2.0)}, "give radians from 0 to 1"),
     ],
 )

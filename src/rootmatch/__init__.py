@@ -58,7 +58,7 @@ _LATER = {
     "match": "api",
     "nearest_hyperedges": "hypergraph.invariants",
     "residuals": "api",
-    "warmup": "precompile.ahead",
+    "warmup": "precompile.ahead_of_time",
 }
 """Module of each public name, imported when first asked for: a command that fails early needs none of them, and no
 Numba."""

@@ -277,6 +277,6 @@ def strongest(
         return int(looked.sum())
 
     return strongest_of(
-        swept, work, first, last, gate, limit,
+        swept, work, first, last, gate=gate, limit=limit,
         block=BLOCK, first_block=FIRST_BLOCK, progress=progress, deadline=deadline,
     )  # fmt: skip

@@ -273,6 +273,6 @@ def strongest(
 ) -> Found:
     """See `Backend.strongest`."""
     return strongest_of(
-        Sweep(work), work, first, last, gate, limit,
+        Sweep(work), work, first, last, gate=gate, limit=limit,
         block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
     )  # fmt: skip

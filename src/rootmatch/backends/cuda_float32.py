@@ -85,6 +85,6 @@ def strongest(
 ) -> Found:
     """See `Backend.strongest`."""
     return strongest_of(
-        Screen(work), work, first, last, gate, limit,
+        Screen(work), work, first, last, gate=gate, limit=limit,
         block=LAUNCH, first_block=FIRST_LAUNCH, progress=progress, deadline=deadline,
     )  # fmt: skip

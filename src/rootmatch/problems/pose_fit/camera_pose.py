@@ -115,7 +115,7 @@ def camera_poses(
             poses.append(None)
             continue
         rotation = state[0][k]
-        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], axes, centre, unit)
+        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], axes=axes, centre=centre, unit=unit)
         members = np.flatnonzero(assignment >= 0)
         predicted = camera.project(points.source[members] @ rotation.T + translation)
         detected = points.target[assignment[members]]

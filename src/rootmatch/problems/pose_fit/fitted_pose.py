@@ -15,7 +15,7 @@ Integers = NDArray[np.int64]
 
 
 def in_callers_frame(
-    rotation: Floats, translation: Floats, covariance: Floats, axes: Floats, centre: Floats, unit: float
+    rotation: Floats, translation: Floats, covariance: Floats, *, axes: Floats, centre: Floats, unit: float
 ) -> tuple[Floats, Floats]:
     """Translation and covariance of a fit whose points were taken about their centre and in a unit of their own.
 

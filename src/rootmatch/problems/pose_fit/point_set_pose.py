@@ -107,7 +107,8 @@ def point_set_pose(points: PointSets, assignment: Integers, *, scaled: bool, mir
     source = source - centre
     # points in a plane fit a rotation as well as its reflection, which is then not meant
     values = np.linalg.svd(source, compute_uv=False)
-    clouds = PointClouds(source, target, variance, variance2, scaled, mirror and bool(values[-1] > FLAT * values[0]))
+    solid = bool(values[-1] > FLAT * values[0])
+    clouds = PointClouds(source, target, variance, variance2, scaled=scaled, mirror=mirror and solid)
     start = fitted_point_sets(clouds, np.arange(len(members))[None], clouds.mirror)
     model = _MotionModel(source, target, variance, variance2, scaled)
     state: State = start.rotation, start.shift, np.log(start.scale)

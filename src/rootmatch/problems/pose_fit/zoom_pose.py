@@ -84,7 +84,9 @@ def zoom_poses(
             poses.append(None)
             continue
         rotation, focal = state[0][k], float(np.exp(state[2][k]))
-        translation, own = in_callers_frame(rotation, state[1][k], covariance[k], model.axes, middle, unit)
+        translation, own = in_callers_frame(
+            rotation, state[1][k], covariance[k], axes=model.axes, centre=middle, unit=unit
+        )
         own[-1] *= focal  # of log f
         own[:, -1] *= focal
         members = np.flatnonzero(assignment >= 0)

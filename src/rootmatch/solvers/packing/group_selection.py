@@ -60,7 +60,7 @@ class GroupSelection:
             if values[start].sum() < self.values[chosen].sum():
                 start = chosen[allowed]
             nodes = self.deadline.part(RELAXED).affordable(nodes, SECONDS_PER_NODE)
-            found = best_packing(elements, values, self.relaxed, self.most, start, nodes)
+            found = best_packing(elements, values, self.relaxed, self.most, start=start, nodes=nodes)
             chosen = np.zeros(len(self.groups), np.bool_)
             chosen[allowed[found]] = True
         return chosen
