@@ -90,9 +90,9 @@ def test_as_many_proposals_are_weighed_as_end_in_time(
 ) -> None:
     seen, possible = [], mode_search._possible
 
-    def counted(model: DetectionModel, proposals: Proposals, *arguments: Any) -> Any:
+    def counted(model: DetectionModel, proposals: Proposals, *arguments: Any, **options: Any) -> Any:
         seen.append(len(proposals.assignments))
-        return possible(model, proposals, *arguments)
+        return possible(model, proposals, *arguments, **options)
 
     monkeypatch.setattr(mode_search, "_possible", counted)
     each = mode_search.SECONDS_PER_DENSITY * body.model.shape[1] * len(body.model.clutter.centres)
