@@ -11,9 +11,7 @@ import pytest
 import rootmatch as rm
 from rootmatch.explain import explain, predicted_pose
 from rootmatch.model.mode_search import _together
-from rootmatch.samplers.guided.minimal_sets import DEFAULT_SETS
 from rootmatch.samplers.guided.model_views import model_views
-from rootmatch.samplers.guided.visibility import DEFAULT_VISIBILITY
 from rootmatch.tracking.followed_body import LONGEST
 from rootmatch.tracking.tracker import TrackingOptions
 from test_tracker import frame, tracker
@@ -75,7 +73,7 @@ def test_all_waves_together_are_the_waves_one_after_another() -> None:
     points, normals = ball(5)
     seen, facing, pixels, _ = view(5, 0)
     tables = rm.P3P(CAMERA).prepare(seen, pixels, NOISE, facing)
-    views = model_views(points, normals, DEFAULT_SETS, DEFAULT_VISIBILITY)
+    views = model_views(points, normals)
     whole = views.whole(tables)
     assert views.whole(tables) is whole
     np.testing.assert_array_equal(whole.prepared.points, views.ordered)
