@@ -37,14 +37,14 @@ def test_it_is_the_mean_of_the_inverse_gamma_distribution() -> None:
     for ratio, dof in ((2.0, 14), (1.2, 30), (0.9, 7)):
         chi2 += dof * (ratio * scale.factor) ** 2
         freedom += dof
-        scale.take(told(ratio, dof))
+        scale.take(told(ratio, dof), scale.factor)
         assert scale.factor == pytest.approx(max(1.0, np.sqrt((NOISE_FREEDOM + chi2) / (NOISE_FREEDOM + freedom))))
     assert scale.factor > 1.2
 
 
 def test_small_residuals_do_not_make_the_stated_noise_smaller() -> None:
     scale = NoiseScale()
-    scale.take(told(0.3, 200))
+    scale.take(told(0.3, 200), 1.0)
     assert scale.factor == 1.0
 
 
@@ -53,18 +53,18 @@ def test_small_residuals_do_not_make_the_stated_noise_smaller() -> None:
 )
 def test_a_doubtful_pose_says_nothing_of_the_noise(found: Finding) -> None:
     scale = NoiseScale()
-    scale.take(found)
+    scale.take(found, 1.0)
     assert scale.factor == 1.0
 
 
 def test_what_was_long_ago_is_forgotten() -> None:
     scale = NoiseScale()
     for _ in range(100):
-        scale.take(told(1.0 / scale.factor * 3.0, 50))
+        scale.take(told(1.0 / scale.factor * 3.0, 50), scale.factor)
     assert scale.factor == pytest.approx(3.0, rel=0.02)
     assert scale.freedom == pytest.approx(MOST_FREEDOM)
     for _ in range(200):
-        scale.take(told(1.0 / scale.factor, 50))
+        scale.take(told(1.0 / scale.factor, 50), scale.factor)
     assert scale.factor == pytest.approx(1.0, abs=0.01)
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.goodness_of_fit import MOST_INFLATION, NOISE_FREEDOM
+from rootmatch.explain.goodness_of_fit import NOISE_FREEDOM
 
 MOST_FREEDOM = 1000.0
 """Residuals that are remembered, those of some thirty frames: the factor may change, as with a lens that warms up. A
 round value."""
-MOST = MOST_INFLATION
+MOST = 4.0
 """Largest factor on σ that is believed: what fits with no less is another object. A round value."""
 
 
@@ -29,16 +29,16 @@ class NoiseScale:
         """Of σ."""
         return max(math.sqrt((NOISE_FREEDOM + self.chi2) / (NOISE_FREEDOM + self.freedom)), 1.0)
 
-    def take(self, found: Finding) -> None:
-        """Take in the residuals of a frame's finding, which was made with σ times the factor so far.
+    def take(self, found: Finding, factor: float) -> None:
+        """Take in the residuals of a frame's finding, which was made with σ times a factor.
 
         They count if the pose is certain, whether or not it fits: that no pose fits as well says that σ is too small.
         """
         facts, dof, ratio = found.facts, found.noise_dof, found.noise_factor
         sure = facts.sure_of_the_rest and facts.present is not None and facts.present >= facts.min_probability
-        if not sure or not dof or ratio is None or not ratio * self.factor <= MOST:
+        if not sure or not dof or ratio is None or not ratio * factor <= MOST:
             return
-        self.chi2 += dof * (ratio * self.factor) ** 2
+        self.chi2 += dof * (ratio * factor) ** 2
         self.freedom += dof
         if self.freedom > MOST_FREEDOM:
             kept = MOST_FREEDOM / self.freedom

@@ -278,8 +278,9 @@ max_evaluations
         of_images = self.matcher.problem.takes_prior  # between two point sets one posterior weighs everything
         chances = {label: body.present(when) for label, body in self._bodies.items()}
         present = {label: chance for label, chance in chances.items() if chance is not None}
-        if of_images and self.noise_factor > 1.0:
-            noise = np.asarray(self.matcher.noise if noise is None else noise, float) * self.noise_factor
+        factor = self.noise_factor if of_images else 1.0
+        if factor > 1.0:
+            noise = np.asarray(self.matcher.noise if noise is None else noise, float) * factor
 
         def explained(searching: bool | Choice) -> Finding:
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
@@ -312,7 +313,7 @@ max_evaluations
         }
         for label, part in parts.items():
             self._bodies[label].take(part, when, self._frame, label in searched)
-            self._noise.take(part)
+            self._noise.take(part, factor)
         name_places(self._identical, self._bodies, parts, when)
         if found.parts is None:
             return parts[None]
