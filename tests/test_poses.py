@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 
 import rootmatch as rm
 from pose_scenes import CAMERA, SCENES, PoseScene, p3p, point_sets, three_plus_one, three_plus_one_noisy, up2pf
-from rootmatch.problems.pose_fit.camera_pose import camera_poses
+from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.simulation import p3p_scene
 
 SHARE = 0.95

@@ -13,7 +13,7 @@ from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.pose_density import Gaussian, Known
 from rootmatch.problems.base import Problem
-from rootmatch.problems.pose_fit.camera_pose import camera_poses
+from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 from rootmatch.problems.pose_fit.rig_fit import rig_pose

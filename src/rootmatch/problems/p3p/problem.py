@@ -13,7 +13,7 @@ from rootmatch.cameras.rig import Rig
 from rootmatch.problems.base import Problem
 from rootmatch.problems.checks import check_not_collinear
 from rootmatch.problems.points import PointSets, known_normals, squared_distances
-from rootmatch.problems.pose_fit.camera_pose import camera_poses
+from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
 

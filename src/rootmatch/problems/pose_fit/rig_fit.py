@@ -27,7 +27,7 @@ Integers = NDArray[np.int64]
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
 REWEIGHTED = 2
-"""As `rootmatch.problems.pose_fit.camera_pose.REWEIGHTED`."""
+"""As `rootmatch.problems.pose_fit.camera_fit.REWEIGHTED`."""
 LEAST = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 

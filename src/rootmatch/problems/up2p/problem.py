@@ -14,7 +14,7 @@ from rootmatch.cameras.vertical import Vector, given_direction, rotation_to_vert
 from rootmatch.errors import InputError
 from rootmatch.problems.base import Problem
 from rootmatch.problems.points import PointSets, known_normals
-from rootmatch.problems.pose_fit.camera_pose import camera_poses
+from rootmatch.problems.pose_fit.camera_fit import camera_poses
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Upright
 from rootmatch.problems.pose_fit.rig_fit import rig_poses
