@@ -219,7 +219,7 @@ def _weigh(bodies: list[_Body], options: BodyOptions) -> None:
     for body, told in zip(bodies, competing([body.candidate for body in bodies]), strict=True):
         body.told, body.settled = told, False
         body.enough = body.task.prior_pose is not None and is_enough(
-            body.candidate.model, told, body.task.problem.minimal, of_several=True
+            body.candidate.model, told, body.task.minimal, of_several=True
         )
         # a known rotation proposes every pose that agrees with it
         body.enough |= body.task.known is not None and body.predicted is not None and body.pose >= options.sure

@@ -118,7 +118,7 @@ def told_by(
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
-    met = sure is not None and body.model.is_met(sure, minimal := base.task.problem.minimal, minimal + 1)
+    met = sure is not None and body.model.is_met(sure, minimal := base.task.minimal, minimal + 1)
     of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(
         present=present,

@@ -92,7 +92,7 @@ class Candidate:
         rows = np.full((len(strongest), self.model.shape[0]), -1, np.int64)
         np.put_along_axis(rows, i, j, axis=1)
         sets = poses_of_sets(self.model, rows, rows.shape[1])
-        return list(gathered(self.model, sets.alone, least=self.task.problem.minimal + 1, most=GATHERED).assignments)
+        return list(gathered(self.model, sets.alone, least=self.task.minimal + 1, most=GATHERED).assignments)
 
     def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
@@ -220,7 +220,7 @@ def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
 
 def proposals_of(task: MatchingTask, model: DetectionModel, assignments: Sequence[Integers]) -> Proposals:
     """Assignments with their fitted poses, and all poses of those with few matches."""
-    enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.problem.minimal]
+    enough = [one for one in assignments if np.count_nonzero(one >= 0) > task.minimal]
     every = list({one.tobytes(): one for one in enough}.values())
     if not every:
         return no_proposals(task.rows)
@@ -263,7 +263,7 @@ def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -
     parts = []
     for k, assignment in enumerate(found.assignments):
         few = np.flatnonzero((assignment.reshape(-1, task.shape[0]) >= 0).any(axis=0))
-        if not task.problem.minimal <= len(few) <= FEW:
+        if not task.minimal <= len(few) <= FEW:
             continue
         images = [task.sightings_of(twin) for twin in twins_of_few(task.points.source, few)]
         if images:

@@ -39,7 +39,7 @@ def match_predicted(
         predicted = proposals_by_prediction(body.model)
         body = body.proposed([], predicted)
         told = body.alone()
-        if choice is not None or not searchable or is_enough(body.model, told, task.problem.minimal):
+        if choice is not None or not searchable or is_enough(body.model, told, task.minimal):
             found = told_by(found, told, body)
             found = replace(found, reason=None) if found.prior_holds else found
             if found.prior_holds and (choice is None or not searchable):

@@ -84,7 +84,7 @@ def _searched(
     searching = task.deadline.part(SEARCHED)
     for k, camera in enumerate(task.rig.cameras):
         own = np.flatnonzero(task.camera_of == k)
-        if len(own) < P3P.minimal or searching.passed() or task.search_camera not in (None, k):
+        if len(own) < task.minimal or searching.passed() or task.search_camera not in (None, k):
             continue
         part = task.subset(np.arange(n), own)
         part = replace(

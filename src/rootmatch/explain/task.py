@@ -24,6 +24,7 @@ from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.problems.base import Problem
 from rootmatch.problems.capabilities import Capability
 from rootmatch.problems.noise import parse_noise
+from rootmatch.problems.p3p import P3P
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
@@ -200,6 +201,14 @@ class MatchingTask:
     def rig(self) -> Rig | None:
         """The rig of cameras that see the target; None for one camera, or none."""
         return rig_of(self.problem)
+
+    @property
+    def minimal(self) -> int:
+        """Matches in one image that always have a pose: those of a minimal set, of a rig of three points in one camera.
+
+        The search of a rig takes minimal sets of `P3P` whatever is known of the vertical.
+        """
+        return self.problem.minimal if self.rig is None else P3P.minimal
 
     @property
     def rows(self) -> int:

@@ -180,7 +180,7 @@ class Belief:
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if of < 0:
-                many = model.is_met(modes.assignments[k], found.task.problem.minimal)
+                many = model.is_met(modes.assignments[k], found.task.minimal)
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
                 # the best one may be a prediction that does not fit: what a search met beside it is followed
                 shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)

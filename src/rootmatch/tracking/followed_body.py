@@ -195,7 +195,7 @@ class FollowedBody:
 
 def _is_met(found: Finding) -> bool:
     """Whether a search would have met other poses of as many matches; two point sets need none."""
-    minimal = found.task.problem.minimal
+    minimal = found.task.minimal
     many = found.model is None or found.model.is_met(found.assignment, minimal, minimal + 1)
     return found.task.problem.takes_motion_prior or many
 
@@ -206,4 +206,4 @@ def _is_enough(found: Finding, of_several: bool = False) -> bool:
         return True  # two point sets: every motion was weighed
     assert found.model is not None
     assert found.posterior is not None
-    return is_enough(found.model, found.posterior, found.task.problem.minimal, of_several=of_several)
+    return is_enough(found.model, found.posterior, found.task.minimal, of_several=of_several)

@@ -9,7 +9,6 @@ import numpy as np
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_bodies import SearchPart
-from rootmatch.problems.p3p import P3P
 from rootmatch.tracking.followed_body import FollowedBody
 
 
@@ -38,4 +37,4 @@ def images_of(found: Finding) -> list[int | None]:
     if found.task.rig is None:
         return [None]
     shown = np.bincount(found.task.camera_of)
-    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= P3P.minimal]
+    return [k for k in np.argsort(-shown, kind="stable").tolist() if shown[k] >= found.task.minimal]
