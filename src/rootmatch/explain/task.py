@@ -204,10 +204,7 @@ class MatchingTask:
 
     @property
     def minimal(self) -> int:
-        """Matches in one image that always have a pose: those of a minimal set, of a rig of three points in one camera.
-
-        The search of a rig takes minimal sets of `P3P` whatever is known of the vertical.
-        """
+        """Matches in one image that always have a pose: a minimal set; a rig is searched by those of `P3P`."""
         return self.problem.minimal if self.rig is None else P3P.minimal
 
     @property
@@ -223,9 +220,8 @@ class MatchingTask:
     @cached_property
     def camera_of(self) -> NDArray[np.int64]:
         """Camera (n',) of each detection; 0 without a rig."""
-        if self.rig is None:
-            return np.zeros(self.shape[1], np.int64)
-        return np.asarray(self.points.target[:, 2].astype(np.int64))
+        target = self.points.target
+        return np.zeros(len(target), np.int64) if self.rig is None else np.asarray(target[:, 2].astype(np.int64))
 
     @cached_property
     def sightings(self) -> tuple[RigImage, PointSets]:
