@@ -4,10 +4,11 @@
 
 ``stereo``: a ring of 16 LEDs before two cameras 6 cm apart, half of it beyond the edge of one. ``wand``: five LEDs
 within 5 mm of a line, three of them evenly spaced, two on its handle. ``tools``: two tools of the same six points in
-one image. ``board``: the 20 corners of a checkerboard of 5 by 6 squares, 70 % of them detected; half a turn maps it
-onto itself, so it must not be trusted. ``cut-board``: the same without two corners, which tell its halves apart.
-``cube``: eight corners with normals; 24 turns map it onto itself. ``stray``: twelve points, one of them detected 6 to
-40 px off. ``two-scales``: six points within 2 cm and six within 40 cm.
+one image; nobody can say which is which, so neither must be trusted. ``board``: the 20 corners of a checkerboard of 5
+by 6 squares, 70 % of them detected; half a turn maps it onto itself, so it must not be trusted. ``cut-board``: the same
+without two corners, which tell its halves apart. ``cube``: eight corners with normals; 24 turns map it onto itself.
+``stray``: twelve points, one of them detected 6 to 40 px off. ``two-scales``: six points within 2 cm and six within
+40 cm.
 
 "Right": no match wrong and nine tenths of the visible points matched. The two tools may change places. A stray point
 may be matched with its own detection or be left out. Defaults were chosen on seeds below 2000.
