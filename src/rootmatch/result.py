@@ -18,7 +18,7 @@ from rootmatch.explain.diagnosis import Diagnosis, diagnosed
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import confidence_of_motions, other_poses
 from rootmatch.explain.poses import Pose, poses_of
-from rootmatch.explain.predicted_poses import polished_pose
+from rootmatch.explain.predicted_poses import poses_of_finding
 from rootmatch.explain.status_advice import advice
 from rootmatch.explain.task import MatchingTask
 from rootmatch.explain.validation import check_assignment
@@ -254,11 +254,7 @@ class Match:
         InputError
             If the problem fits no poses, as derived problems, whose equations do not say what a pose is.
         """
-        if self.sightings is not None:
-            return self.sightings.poses
-        if self.finding.pose is not None and (self.prior_holds or len(self.pairs) >= self.problem.least_for_pose):
-            return [polished_pose(self.finding)]
-        return self.poses_of(self.assignment)
+        return poses_of_finding(self.finding) if self.sightings is None else self.sightings.poses
 
     @cached_property
     def alternative_poses(self) -> list[list[Pose | None]]:

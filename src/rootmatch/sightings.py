@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
-from rootmatch.explain.poses import poses_of
-from rootmatch.explain.predicted_poses import polished_pose
+from rootmatch.explain.predicted_poses import poses_of_finding
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.problems.pose_fit.pose import Pose
 
@@ -54,11 +53,7 @@ class Sightings:
     @cached_property
     def poses(self) -> list[Pose | None]:
         """Poses of the bodies in the rig, each fitted to all sightings; their ``points`` are camera · n + point."""
-        found = self.finding
-        matched = np.count_nonzero(found.assignment >= 0)
-        if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
-            return [polished_pose(found)]
-        return poses_of(found.task, [found.assignment], found.motion_labels)[0]
+        return poses_of_finding(self.finding)
 
     @property
     def pose(self) -> Pose | None:

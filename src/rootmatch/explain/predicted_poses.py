@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
+from rootmatch.explain.poses import poses_of
 from rootmatch.explain.task import MatchingTask
 from rootmatch.model.blob_labels import resolved
 from rootmatch.model.pose_density import Gaussian, Known
@@ -42,6 +43,14 @@ def predictions_of(task: MatchingTask) -> list[tuple[Pose, float]]:
     every = [(task.prior_pose, 1.0 - sum(share for _, share in task.rival_poses)), *task.rival_poses]
     upright = vertical_of(task.problem)
     return every if upright is None else [(upright.with_prediction(pose), share) for pose, share in every]
+
+
+def poses_of_finding(found: Finding) -> list[Pose | None]:
+    """The most likely pose of each motion of a finding: polished from that of its model if there is one."""
+    matched = np.count_nonzero(found.assignment >= 0)
+    if found.pose is not None and (found.prior_holds or matched >= found.task.problem.least_for_pose):
+        return [polished_pose(found)]
+    return poses_of(found.task, [found.assignment], found.motion_labels)[0]
 
 
 def polished_pose(found: Finding) -> Pose | None:

@@ -20,7 +20,6 @@ from rootmatch.model.posterior import Posterior, prior_odds
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 KEPT = 16
 """Modes of each body that are weighed together. A round value."""
@@ -54,7 +53,7 @@ def joint_posterior(
     chosen = np.empty((1, 0), np.int64)
     taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
     for modes in parts:
-        uses = np.concatenate([_uses(modes, count), np.zeros((1, count), np.bool_)])
+        uses = np.concatenate([modes.uses(count), np.zeros((1, count), np.bool_)])
         mass = np.append(modes.log_mass + odds, 0.0)
         free = ~(taken @ uses.T)  # which of the joint hypotheses leave which modes their detections
         row, mode = np.nonzero(free)
@@ -73,13 +72,6 @@ def joint_posterior(
     return found
 
 
-def _uses(modes: Modes, count: int) -> Bools:
-    """Which detections (M, n') each mode takes."""
-    out = np.zeros((len(modes.assignments), count + 1), np.bool_)
-    out[np.arange(len(out))[:, None], modes.assignments] = True  # −1 is the last place
-    return out[:, :count]
-
-
 def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]) -> Modes:
     """The best modes of a body, and what remains of them if others take shared detections."""
     count = models[k].shape[1]
@@ -87,7 +79,7 @@ def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]
     known = {one.tobytes() for one in modes.assignments}
     rows, parts = [], []
     for other in (*every[:k], *every[k + 1 :]):
-        for wanted in _uses(other, count)[:KEPT]:
+        for wanted in other.uses(count)[:KEPT]:
             contested = (modes.assignments >= 0) & wanted[modes.assignments]
             for row in np.flatnonzero(contested.any(axis=1)).tolist():
                 part = np.where(contested[row], -1, modes.assignments[row])

@@ -48,6 +48,12 @@ class Modes(NamedTuple):
     unmatched: Floats
     near: NDArray[np.object_]
 
+    def uses(self, count: int) -> NDArray[np.bool_]:
+        """Which of so many detections (M, n') each mode takes."""
+        out = np.zeros((len(self.assignments), count + 1), np.bool_)
+        out[np.arange(len(out))[:, None], self.assignments] = True  # −1 is the last place
+        return out[:, :count]
+
     def take(self, which: Integers) -> Modes:
         """A subset of the modes."""
         return Modes._make(one[which] for one in self)

@@ -69,9 +69,7 @@ class Posterior:
 
     def used(self, count: int) -> Floats:
         """Probability (n',) that each of so many detections is of the body."""
-        uses = np.zeros((len(self.probabilities), count + 1))
-        uses[np.arange(len(uses))[:, None], self.modes.assignments] = 1.0  # −1 is the last place
-        return np.asarray(self.probabilities @ uses[:, :count])
+        return np.asarray(self.probabilities @ self.modes.uses(count))
 
     def ranked(self, most: int) -> list[tuple[Integers, float]]:
         """Different assignments with their probabilities: those of the modes, and changes of them that were weighed."""

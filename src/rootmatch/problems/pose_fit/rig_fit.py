@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.rig import Rig
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.problems.points import PointSets
 from rootmatch.problems.pose_fit.base import Floats
+from rootmatch.problems.pose_fit.camera_fit import REWEIGHTED
 from rootmatch.problems.pose_fit.descent import State, covariance_of, descended, lowest_of
-from rootmatch.problems.pose_fit.fitted_pose import fitted_pose
+from rootmatch.problems.pose_fit.fitted_pose import fitted_pose, in_callers_frame
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.prior_residuals import Prior
 from rootmatch.problems.pose_fit.projection_model import ProjectionModel, whitening
@@ -26,8 +26,6 @@ Integers = NDArray[np.int64]
 
 STEPS = 20
 """Maximum number of steps of a descent from the pose of one camera; five are usual. Not tuned."""
-REWEIGHTED = 2
-"""As `rootmatch.problems.pose_fit.camera_fit.REWEIGHTED`."""
 LEAST = 4
 """Matches within one camera from which a fit can start: with three there are several poses."""
 
@@ -93,18 +91,15 @@ def rig_pose(
             state, chi2 = descended(model, state, STEPS)
     covariance = covariance_of(model, state)[0]
     rotation, translation = state[0][0], state[1][0]
-    turned = rotation @ centre
-    change = np.zeros((6, 6))
-    change[:3, :3], change[3:, 3:] = np.eye(3), unit * np.eye(3)
-    change[3:, :3] = cross_matrix(turned)  # t = u t' − R c, so τ = u τ' − ω × R c
+    t, own = in_callers_frame(rotation, translation, covariance, axes=np.eye(3), centre=centre, unit=unit)
     members = np.flatnonzero(used)
     detections = assignment[members]
     with np.errstate(all="ignore"):
         predicted = image.project(places @ rotation.T + translation)[members]
     return fitted_pose(
         rotation,
-        unit * translation - turned,
-        change @ covariance @ change.T,
+        t,
+        own,
         chi2=float(chi2[0]),
         dof=2 * len(members) - (6 if gaussian is None else 0),
         points=members,
