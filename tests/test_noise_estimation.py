@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rootmatch as rm
-from rootmatch.explain.noise_estimation import mean_cut, scale_of
+from rootmatch.explain.explain import explain
+from rootmatch.explain.finding import Finding
+from rootmatch.explain.noise_estimation import mean_cut, scale_of, solve_with_estimated_noise
+from rootmatch.explain.task import MatchingTask
 from rootmatch.simulation import p3p_scene, up2p_scene
 
 
@@ -52,3 +56,23 @@ def test_scale_of_residuals_of_the_law_is_found(dof: int) -> None:
     assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.02)
     drawn[:2000] = 1e6  # a few that are no residuals of the law change little
     assert scale_of(4.0 * drawn, mean_cut(dof)) == pytest.approx(4.0, rel=0.12)
+
+
+def test_no_long_search_is_spent_on_a_guess_of_noise_that_is_far_too_large() -> None:
+    """20 of 60 points: at ten times its noise, where hardly a hypothesis is beyond chance, a search takes 5·10⁸."""
+    rng = np.random.default_rng(36000)
+    source = rng.uniform(-0.5, 0.5, (60, 3)) * [1.0, 1.0, 0.6]
+    camera = rm.Camera(1200.0, 1200.0, 640.0, 480.0)
+    inside = source @ Rotation.random(rng=rng).as_matrix().T + [0.1, 0.1, 2.0]
+    target = camera.project(inside[:20]) + rng.normal(scale=0.3, size=(20, 2))
+    spent: list[Finding] = []
+
+    def counted(task: MatchingTask) -> Finding:
+        spent.append(explain(task))
+        return spent[-1]
+
+    task = MatchingTask.of(rm.P3P(camera), source, target, noise="auto")
+    found = solve_with_estimated_noise(task, counted)
+    assert found.status
+    np.testing.assert_array_equal(found.assignment[:20], np.arange(20))
+    assert sum(each.evaluated for each in spent) < 2e8

@@ -20,6 +20,7 @@ from rootmatch.hypergraph.enumeration import wide_first
 from rootmatch.hypergraph.random_tuples import permuted_tuples
 from rootmatch.model.evidence import about
 from rootmatch.model.proposals import fitted
+from rootmatch.samplers.guided.sampler import pays
 
 FIRST_GUESS = 0.004
 """σ of the first match over the diagonal of the image points: 2 pixels of 500. A round value, generous on purpose."""
@@ -35,6 +36,13 @@ SETTLED, ROUNDS = 1.15, 5
 """Factor by which a guess may be off, and matches at most (`benchmarks/noise_estimation.py`)."""
 ROUND = 0.5
 """Share of the time left at a deadline for each of those matches."""
+RUNGS = (0.25, 1.0, 1.0 / 16.0)
+"""First guesses of σ over the generous one, in the order in which they are searched with: detectors are often that
+good."""
+GROWTH = 4
+BUDGETS = tuple(8_000_000 * GROWTH**k for k in range(4))
+"""Evaluations that a search with a first guess may take, in turn: 60 points of which 20 are seen take 2 to 17 million
+with the noise stated, and 500 million at ten times that (`benchmarks/targets.py --sizes 60 --seen 20`)."""
 LEAST = 1e-3
 """Smallest σ relative to the first guess: exact data have none."""
 
@@ -48,8 +56,8 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
     solve : callable
         The finding of a task whose noise is known.
     """
-    guess = first = first_guess(task.image[0], task.camera_of)
-    match = solve(_round(task, guess))
+    first = first_guess(task.image[0], task.camera_of)
+    match, guess = _first_match(task, solve, first)
     for _ in range(ROUNDS):
         try:
             sigma = estimated_noise(match, guess)
@@ -62,6 +70,30 @@ def solve_with_estimated_noise(task: MatchingTask, solve: Callable[[MatchingTask
         guess = min(max(sigma, LEAST * first), 4.0 * first)
         match = solve(_round(task, guess))
     return match
+
+
+def _first_match(
+    task: MatchingTask, solve: Callable[[MatchingTask], Finding], generous: float
+) -> tuple[Finding, float]:
+    """A finding to begin with, and its σ.
+
+    The more generous σ, the less tells a hypothesis from chance, and a long search may end by its budget where one with
+    a smaller σ ends at once. So a search is cut short and the next smaller σ tried before more is spent.
+    """
+    widest = _round(task, generous)
+    known = task.prior_pose is not None or task.known is not None
+    by_search = task.options.chosen_sampler == "auto" and task.options.motions == 1 and pays(widest.sampling_task)
+    if known or task.rig is not None or not by_search:
+        return solve(widest), generous
+    found: dict[float, Finding] = {}
+    for budget in BUDGETS:
+        for rung in RUNGS:
+            if rung in found and found[rung].evaluated < budget / GROWTH:
+                continue  # that search ended by itself
+            found[rung] = solve(replace(_round(task, rung * generous), budget=budget))
+            if found[rung].status or task.deadline.passed():
+                return found[rung], rung * generous
+    return found[1.0], generous
 
 
 def _round(task: MatchingTask, sigma: float) -> MatchingTask:
