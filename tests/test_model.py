@@ -426,7 +426,7 @@ def made_modes(log_odds: list[float], assignments: list[list[int]]) -> Modes:
     return Modes(
         np.array(assignments), np.repeat(np.eye(3)[None], count, 0), np.tile([0.0, 0.0, 1.0], (count, 1)),
         np.repeat(np.eye(6)[None], count, 0), value, value, np.ones((count, n)), np.zeros(count),
-        np.ones((count, n)), np.zeros((count, n)), none_near(count, n),
+        np.ones((count, n)), np.zeros((count, n)), np.ones(count, np.bool_), none_near(count, n),
     )  # fmt: skip
 
 
@@ -434,14 +434,16 @@ def test_bodies_share_no_detection_as_all_joint_hypotheses_say() -> None:
     target = np.random.default_rng(0).uniform((0, 0), (1280, 960), (8, 2))
     models = [DetectionModel(CAMERA, np.eye(3) * 0.1, target, np.full(8, SIGMA)) for _ in range(2)]
     modes = [made_modes([6.0, 4.0], [[0, 1, 2], [3, 4, 5]]), made_modes([5.0, 1.0], [[2, 1, 0], [5, 6, 7]])]
-    options = PosteriorOptions(present=0.5)
+    options = PosteriorOptions(present=0.5, copy=0.01)
     told = joint_posterior(models, modes, options=options)
-    # every pair of a mode of each, or none, by hand; −1 is none
-    weights = {
-        (a, b): math.exp((modes[0].log_odds[a] if a >= 0 else 0.0) + (modes[1].log_odds[b] if b >= 0 else 0.0))
-        for a, b in itertools.product((-1, 0, 1), repeat=2)
-        if (a, b) not in {(0, 0), (1, 1)}
-    }
+    # a mode of each body and of a copy of each, or none, by hand; −1 is none
+    weights = {}
+    for chosen in itertools.product((-1, 0, 1), repeat=4):
+        shown = [(modes[k % 2], mode) for k, mode in enumerate(chosen) if mode >= 0]
+        used = np.concatenate([[], *(one.assignments[mode] for one, mode in shown)])
+        if len(np.unique(used)) == len(used):
+            copies = sum(mode >= 0 for mode in chosen[2:])
+            weights[chosen] = options.copy**copies * math.exp(sum(one.log_odds[mode] for one, mode in shown))
     total = sum(weights.values())
     for k in range(2):
         for mode in range(2):

@@ -27,7 +27,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.gathering import gathered
-from rootmatch.model.mode_search import modes_of
+from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
@@ -53,6 +53,9 @@ HYPEREDGES, GATHERED = 4096, 8
 """Hyper-edges of a sweep whose poses gather detections, those of the largest weights, and how many of the assignments
 that these lead to are weighed. Of 217 scenes of one body, 56 are trusted and right, 48 without them, with the same four
 wrong (benchmarks/adversary.py, seeds from 1000). Round values."""
+SUMMED, LIKELY = 4, 0.5
+"""Rounds in which changes are summed of modes that competition has made the first ones, and the probability from which
+they are. Round values."""
 DOUBT = 0.01
 """Probability that a predicted pose is wrong by more than its covariance says. A round value."""
 PREDICTION = 0.05
@@ -139,7 +142,23 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
                 image = body.task.sightings_of(twin)
                 more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
         every.append(modes_of(body.model, joined(more), body.modes, of_several=True) if more else body.modes)
-    return joint_posterior([body.model for body in bodies], every)
+    models = [body.model for body in bodies]
+    told = joint_posterior(models, every)
+    for _ in range(SUMMED):
+        known = [_with_first_summed(*each) for each in zip(models, every, told, strict=True)]
+        if all(one is before for one, before in zip(known, every, strict=True)):
+            break
+        every, told = known, joint_posterior(models, known)
+    return told
+
+
+def _with_first_summed(model: DetectionModel, modes: Modes, told: Posterior) -> Modes:
+    """Modes with the sum over the changes of the one that a posterior tells, if it may be believed."""
+    first = told.modes
+    if not len(told.probabilities) or first.summed[0] or told.probabilities[0] < LIKELY:
+        return modes
+    same = (modes.rotation == first.rotation[0]).all(axis=(1, 2)) & (modes.position == first.position[0]).all(axis=1)
+    return with_sums(model, modes, int(np.flatnonzero(same)[0]))
 
 
 def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_several: bool = False) -> bool:

@@ -3,10 +3,12 @@
 Every detection has one owner. A joint hypothesis consists of one mode of each body, or its absence, such that no
 detection is used twice. Its odds against clutter alone are the product of theirs. So no body is trusted on detections
 that another explains as well, and a body is not taken to be absent merely because another takes its detections.
+An image may also show a copy of a body that nobody named: of two places where it fits, either may be the one asked for.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +18,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
 from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.modes import Modes, none_near
+from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, prior_odds
 
 Floats = NDArray[np.float64]
@@ -52,9 +55,11 @@ def joint_posterior(
     count = models[0].shape[1]
     chosen = np.empty((1, 0), np.int64)
     taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
-    for modes in parts:
+    masses = [(modes, modes.log_mass + odds) for modes in parts]
+    copies = [_as_copy(model, modes, options) for model, modes in zip(models, parts, strict=True)]
+    for modes, present in [*masses, *(copy for copy in copies if copy is not None)]:
         uses = np.concatenate([modes.uses(count), np.zeros((1, count), np.bool_)])
-        mass = np.append(modes.log_mass + odds, 0.0)
+        mass = np.append(present, 0.0)
         free = ~(taken @ uses.T)  # which of the joint hypotheses leave which modes their detections
         row, mode = np.nonzero(free)
         sums = value[row] + mass[mode]
@@ -70,6 +75,22 @@ def joint_posterior(
         order = np.argsort(-each[:-1], kind="stable")
         found.append(Posterior(modes.take(order), np.asarray(each[:-1][order], np.float64), float(each[-1])))
     return found
+
+
+def _as_copy(model: DetectionModel, modes: Modes, options: PosteriorOptions) -> tuple[Modes, Floats] | None:
+    """The modes of a body as those of a copy that nobody named, with their odds; None if two cannot be in one image.
+
+    Where the body is expected tells nothing of its copy.
+    """
+    uses = modes.uses(model.shape[1]).astype(np.int64)
+    if not (uses @ uses.T == 0).any():
+        return None
+    mass = modes.log_mass
+    if isinstance(model.prior, Doubted):
+        at = model.linearised(modes.rotation, modes.position)
+        anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
+        mass = mass - modes.log_odds + anywhere
+    return modes, mass + math.log(options.copy)
 
 
 def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]) -> Modes:

@@ -32,6 +32,9 @@ Integers = NDArray[np.int64]
 
 TINY = 1e-12 * np.eye(6)
 """Added to a correlation of poses, which may be singular where a vertical is exact."""
+COUNTS = 3.0
+"""Log-odds against a copy of the body at which its place still counts: with a twentieth, a probability changes by half
+of that."""
 IMPOSSIBLE = -1e9
 """Log-odds used in place of −∞, so that differences stay finite."""
 SECONDS_PER_DENSITY = 3e-10
@@ -44,6 +47,8 @@ class PosteriorOptions(Options):
 
     present: float = option(0.8, above=0.0, most=1.0)
     """Prior probability that the image shows the body, given that somebody asks for it."""
+    copy: float = option(1e-3, above=0.0, most=1.0)
+    """Prior odds that the image shows another copy of the body, which nobody named. A stated value, not measured."""
     wrong_model: float = option(1e-3, least=0.0, most=1.0)
     """Probability that the model does not hold at all (another body, a wrong calibration): no result is more certain
     than that. A stated floor, not measured."""
@@ -93,20 +98,24 @@ def modes_of(
     kept = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
+    of_copy = min(enough, -math.log(options.copy) - COUNTS)
+    """The same of one with other detections than the best."""
     proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
     if len(proposals.assignments):
         checkpoint()
         each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
         proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
-        assignments, found, at = _possible(model, proposals, floor, enough, options=options)
+        assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
         found, at = settled(model, assignments, found, at)
         order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
         for k in order[np.isfinite(found.log_odds[order])].tolist():
             mode = _Mode.of(assignments[k], found, poses, k)
             behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
-            if kept and (behind or in_force().passed()):
+            if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
                 break
+            if behind and not mode.is_apart(kept[0]):
+                continue
             kept = _with(kept, mode, model, at.take(np.array([k])), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
 
@@ -125,10 +134,27 @@ def _with(
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
         mode = _grown(model, mode, at, options)
-        if _is_known(mode, kept, options):
-            return kept
+        return _joined(kept, mode, options)
+    return _beside(kept, mode, options)
+
+
+def _joined(kept: list[_Mode], mode: _Mode, options: PosteriorOptions) -> list[_Mode]:
+    """Modes with another one, unless it is one of them."""
+    return kept if _is_known(mode, kept, options) else _beside(kept, mode, options)
+
+
+def _beside(kept: list[_Mode], mode: _Mode, options: PosteriorOptions) -> list[_Mode]:
+    """Modes with another one that is none of them, but without those that are part of it."""
     kept = [other for other in kept if not _is_part(other, mode, options)]
     return sorted([*kept, mode], key=lambda one: -one.log_mass)
+
+
+def with_sums(model: DetectionModel, modes: Modes, which: int, options: PosteriorOptions = DEFAULT_POSTERIOR) -> Modes:
+    """Modes of which one is grown that seemed too far behind the best: other bodies may have taken its detections."""
+    kept = _Mode.every(modes)
+    mode = kept.pop(which)
+    at = model.linearised(mode.rotation[None], mode.position[None])
+    return _as_arrays(_joined(kept, _grown(model, mode, at, options), options), model.shape[0])
 
 
 def _is_known(mode: _Mode, kept: list[_Mode], options: PosteriorOptions) -> bool:
@@ -163,6 +189,7 @@ class _Mode:
     freedom: float
     visible: Floats
     unmatched: Floats
+    summed: bool
     near: tuple[Integers, Floats, Floats]
     """Changed assignments that were weighed, with their log-odds, and steps (C, 6) to the poses that they lead to."""
 
@@ -176,6 +203,10 @@ class _Mode:
         """Log-odds of the changed assignments that were weighed, and steps to their poses."""
         every, log_odds, steps = self.near
         return {one.tobytes(): (odds, step) for one, odds, step in zip(every, log_odds.tolist(), steps, strict=True)}
+
+    def is_apart(self, other: _Mode) -> bool:
+        """Whether it has none of another one's detections."""
+        return set(self.assignment.tolist()).isdisjoint(other.assignment[other.assignment >= 0].tolist())
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> _Mode:
@@ -191,6 +222,7 @@ class _Mode:
             log_mass=float(found.log_odds[k]),
             local=np.ones(len(assignment)),
             unmatched=(assignment < 0).astype(float),
+            summed=False,
             near=(np.empty((0, len(assignment)), np.int64), np.empty(0), np.empty((0, 6))),
         )
 
@@ -264,7 +296,7 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
         sums, share = math.log(every), np.full(len(mode.assignment), 1.0 / every)
         mode.local = np.asarray(1.0 - total / every, np.float64)
     mode.unmatched = np.asarray(np.where(mode.assignment >= 0, left_out * share, mode.local), np.float64)
-    mode.log_mass = mode.log_odds + sums
+    mode.log_mass, mode.summed = mode.log_odds + sums, True
     return mode
 
 

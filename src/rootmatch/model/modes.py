@@ -31,6 +31,8 @@ class Modes(NamedTuple):
     visible : (M, n) float64
     unmatched : (M, n) float64
         Probability that a point has no detection, given the mode.
+    summed : (M,) bool
+        Whether changes of the assignment were summed; otherwise its matches count as certain, given the mode.
     near : (M,) object
         Changes of each assignment that were weighed, as (C, n) int64, (C,) and (C, 6) float64 arrays: the changed
         assignments, their log-odds, and the steps from the mode's pose to theirs.
@@ -46,6 +48,7 @@ class Modes(NamedTuple):
     freedom: Floats
     visible: Floats
     unmatched: Floats
+    summed: NDArray[np.bool_]
     near: NDArray[np.object_]
 
     def uses(self, count: int) -> NDArray[np.bool_]:
@@ -77,6 +80,7 @@ def no_modes(n: int) -> Modes:
         freedom=none,
         visible=np.empty((0, n)),
         unmatched=np.empty((0, n)),
+        summed=np.empty(0, np.bool_),
         near=np.empty(0, object),
     )
 

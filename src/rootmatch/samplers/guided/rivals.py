@@ -1,6 +1,7 @@
-"""Rivals of a hypothesis: whether its detections could as well be other points, as of an object that looks like itself.
+"""Rivals of a hypothesis: poses that explain as much, with its detections as other points, or with other detections.
 
-Only these detections are tried as images, in every arrangement, so this takes a fraction of what the search took.
+An object that looks like itself has the former, two copies of one object have the latter. Few detections are tried as
+images, in every arrangement, so this takes a fraction of what the search took.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets
-from rootmatch.samplers.guided.visibility import MISSED
+from rootmatch.samplers.guided.visibility import FAILURE, MISSED
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -38,36 +39,58 @@ verified: less than of the evidence, as a minimal set may predict worse than ano
 
 
 def try_rivals(search: Search) -> None:
-    """Try minimal sets with the detections of the strongest hypothesis until no rival can well have been missed."""
+    """Try minimal sets until no rival of the strongest hypothesis can well have been missed."""
     best = search._clustered()[2].best[0]
-    images = np.sort(best[best >= 0])
+    own = np.sort(best[best >= 0])
+    search.missed = _missed_among(search, own, len(own), known=best)
+    rest = elsewhere(search, best)
+    if len(rest) and not search._spent():
+        search.missed = max(search.missed, _missed_among(search, rest, len(own)))
+
+
+def elsewhere(search: Search, best: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The detections that an assignment (n,) leaves, if they can hold a rival."""
+    rest = np.setdiff1d(np.arange(search.n_target), best)
+    return rest if len(rest) >= max(fewest(np.count_nonzero(best >= 0)), search.minimal + 1) else rest[:0]
+
+
+def fewest(matched: int) -> float:
+    """Detections that a rival of a hypothesis with so many, as probable as it is, explains at least."""
+    return max(RIVAL * matched, matched - LACKS)
+
+
+def _missed_among(
+    search: Search, images: NDArray[np.int64], matched: int, known: NDArray[np.int64] | None = None
+) -> float:
+    """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.
+
+    Of a hypothesis with so many matches; ``known`` (n,) is its assignment if the detections are its own.
+    """
     arrangements = images[target_arrangements(len(images), search.minimal - 1)].astype(np.int32)
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
-    least = max(search.minimal + 1, math.ceil(SAME * len(images)))
+    least = max(search.minimal + 1, math.ceil(SAME * matched))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
-    fewest = max(RIVAL * len(images), len(images) - LACKS)
-    met = min((fewest / search.n) ** search.minimal, 0.999)
+    met = min((fewest(matched) / search.n) ** search.minimal, 0.999) * (1.0 if known is not None else 1.0 - FAILURE)
     # the more of the object is hidden, the more poses show another side of it, and the fewer sets are wide in each
-    hidden = search.n / len(images)
+    hidden = search.n / matched if known is not None else 1.0
     enough = RIVAL_MISSED**hidden if tried is None else MISSED
-    done, wanted = 0, math.ceil(math.log(enough) / math.log1p(-met))
+    done, wanted, missed = 0, math.ceil(math.log(enough) / math.log1p(-met)), 1.0
     if wanted == 0:
-        search.missed = 0.0
-        return
+        return 0.0
     for sets in _sets(search, len(arrangements), wanted=wanted if tried is None else 0):
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
         while first < tasks and (block := pace.block(tasks - first)):
-            search._try(some, search._test(0), arrangements, first=first, last=first + block, known=best)
+            search._try(some, search._test(0), arrangements, first=first, last=first + block, images=images, known=known)
             first += block
         if first == tasks:
             done += len(some.points)
             if tried is not None:
                 tried.add(some.points)
-        search.missed = (1.0 - met) ** done if tried is None else tried.missed(least)
-        if search.missed <= enough or search._spent():
-            return
-    search.missed = 0.0
+        missed = (1.0 - met) ** done if tried is None else tried.missed(least)
+        if missed <= enough or search._spent():
+            return missed
+    return 0.0
 
 
 def _sets(search: Search, arrangements: int, wanted: int) -> Iterator[PreparedSets]:

@@ -209,7 +209,7 @@ class Search:
         )  # fmt: skip
 
     def _try_rivals(self) -> None:
-        """Try rivals: other points of a symmetric object that have the strongest hypothesis's detections."""
+        """Try rivals of the strongest hypothesis."""
         try_rivals(self)
 
     def _false_alarm_level(self) -> float:
@@ -223,19 +223,19 @@ class Search:
         *,
         first: int,
         last: int,
+        images: Integers | None = None,
         known: Integers | None = None,
     ) -> None:
         """Test one batch of tasks and verify the best survivors; for rivals of a ``known`` assignment (n,) see `_keep`.
 
-        Rivals have its detections: ``arrangements`` name no others.
+        If only some ``images`` may be matched, ``arrangements`` name no others.
         """
-        images = self.n_target if known is None else int((known >= 0).sum())
-        each = images - self.minimal + 1
+        each = (self.n_target if images is None else len(images)) - self.minimal + 1
         solved = (last - first) * each
         most = batches.verified_of(solved, self.single)
         survivors, ratios, counts = run_sequential_tests(
             self.padded, self.grid, test, sets, arrangements,
-            first=first, last=last, allowed=self.allowed if known is None else self._allowed_to(known),
+            first=first, last=last, allowed=self.allowed if images is None else self._allowed_to(images),
             keep=batches.kept_per_chunk(most), chunks=batches.CHUNKS,
             threads=threads_worth(solved // batches.WORTH_A_THREAD),
         )  # fmt: skip
@@ -243,10 +243,10 @@ class Search:
         counts[:, 0] = counts[:, 0] // (self.n_target - self.minimal + 1) * each
         self._keep(sets.points, survivors, ratios, counts, most, known=known)
 
-    def _allowed_to(self, assignment: Integers) -> NDArray[np.bool_]:
-        """The possible correspondences (n, n') with the detections of an assignment (n,)."""
+    def _allowed_to(self, images: Integers) -> NDArray[np.bool_]:
+        """The possible correspondences (n, n') with some detections."""
         mask = np.zeros(self.shape, np.bool_)
-        mask[:, assignment[assignment >= 0]] = True
+        mask[:, images] = True
         return mask & self.allowed if self.allowed.size else mask
 
     def _keep(
@@ -328,6 +328,8 @@ class Search:
         _, _, hypotheses = self._clustered()
         level, evidence = self._false_alarm_level(), hypotheses.evidence
         near = evidence > evidence.max(initial=0.0) - LAG
+        if not near.all():
+            near |= (evidence > level) & hypotheses.apart_from_first()
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
         return hypotheses.assignments(near, self.options.hypotheses)

@@ -17,7 +17,7 @@ from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import CROWDED, LEAST, LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import SAME
+from rootmatch.samplers.guided.rivals import SAME, elsewhere, fewest
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
@@ -83,11 +83,18 @@ class VisibleSearch(Search):
         self.missed = 0.0  # everything was tried
 
     def _try_rivals(self) -> None:
-        """See `Search`: only the detections of the strongest hypothesis are tried as images."""
-        _, _, hypotheses = self._clustered()
-        images = np.sort(hypotheses.best[0][hypotheses.best[0] >= 0])
-        mask = self._allowed_to(hypotheses.best[0])
-        least = max(self.minimal + 1, math.ceil(SAME * len(images)))
+        """See `Search`: only some detections are tried as images."""
+        best = self._clustered()[2].best[0]
+        own = np.sort(best[best >= 0])
+        self._try_among(own, max(self.minimal + 1, math.ceil(SAME * len(own))))
+        rest, missed = elsewhere(self, best), self.missed
+        if len(rest) and not self._spent():
+            self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own)))))
+            self.missed = max(self.missed, missed)
+
+    def _try_among(self, images: NDArray[np.int64], least: int) -> None:
+        """Try sets with some detections until no pose that explains so many can well have been missed."""
+        mask = self._allowed_to(images)
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
