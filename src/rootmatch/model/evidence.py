@@ -40,6 +40,9 @@ STEPS, MOST_STEPS, FAR = 2, 8, 1.0
 """Steps of every hypothesis, those of one that may count, and the decrease of Q above which that is still far from its
 best pose. Where the image hardly tells some of the pose, as of nearly collinear points, two steps leave a fit with 1.2
 times the stated noise at five times it. Round values."""
+TOGETHER = 8
+"""Hypotheses up to which all are weighed again rather than some of them picked out, which takes longer. A round
+value."""
 BEHIND = 30.0
 """Log-odds behind the best hypothesis from which the first steps have to do. A round value."""
 
@@ -142,8 +145,8 @@ def settled(
         (some,) = np.nonzero(going)
         if not len(some):
             break
-        if len(some) == len(going):
-            at = model.linearised(*stepped(found, at))
+        if len(some) == len(going) or len(going) <= TOGETHER:
+            at = model.linearised(*stepped(found._replace(step=found.step * going[:, None]), at))
             found = evidence(model, assignments, at, prior)
             continue
         there = model.linearised(*stepped(found.take(some), at.take(some)))

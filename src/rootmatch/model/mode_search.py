@@ -116,7 +116,7 @@ def modes_of(
                 break
             if behind and not mode.is_apart(kept[0]):
                 continue
-            kept = _with(kept, mode, model, at.take(np.array([k])), enough=enough, options=options)
+            kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
 
 
@@ -124,17 +124,20 @@ def _with(
     kept: list[_Mode],
     mode: _Mode,
     model: DetectionModel,
-    at: Linearised,
+    place: tuple[Linearised, int],
     *,
     enough: float,
     options: PosteriorOptions,
 ) -> list[_Mode]:
-    """Modes with another one, grown if it may count, unless it is one of them; ``at`` is linearised about its pose."""
+    """Modes with another one, grown if it may count, unless it is one of them.
+
+    ``place``: images in several poses, and which of them is its own.
+    """
     if _is_known(mode, kept, options):
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
-        mode = _grown(model, mode, at, options)
-        return _joined(kept, mode, options)
+        at, k = place
+        return _joined(kept, _grown(model, mode, at.take(np.array([k])), options), options)
     return _beside(kept, mode, options)
 
 

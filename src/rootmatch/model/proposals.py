@@ -11,6 +11,7 @@ from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import Evidence, about, settled, stepped
 from rootmatch.model.linearised import Linearised
+from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import frames_of
 
 Floats = NDArray[np.float64]
@@ -55,6 +56,9 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
+    in_camera = np.count_nonzero(assignments.reshape(len(assignments), max(len(model.images), 1), -1) >= 0, axis=2)
+    if not ((in_camera >= LEAST) & (in_camera <= FEW)).any():
+        return no_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
     return poses_of_sets(model, assignments, FEW).proposals
 
 

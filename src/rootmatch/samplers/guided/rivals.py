@@ -18,7 +18,7 @@ from rootmatch.hypergraph.enumeration import target_arrangements
 from rootmatch.samplers.guided import batches
 from rootmatch.samplers.guided.minimal_sets import LARGEST_WAVE
 from rootmatch.samplers.guided.sequential_test import PreparedSets
-from rootmatch.samplers.guided.visibility import FAILURE, MISSED
+from rootmatch.samplers.guided.visibility import LOST_OF_ALL, MISSED
 
 if TYPE_CHECKING:
     from rootmatch.samplers.guided.search import Search
@@ -70,7 +70,7 @@ def _missed_among(
     tried, pace = search._tried(), Pace(search.deadline, batches.CHUNKS)
     least = max(search.minimal + 1, math.ceil(SAME * matched))
     # a set is met if a rival, which explains nearly as many detections, explains all of its points
-    met = min((fewest(matched) / search.n) ** search.minimal, 0.999) * (1.0 if known is not None else 1.0 - FAILURE)
+    met = min((fewest(matched) / search.n) ** search.minimal, 0.999) * (1.0 if known is not None else 1.0 - LOST_OF_ALL)
     # the more of the object is hidden, the more poses show another side of it, and the fewer sets are wide in each
     hidden = search.n / matched if known is not None else 1.0
     enough = RIVAL_MISSED**hidden if tried is None else MISSED
