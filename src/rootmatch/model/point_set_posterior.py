@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
+from rootmatch.model.mode_search import COUNTS, DEFAULT_POSTERIOR
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
@@ -23,8 +24,10 @@ MIRRORED = 0.01
 left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
 WRONG_MODEL = 1e-3
 """Probability that the model is wrong, whatever the evidence: no probability exceeds 1 minus this. A round value."""
+COPY = DEFAULT_POSTERIOR.copy
+"""Prior odds that another copy of the object, which nobody named, is among the targets."""
 KEPT = 64
-"""Largest number of hypotheses whose shares are summed. A round value."""
+"""Largest number of hypotheses whose shares are summed, and of those elsewhere. A round value."""
 NEGLIGIBLE = 12.0
 """Log-odds against the best hypothesis beyond which a hypothesis is ignored. A round value."""
 WORTH = 5.0
@@ -174,9 +177,33 @@ def posterior(model: PointSetModel, proposals: Integers, mirrored: Integers | No
     known = model.log_prior(fit)  # it tells symmetric motions from each other
     most = float((odds - known).max())
     weights = _exchanged(model, assignments, np.exp(odds - known - most)) * np.exp(known + most - top)
+    weights = weights * _with_copies(model, assignments, odds - known)
     probabilities = weights / (weights.sum() + math.exp(absent - top) + _mirrored(model, mirrored, assignments, odds))
     order = np.argsort(-probabilities, kind="stable")
     return PointSetPosterior(assignments[order], probabilities[order], fit.chi2[order], fit.dof[order])
+
+
+def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> Floats:
+    """Factors (K,) by which a copy of the object elsewhere, which nobody named, changes the weights of hypotheses.
+
+    Where two may be in the scene, either may be the one asked for. ``odds`` (K,): without what is known of the motion,
+    which tells nothing of a copy. The first hypothesis has the factor 1.
+    """
+    apart = _uses(assignments, len(model.clouds.target))
+    apart = apart.astype(np.int64) @ apart.T == 0
+    if not apart.any():
+        return np.ones(len(odds))
+    of_copy = np.where(apart, odds + math.log(COPY), -np.inf)
+    highest = np.maximum(of_copy.max(axis=1), 0.0)
+    factors = highest + np.log(np.exp(-highest) + np.exp(of_copy - highest[:, None]).sum(axis=1))
+    return np.asarray(np.exp(np.minimum(factors - factors[0], 700.0)))
+
+
+def _uses(assignments: Integers, count: int) -> NDArray[np.bool_]:
+    """Which of so many targets each labelling has, (K, count)."""
+    out = np.zeros((len(assignments), count + 1), np.bool_)
+    out[np.arange(len(out))[:, None], assignments] = True  # −1 is the last place
+    return out[:, :count]
 
 
 def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
@@ -192,9 +219,12 @@ def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
 
 
 def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
-    """The best hypotheses that are not negligible, the best one first, and their log-odds."""
-    order = np.argsort(-odds, kind="stable")[:KEPT]
-    order = order[odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE]
+    """The best hypotheses that are not negligible, and those of a copy, the best one first, and their log-odds."""
+    order = np.argsort(-odds, kind="stable")
+    first = fit.assignments[order[0]]
+    apart = ~np.isin(fit.assignments[order], first[first >= 0]).any(axis=1) & (odds[order] > -math.log(COPY) - COUNTS)
+    near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
+    order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
     return fit.take(order), odds[order]
 
 

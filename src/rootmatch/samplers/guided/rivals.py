@@ -81,8 +81,9 @@ def _missed_among(
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
         while first < tasks and (block := pace.block(tasks - first)):
-            search._try(some, search._test(0), arrangements, first=first, last=first + block, images=images, known=known)
-            first += block
+            last = first + block
+            search._try(some, search._test(0), arrangements, first=first, last=last, images=images, known=known)
+            first = last
         if first == tasks:
             done += len(some.points)
             if tried is not None:
