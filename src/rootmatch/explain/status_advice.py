@@ -62,12 +62,26 @@ def advice(finding: Finding, confidence: NDArray[np.float64] | None = None, stop
             "ambiguous: the matches are certain, but several poses fit them, as where the points are nearly flat; "
             f"see `other_poses`, {problem.to_tell}, or give a `prior`"
         )
+    if finding.status is Status.AMBIGUOUS and _is_elsewhere(finding):
+        text = (
+            "ambiguous: the object, or one that looks like it, is in several places, and any may be the one asked for; "
+            "see `alternatives`, or give a `prior`"
+        )
     if finding.status is Status.MATCHED and unsure:
         text += f"; for {unsure} of the points it is not certain which image they have, if any: see `confidence`"
     if finding.prior_holds is False:
         known = "what was known of the pose" if finding.task.known is not None else "the predicted pose"
         text += f"; {known} was wrong, this one was found without it"
     return f"{text}; max_seconds ended it before it was finished" if stopped_early else text
+
+
+def _is_elsewhere(finding: Finding) -> bool:
+    """Whether the best alternative has none of the same detections."""
+    first, of_poses = finding.assignment, finding.task.problem.takes_prior or finding.task.problem.takes_motion_prior
+    if not of_poses or not len(finding.others) or not (first >= 0).any():
+        return False
+    other = finding.others[0]
+    return not np.isin(other[other >= 0], first).any()
 
 
 def _is_assignment_certain(finding: Finding) -> bool:

@@ -51,7 +51,7 @@ def try_rivals(search: Search) -> None:
 def elsewhere(search: Search, best: NDArray[np.int64]) -> NDArray[np.int64]:
     """The detections that an assignment (n,) leaves, if they can hold a rival."""
     rest = np.setdiff1d(np.arange(search.n_target), best)
-    return rest if len(rest) >= max(fewest(np.count_nonzero(best >= 0)), search.minimal + 1) else rest[:0]
+    return rest if len(rest) >= max(fewest(int(np.count_nonzero(best >= 0))), search.minimal + 1) else rest[:0]
 
 
 def fewest(matched: int) -> float:

@@ -1,0 +1,123 @@
+"""Copies of an object that nobody named: which one was asked for is told by nothing but where it was before."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import rootmatch as rm
+from rootmatch.explain.image_hypotheses import Candidate, competing
+from rootmatch.model.mode_search import with_sums
+
+Floats = NDArray[np.float64]
+CAMERA = rm.Camera(900.0, 900.0, 640.0, 480.0)
+VIEW = np.radians(70.0)
+ACROSS = ((-0.15, 0.02, 0.75), (0.15, -0.03, 0.7))
+"""Places of two objects side by side."""
+
+
+def cloud(rng: np.random.Generator, n: int) -> Floats:
+    """Points of an object of 12 cm."""
+    return rng.uniform(-0.06, 0.06, (n, 3))
+
+
+def seen(rng: np.random.Generator, each: list[Floats], clutter: Floats, sigma: float) -> tuple[Floats, list[Any]]:
+    """Noisy detections of several things in random order, and the places of those of each."""
+    every = np.concatenate([*each, clutter])
+    order = rng.permutation(len(every))
+    place = np.argsort(order)
+    ends = np.cumsum([0, *map(len, each)])
+    return every[order] + rng.normal(0.0, sigma, every.shape), [place[a:b] for a, b in pairwise(ends)]
+
+
+@pytest.mark.parametrize(("n", "clutter"), [(6, 10), (12, 40), (40, 0)])
+def test_two_copies_in_an_image_are_ambiguous_and_both_are_listed(n: int, clutter: int) -> None:
+    rng = np.random.default_rng([7, n])
+    points = cloud(rng, n)
+    each = [CAMERA.project(points @ Rotation.random(rng=rng).as_matrix().T + t) for t in ACROSS]
+    target, own = seen(rng, each, rng.uniform((0, 0), (1280, 960), (clutter, 2)), 0.3)
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3)
+    assert match.status is rm.Status.AMBIGUOUS
+    assert "in several places" in match.advice
+    found = [match.assignment, *(other for other, _ in match.alternatives)]
+    for places in own:
+        assert any(np.mean(one == places) >= 0.9 for one in found)
+
+
+def test_two_copies_with_normals_are_ambiguous() -> None:
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(32, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points, each = normals * (0.08, 0.064, 0.048), []
+    R = Rotation.random(rng=rng).as_matrix()
+    for t in ACROSS:
+        places = points @ R.T + t
+        facing = -((normals @ R.T) * places).sum(axis=1) / np.linalg.norm(places, axis=1) > np.cos(VIEW)
+        each.append(CAMERA.project(places[facing]))
+    target, _ = seen(rng, each, rng.uniform((0, 0), (1280, 960), (5, 2)), 0.3)
+    match = rm.match(points, target, rm.P3P(CAMERA), noise=0.3, normals=normals, view_angle=VIEW)
+    assert match.status is rm.Status.AMBIGUOUS
+
+
+@pytest.mark.parametrize("problem", [rm.Rigid(), rm.Similarity()])
+@pytest.mark.parametrize("n", [5, 12])
+def test_two_copies_in_space_are_ambiguous(problem: rm.Problem, n: int) -> None:
+    for seed in range(4):
+        rng = np.random.default_rng([seed, n])
+        points = cloud(rng, n)
+        each = [points @ Rotation.random(rng=rng).as_matrix().T + t for t in ACROSS]
+        target, _ = seen(rng, each, rng.uniform(-0.3, 0.3, (5, 3)), 3e-4)
+        match = rm.match(points, target, problem, noise=3e-4)
+        assert match.status is rm.Status.AMBIGUOUS
+        assert "in several places" in match.advice
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_a_tracker_keeps_to_its_object_when_a_copy_comes_into_view(space: bool) -> None:
+    rng = np.random.default_rng(5)
+    points, sigma = cloud(rng, 8), 3e-4 if space else 0.3
+    first, rate = [Rotation.random(rng=rng) for _ in ACROSS], rng.normal(0.0, 0.5, (2, 3))
+    tracker = rm.Tracker(points, rm.Rigid() if space else rm.P3P(CAMERA), noise=sigma)
+    for k in range(40):
+        each = []
+        for R, w, t in list(zip(first, rate, ACROSS, strict=True))[: 1 if k < 20 else 2]:
+            places = points @ (Rotation.from_rotvec(w * k / 60.0) * R).as_matrix().T + t
+            each.append(places if space else CAMERA.project(places))
+        target, own = seen(rng, each, np.empty((0, 3 if space else 2)), sigma)
+        match = tracker.update(target, time=k / 60.0)
+        assert match.status is rm.Status.MATCHED
+        assert set(match.assignment[match.assignment >= 0]) <= set(own[0])
+
+
+def test_what_competition_makes_the_first_mode_has_the_sum_over_its_changes() -> None:
+    """A body and its mirror image: each explains the other's detections so well that its own seem far behind."""
+    rng = np.random.default_rng(2)
+    points = cloud(rng, 24)
+    points[1] = points[0] + (0.0006, 0.0, 0.0)  # half a pixel apart: either order is as good
+    shapes = [points, points * (-1.0, 1.0, 1.0)]
+    each = [
+        CAMERA.project(one @ Rotation.random(rng=rng).as_matrix().T + t) for one, t in zip(shapes, ACROSS, strict=True)
+    ]
+    target, own = seen(rng, each, np.empty((0, 2)), 0.5)
+    match = rm.match(
+        np.concatenate(shapes), target, rm.P3P(CAMERA), noise=0.5, bodies=np.repeat([0, 1], len(points)), seed=1
+    )
+    assert match.bodies is not None
+    for body in match.bodies.values():
+        assert body.finding.posterior is not None
+        assert body.finding.posterior.modes.summed[0]
+        assert body.confidence[:2].max() < 0.95
+
+    # as if the search had found another pose that was far better, but whose detections are another body's
+    candidates = [Candidate.of(body.finding.task, [one]) for body, one in zip(match.bodies.values(), own, strict=True)]
+    whole = candidates[0].modes
+    bare = whole._replace(summed=np.zeros(len(whole.summed), np.bool_), local=np.ones(whole.local.shape))
+    again = with_sums(candidates[0].model, bare, 0)
+    np.testing.assert_allclose(again.local[0], whole.local[0], atol=1e-6)
+    (told, _) = competing([Candidate(candidates[0].task, candidates[0].model, bare), candidates[1]])
+    np.testing.assert_allclose(told.modes.local[0], whole.local[0], atol=1e-6)
