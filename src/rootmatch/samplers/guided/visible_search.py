@@ -89,7 +89,7 @@ class VisibleSearch(Search):
         self._try_among(own, max(self.minimal + 1, math.ceil(SAME * len(own))))
         rest, missed = elsewhere(self, best), self.missed
         if len(rest) and not self._spent():
-            self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own)))))
+            self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own), SAME))))
             self.missed = max(self.missed, missed)
 
     def _try_among(self, images: NDArray[np.int64], least: int) -> None:
