@@ -8,7 +8,9 @@ one image; nobody can say which is which, so neither must be trusted. ``board``:
 by 6 squares, 70 % of them detected; half a turn maps it onto itself, so it must not be trusted. ``cut-board``: the same
 without two corners, which tell its halves apart. ``cube``: eight corners with normals; 24 turns map it onto itself.
 ``stray``: twelve points, one of them detected 6 to 40 px off. ``two-scales``: six points within 2 cm and six within
-40 cm.
+40 cm. ``unnamed-copy``: two of the same object, of which one is asked for, so it must not be trusted. ``reflection``:
+ten points over a glossy table that shows them once more, upside down. ``near-board``: 9 by 7 dots of which the image
+shows a part, so that rows and columns may be counted from anywhere, and it must not be trusted.
 
 "Right": no match wrong and nine tenths of the visible points matched. The two tools may change places. A stray point
 may be matched with its own detection or be left out. Defaults were chosen on seeds below 2000.
@@ -143,6 +145,39 @@ def stray(rng: np.random.Generator) -> Scene:
     return made
 
 
+def unnamed_copy(rng: np.random.Generator) -> Scene:
+    """Two of the same, one asked for: no answer is right."""
+    one = rng.uniform(-0.08, 0.08, (int(rng.choice([5, 8, 12, 20])), 3))
+    placed = []
+    for _ in range(2):
+        R, t = pose(rng, 0.6, 1.5)
+        placed.append(one @ R.T + t)
+    target, _ = detected(rng, np.concatenate(placed), rng.random(2 * len(one)) < 0.95, 5)
+    return Scene({"source": one, "target": target, "problem": rm.P3P(CAMERA)}, [np.full(len(one), -1)])
+
+
+def reflection(rng: np.random.Generator) -> Scene:
+    """An object and its mirror image below a table that the camera looks down on."""
+    one = rng.uniform(-0.08, 0.08, (10, 3))
+    tilt = Rotation.from_euler("x", rng.uniform(-60.0, -20.0), degrees=True).as_matrix()
+    above = one @ Rotation.random(random_state=rng).as_matrix().T + (0.0, -rng.uniform(0.12, 0.25), 0.0)
+    far = np.array([rng.uniform(-0.1, 0.1), 0.0, rng.uniform(0.8, 1.4)])
+    placed = [places @ tilt.T + far for places in (above, above * (1.0, -1.0, 1.0))]
+    shown = rng.random(20) < np.repeat([0.95, 0.8], 10)
+    target, truth = detected(rng, np.concatenate(placed), shown, 3)
+    return Scene({"source": one, "target": target, "problem": rm.P3P(CAMERA)}, [truth[:10]])
+
+
+def near_board(rng: np.random.Generator) -> Scene:
+    """A part of a grid."""
+    x, y = np.meshgrid(0.03 * np.arange(9.0), 0.03 * np.arange(7.0))
+    source = np.column_stack([x.ravel(), y.ravel(), np.zeros(63)]) - (0.12, 0.09, 0.0)
+    R = Rotation.from_euler("xyz", rng.uniform(-0.5, 0.5, 3)).as_matrix()
+    t = np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.1, 0.2)])
+    target, _ = detected(rng, source @ R.T + t, rng.random(63) < 0.95, 0)
+    return Scene({"source": source, "target": target, "problem": rm.P3P(CAMERA)}, [np.full(63, -1)])
+
+
 KINDS = {
     "stereo": stereo,
     "wand": wand,
@@ -154,6 +189,9 @@ KINDS = {
     "two-scales": lambda rng: cloud(
         rng, np.concatenate([rng.uniform(-0.01, 0.01, (6, 3)), rng.uniform(-0.2, 0.2, (6, 3))]), 5
     ),
+    "unnamed-copy": unnamed_copy,
+    "reflection": reflection,
+    "near-board": near_board,
 }
 
 
