@@ -30,7 +30,6 @@ from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
-from rootmatch.problems.up2p import UP2P
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Solution
 
@@ -195,9 +194,7 @@ def other_poses(found: Finding) -> list[tuple[Pose, float]]:
     out = []
     for k in likely[1:].tolist():
         pose = pose_of_mode(found.model, modes, k)
-        if not isinstance(found.task.problem, UP2P):  # whose fit does not start from a pose
-            pose = polished_pose(replace(found, pose=pose)) or pose
-        out.append((pose, float(chances[k])))
+        out.append((polished_pose(replace(found, pose=pose)) or pose, float(chances[k])))
     return out
 
 

@@ -76,9 +76,8 @@ def polished_pose(found: Finding) -> Pose | None:
         prior = Known(upright, points.source.mean(axis=0)).about(pose)
     if task.rig is not None:
         return rig_pose(task.sightings[0], points, assignment, prior, start=pose)
-    if isinstance(problem, UP2P) and prior is None:
-        return problem.poses(points, assignment[None])[0]  # the vertical may be exact
-    return camera_poses(points, problem.camera, assignment[None], prior=prior, start=pose)[0]  # type: ignore[attr-defined]
+    vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
+    return camera_poses(points, problem.camera, assignment[None], vertical, prior, pose)[0]  # type: ignore[attr-defined]
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:

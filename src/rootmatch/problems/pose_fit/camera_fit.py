@@ -82,7 +82,8 @@ def camera_poses(
     count = len(places)
     starts: State
     if start is not None:
-        starts = np.tile(start.R, (count, 1, 1, 1)), np.tile((start.t + start.R @ centre) / unit, (count, 1, 1))
+        R, place = start.R if upright is None else upright.nearest(start.R), (start.t + start.R @ centre) / unit
+        starts = np.tile(R, (count, 1, 1, 1)), np.tile(place, (count, 1, 1))
     elif gaussian is None:
         starts = starting_poses(places, rays, weight, upright)
         starts = best_apart(model.repeated(starts[0].shape[1]), starts)

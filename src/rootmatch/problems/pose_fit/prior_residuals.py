@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rootmatch.algebra.rotation import cross_matrix, rotation_vector
+from rootmatch.algebra.rotation import cross_matrix, rotation_about_y, rotation_vector
 from rootmatch.errors import InputError
 from rootmatch.problems.pose_fit.descent import Floats
 from rootmatch.problems.pose_fit.pose import Pose
@@ -62,6 +62,12 @@ class Upright:
     world: Floats
     camera: Floats
     noise: float
+
+    def nearest(self, rotation: Floats) -> Floats:
+        """The rotation (3, 3) nearest to another one in which the vertical is exact."""
+        turn = self.camera @ rotation @ self.world.T
+        angle = np.arctan2(turn[0, 2] - turn[2, 0], turn[0, 0] + turn[2, 2])
+        return np.asarray(self.camera.T @ rotation_about_y(np.cos(angle), np.sin(angle)) @ self.world)
 
     def residuals(self, rotation: Floats) -> Floats:
         """Angles (B, 2) between the vertical as measured and as rotated into the camera, about two axes, over σ."""

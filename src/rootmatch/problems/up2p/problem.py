@@ -89,6 +89,11 @@ class UP2P(Problem):
             rotation_to_vertical(self.vertical_camera, "vertical_camera"),
         )
 
+    @property
+    def upright(self) -> Upright:
+        """The vertical as a fit takes it."""
+        return Upright(*self.rotations(), float(self.vertical_noise))
+
     def tables(self, points: PointSets) -> UP2PTables:
         """Tables for the kernels; see `Problem.tables`."""
         from rootmatch.problems.up2p.tables import UP2PTables  # takes Numba, which a bad file should not wait for
@@ -130,7 +135,7 @@ class UP2P(Problem):
         """
         if isinstance(self.camera, Rig):
             return rig_poses(points, self.camera, assignments)
-        return camera_poses(points, self.camera, assignments, Upright(*self.rotations(), float(self.vertical_noise)))
+        return camera_poses(points, self.camera, assignments, self.upright)
 
     def coefficients(self, source: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
         """Polynomials of minimal sets; see `Problem.coefficients`."""
