@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_decision import assessed
-from rootmatch.explain.image_hypotheses import model_of
+from rootmatch.explain.image_hypotheses import Candidate, is_enough, model_of
 from rootmatch.explain.rig_triples import assignments_of_triples
 from rootmatch.explain.sampling import sample
 from rootmatch.explain.task import MatchingTask
@@ -27,6 +27,7 @@ from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
+from rootmatch.samplers.guided.stopping import false_alarm_level
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -82,24 +83,18 @@ def _searched(
         guided = Guided(budget=task.budget or options.budget, hypotheses=options.hypotheses)
     indices, weights, hypotheses, evaluated, whole, missed = [], [], [], 0, True, 1.0
     searching = task.deadline.part(SEARCHED)
-    for k, camera in enumerate(task.rig.cameras):
-        own = np.flatnonzero(task.camera_of == k)
-        if len(own) < task.minimal or searching.passed() or task.search_camera not in (None, k):
+    views = [k for k in range(len(task.rig.cameras)) if task.search_camera in (None, k)]
+    parts = [_of_camera(task, k, guided) for k in views]
+    for number, (k, own, part) in enumerate(parts):
+        if len(own) < task.minimal or searching.passed():
             continue
-        part = task.subset(np.arange(n), own)
-        part = replace(
-            part,
-            problem=task.problem.of_view(camera, task.rig.rotations[k]),  # type: ignore[attr-defined]
-            points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
-            options=replace(part.options, sampler=guided),
-            deadline=searching.part(1.0 / (len(task.rig.cameras) - k)),
-        )
-        # a measured vertical has its say in the model
-        of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
-        by_triples = assignments_of_triples(of_triples, model, k, own, guided)
-        hypotheses += by_triples or []
-        # if one camera is searched a frame, triples tell all: a search for four there meets nothing else
-        if len(own) < LEAST or (task.search_camera is not None and by_triples is not None):
+        part = replace(part, deadline=searching.part(1.0 / (len(parts) - number)))
+        if task.search_camera is not None:
+            by_triples = _by_triples(part, model, k, own, guided)
+            hypotheses += by_triples or []
+            if by_triples is not None:
+                continue  # triples tell all: a search for four there meets nothing else
+        if len(own) < LEAST:
             continue
         sampled = sample(part)
         evaluated += sampled.evaluated
@@ -112,10 +107,53 @@ def _searched(
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
+    if task.search_camera is None and not _is_enough(task, model, hypotheses, evaluated, options):
+        for k, own, part in parts:
+            if len(own) >= task.minimal and not searching.passed():
+                hypotheses += _by_triples(replace(part, deadline=searching), model, k, own, guided) or []
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
     tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.row_shape, task.row_weights)
     return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
+
+
+def _of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
+    """One camera, its detections (m,) among all, and the task of these."""
+    assert task.rig is not None
+    own = np.flatnonzero(task.camera_of == k)
+    part = task.subset(np.arange(task.shape[0]), own)
+    part = replace(
+        part,
+        problem=task.problem.of_view(task.rig.cameras[k], task.rig.rotations[k]),  # type: ignore[attr-defined]
+        points=replace(part.points, target=np.ascontiguousarray(part.points.target[:, :2])),
+        options=replace(part.options, sampler=guided),
+    )
+    return k, own, part
+
+
+def _by_triples(
+    part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
+) -> list[Integers] | None:
+    """See `assignments_of_triples`; a measured vertical has its say in the model."""
+    assert part.problem is not None
+    camera = part.problem.camera  # type: ignore[attr-defined]
+    of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
+    return assignments_of_triples(of_triples, model, k, own, guided)
+
+
+def _is_enough(
+    task: MatchingTask, model: DetectionModel, hypotheses: list[Integers], evaluated: int, options: RigOptions
+) -> bool:
+    """Whether a body of several was met, so that no pose of which each camera shows three explains as much.
+
+    Triples take four times as long as all else (benchmarks/rigs.py, bodies).
+    """
+    if task.budget is None or not hypotheses:
+        return False
+    told = Candidate.of(task, list(_verified(model, hypotheses, options))).alone()
+    level = false_alarm_level(evaluated, Guided().stopping)
+    beyond_chance = len(told.probabilities) > 0 and float(told.modes.log_mass[0]) > level
+    return beyond_chance and is_enough(model, told, task.minimal, of_several=True)
 
 
 def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> Integers:
