@@ -135,7 +135,6 @@ def _by_triples(
     part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
 ) -> list[Integers] | None:
     """See `assignments_of_triples`; a measured vertical has its say in the model."""
-    assert part.problem is not None
     camera = part.problem.camera  # type: ignore[attr-defined]
     of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))
     return assignments_of_triples(of_triples, model, k, own, guided)

@@ -53,9 +53,7 @@ class Modes(NamedTuple):
 
     def uses(self, count: int) -> NDArray[np.bool_]:
         """Which of so many detections (M, n') each mode takes."""
-        out = np.zeros((len(self.assignments), count + 1), np.bool_)
-        out[np.arange(len(out))[:, None], self.assignments] = True  # −1 is the last place
-        return out[:, :count]
+        return uses_of(self.assignments, count)
 
     def take(self, which: Integers) -> Modes:
         """A subset of the modes."""
@@ -64,6 +62,13 @@ class Modes(NamedTuple):
     def and_(self, others: Modes) -> Modes:
         """These modes, followed by others."""
         return Modes._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
+
+
+def uses_of(assignments: Integers, count: int) -> NDArray[np.bool_]:
+    """Which of so many detections or targets each assignment (K, n) takes, (K, count)."""
+    out = np.zeros((len(assignments), count + 1), np.bool_)
+    out[np.arange(len(out))[:, None], assignments] = True  # −1 is the last place
+    return out[:, :count]
 
 
 def no_modes(n: int) -> Modes:

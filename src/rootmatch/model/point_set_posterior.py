@@ -13,6 +13,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
 from rootmatch.model.mode_search import COUNTS, DEFAULT_POSTERIOR
+from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import PointSetModel
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
@@ -189,21 +190,14 @@ def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> F
     Where two may be in the scene, either may be the one asked for. ``odds`` (K,): without what is known of the motion,
     which tells nothing of a copy. The first hypothesis has the factor 1.
     """
-    apart = _uses(assignments, len(model.clouds.target))
-    apart = apart.astype(np.int64) @ apart.T == 0
+    used = uses_of(assignments, len(model.clouds.target)).astype(np.int64)
+    apart = used @ used.T == 0
     if not apart.any():
         return np.ones(len(odds))
     of_copy = np.where(apart, odds + math.log(COPY), -np.inf)
     highest = np.maximum(of_copy.max(axis=1), 0.0)
     factors = highest + np.log(np.exp(-highest) + np.exp(of_copy - highest[:, None]).sum(axis=1))
     return np.asarray(np.exp(np.minimum(factors - factors[0], 700.0)))
-
-
-def _uses(assignments: Integers, count: int) -> NDArray[np.bool_]:
-    """Which of so many targets each labelling has, (K, count)."""
-    out = np.zeros((len(assignments), count + 1), np.bool_)
-    out[np.arange(len(out))[:, None], assignments] = True  # −1 is the last place
-    return out[:, :count]
 
 
 def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +32,8 @@ more than that (`benchmarks/adversary.py`, seeds from 1000)."""
 RIVAL, LACKS = 0.9, 3
 """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least; and most
 detections that it may lack, however many there are: of a hundred, ten fewer are never as probable."""
+LITTLE, CROWD = 3_000_000, 1_000
+"""Evaluations that are always spent on other detections, some thirty milliseconds, and how many of those are a crowd."""
 RIVAL_MISSED = 0.08
 """Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
 minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
@@ -44,16 +48,28 @@ def try_rivals(search: Search) -> None:
     """Try minimal sets until no rival of the strongest hypothesis can well have been missed."""
     best = search._clustered()[2].best[0]
     own = np.sort(best[best >= 0])
-    search.missed = _missed_among(search, own, len(own), known=best)
-    rest = elsewhere(search, best)
-    if len(rest) and not search._spent():
-        search.missed = max(search.missed, _missed_among(search, rest, len(own)))
+    search.missed = missed = _missed_among(search, own, len(own), known=best)
+    with elsewhere(search, best) as rest:
+        if len(rest):
+            search.missed = max(missed, _missed_among(search, rest, len(own)))
+        if search._spent():
+            search.missed = missed
 
 
-def elsewhere(search: Search, best: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The detections that an assignment (n,) leaves, if they can hold a rival."""
+@contextmanager
+def elsewhere(search: Search, best: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """The detections that an assignment (n,) leaves, if they can hold a rival, and a budget for it.
+
+    Copies are rare: what is left of them in a crowd is worth a search as long as the first one, and does not count.
+    """
+    whole = search.options
+    search.options = replace(whole, budget=min(whole.budget, 2 * search.evaluated + LITTLE))
     rest = np.setdiff1d(np.arange(search.n_target), best)
-    return rest if len(rest) >= max(fewest(int(np.count_nonzero(best >= 0)), SAME), search.minimal + 1) else rest[:0]
+    few = len(rest) < max(fewest(int(np.count_nonzero(best >= 0)), SAME), search.minimal + 1)
+    try:
+        yield rest[:0] if few or len(rest) > CROWD or search._spent() else rest
+    finally:
+        search.options = whole
 
 
 def fewest(matched: int, share: float) -> float:
@@ -86,10 +102,13 @@ def _missed_among(
     for sets in _sets(search, len(arrangements), wanted=wanted if tried is None else 0):
         some = sets if tried is not None else sets.first(wanted - done)
         first, tasks = 0, len(some.points) * len(arrangements)
-        while first < tasks and (block := pace.block(tasks - first)):
+        most = max(batches.LARGEST // len(images), batches.CHUNKS)
+        while first < tasks and (block := pace.block(min(tasks - first, most))):
             last = first + block
             search._try(some, search._test(0), arrangements, first=first, last=last, images=images, known=known)
             first = last
+            if search._spent():
+                break
         if first == tasks:
             done += len(some.points)
             if tried is not None:

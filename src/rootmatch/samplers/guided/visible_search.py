@@ -87,10 +87,11 @@ class VisibleSearch(Search):
         best = self._clustered()[2].best[0]
         own = np.sort(best[best >= 0])
         self._try_among(own, max(self.minimal + 1, math.ceil(SAME * len(own))))
-        rest, missed = elsewhere(self, best), self.missed
-        if len(rest) and not self._spent():
-            self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own), SAME))))
-            self.missed = max(self.missed, missed)
+        missed = self.missed
+        with elsewhere(self, best) as rest:
+            if len(rest):
+                self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own), SAME))))
+            self.missed = missed if self._spent() else max(self.missed, missed)
 
     def _try_among(self, images: NDArray[np.int64], least: int) -> None:
         """Try sets with some detections until no pose that explains so many can well have been missed."""
