@@ -33,7 +33,7 @@ RIVAL, LACKS = 0.9, 3
 """Fraction of the detections of the best hypothesis that a rival, as probable as it is, explains at least; and most
 detections that it may lack, however many there are: of a hundred, ten fewer are never as probable."""
 LITTLE, CROWD = 3_000_000, 1_000
-"""Evaluations that are always spent on other detections, some thirty milliseconds, and how many of those are a crowd."""
+"""Evaluations that may always be spent on other detections, some 30 ms, and how many of those are a crowd."""
 RIVAL_MISSED = 0.08
 """Probability of having missed such a rival at which none is looked for any more, where all points are seen: two
 minimal sets in every arrangement of those detections. Of an object that shows a k-th of its points, its k-th power:
