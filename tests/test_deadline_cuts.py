@@ -21,9 +21,10 @@ from rootmatch.hypergraph.assignment import SECONDS_PER_STEP
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model import mode_search, point_set_posterior, prediction, two_view_posterior
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.mode_search import PosteriorOptions, modes_of
+from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import Gaussian
+from rootmatch.model.posterior_options import PosteriorOptions
 from rootmatch.model.prediction import proposals_about
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.two_view_model import TwoViewModel

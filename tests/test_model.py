@@ -20,10 +20,11 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.compiled.evidence import log_of_squared
 from rootmatch.model.detection_model import DetectionModel, ModelOptions
 from rootmatch.model.evidence import about, evidence, settled
-from rootmatch.model.mode_search import PosteriorOptions, modes_of
+from rootmatch.model.mode_search import modes_of
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Broad, Gaussian, Known, PoseDensity
 from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior_options import PosteriorOptions
 from rootmatch.model.proposals import Proposals, look_alikes, poses_of_few
 from rootmatch.problems.pose_fit.pose_prior import PosePrior
 

@@ -24,10 +24,10 @@ from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
-from rootmatch.model.mode_search import DEFAULT_POSTERIOR
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior_options import DEFAULT_POSTERIOR
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.samplers.base import SampledTensor

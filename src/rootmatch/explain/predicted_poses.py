@@ -77,7 +77,8 @@ def polished_pose(found: Finding) -> Pose | None:
     if task.rig is not None:
         return rig_pose(task.sightings[0], points, assignment, prior, start=pose)
     vertical = problem.upright if isinstance(problem, UP2P) and prior is None else None  # it may be exact
-    return camera_poses(points, problem.camera, assignment[None], vertical, prior, pose)[0]  # type: ignore[attr-defined]
+    camera = problem.camera  # type: ignore[attr-defined]
+    return camera_poses(points, camera, assignment[None], upright=vertical, prior=prior, start=pose)[0]
 
 
 def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:

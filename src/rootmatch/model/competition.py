@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence
-from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.modes import Modes, none_near
 from rootmatch.model.pose_density import Doubted
 from rootmatch.model.posterior import Posterior, prior_odds
+from rootmatch.model.posterior_options import DEFAULT_POSTERIOR, PosteriorOptions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rootmatch.deadline import checkpoint
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
-from rootmatch.model.mode_search import COUNTS, DEFAULT_POSTERIOR
 from rootmatch.model.modes import uses_of
 from rootmatch.model.point_set_model import PointSetModel
+from rootmatch.model.posterior_options import COUNTS, DEFAULT_POSTERIOR
 from rootmatch.problems.pose_fit.point_set_fit import PointSetFit
 
 Floats = NDArray[np.float64]

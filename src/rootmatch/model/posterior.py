@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.model.mode_search import DEFAULT_POSTERIOR, PosteriorOptions
 from rootmatch.model.modes import Modes, no_modes
+from rootmatch.model.posterior_options import DEFAULT_POSTERIOR, PosteriorOptions
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
