@@ -27,7 +27,7 @@ from rootmatch.problems.p3p import P3P
 from rootmatch.problems.pose_fit.rig_fit import LEAST
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.samplers.guided.sampler import Guided
-from rootmatch.samplers.guided.stopping import false_alarm_level
+from rootmatch.samplers.guided.stopping import StoppingOptions, false_alarm_level
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -63,17 +63,15 @@ def match_rig(task: MatchingTask, options: RigOptions = OPTIONS, *, judging: boo
         few = (max(round(options.few * number), 1) for number in (options.hypotheses, options.kept))
         options = replace(options, **dict(zip(("hypotheses", "kept"), few, strict=True)))
     model = model_of(task)
-    sampled, hypotheses, whole = _searched(task, model, options)
-    found = assessed(task, sampled._replace(assignments=_verified(model, hypotheses, options)), judging=judging)
+    sampled, whole = _searched(task, model, options)
+    found = assessed(task, sampled, judging=judging)
     return replace(found, soft=one_hot(found.assignment, task.shape[1]), converged=whole)
 
 
-def _searched(
-    task: MatchingTask, model: DetectionModel, options: RigOptions
-) -> tuple[SampledTensor, list[Integers], bool]:
-    """Hyper-edges within the cameras, and assignments of sightings that hypotheses of single cameras name.
+def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) -> tuple[SampledTensor, bool]:
+    """Hyper-edges within the cameras, with the verified assignments that hypotheses of single cameras lead to.
 
-    The last value says whether every camera's search ended before its budget. A pose that one camera's search would
+    The second value says whether every camera's search ended before its budget. A pose that one camera's search would
     have met was not missed.
     """
     assert task.rig is not None
@@ -107,14 +105,18 @@ def _searched(
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    if task.search_camera is None and not _is_enough(task, model, hypotheses, evaluated, options):
+    verified = None if task.budget is None else _verified(model, hypotheses, options)
+    if task.search_camera is None and (verified is None or not _is_enough(task, model, verified, evaluated)):
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
                 hypotheses += _by_triples(replace(part, deadline=searching), model, k, own, guided) or []
+        verified = None
+    if verified is None:
+        verified = _verified(model, hypotheses, options)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
     tensor = AffinityTensor.unchecked(np.ascontiguousarray(joined), values, task.row_shape, task.row_weights)
-    return SampledTensor(tensor, evaluated, partial=True, missed=missed), hypotheses, whole
+    return SampledTensor(tensor, evaluated, partial=True, assignments=verified, missed=missed), whole
 
 
 def _of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integers, MatchingTask]:
@@ -140,17 +142,13 @@ def _by_triples(
     return assignments_of_triples(of_triples, model, k, own, guided)
 
 
-def _is_enough(
-    task: MatchingTask, model: DetectionModel, hypotheses: list[Integers], evaluated: int, options: RigOptions
-) -> bool:
+def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int) -> bool:
     """Whether a body of several was met, so that no pose of which each camera shows three explains as much.
 
     Triples take four times as long as all else (benchmarks/rigs.py, bodies).
     """
-    if task.budget is None or not hypotheses:
-        return False
-    told = Candidate.of(task, list(_verified(model, hypotheses, options))).alone()
-    level = false_alarm_level(evaluated, Guided().stopping)
+    told = Candidate.of(task, list(verified)).alone()
+    level = false_alarm_level(evaluated, StoppingOptions())
     beyond_chance = len(told.probabilities) > 0 and float(told.modes.log_mass[0]) > level
     return beyond_chance and is_enough(model, told, task.minimal, of_several=True)
 

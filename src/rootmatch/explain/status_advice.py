@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Status
 from rootmatch.explain.finding import Finding
+from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.problems.base import Problem
 
 ADVICE = {
@@ -80,8 +81,7 @@ def _is_elsewhere(finding: Finding) -> bool:
     first, of_poses = finding.assignment, finding.task.problem.takes_prior or finding.task.problem.takes_motion_prior
     if not of_poses or not len(finding.others) or not (first >= 0).any():
         return False
-    other = finding.others[0]
-    return not np.isin(other[other >= 0], first).any()
+    return bool(apart_from(np.array(finding.others[:1]), first)[0])
 
 
 def _is_assignment_certain(finding: Finding) -> bool:

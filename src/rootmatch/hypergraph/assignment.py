@@ -14,6 +14,11 @@ SECONDS_PER_STEP = 1e-8
 """Time that a step of the Hungarian method takes. It makes n² n' steps at most, as it does if the rank is 1."""
 
 
+def apart_from(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which assignments (K, n) share no target with another one (n,)."""
+    return np.asarray(~np.isin(assignments, other[other >= 0]).any(axis=1))
+
+
 def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     """One-to-one assignment of the largest total soft value (Hungarian method).
 

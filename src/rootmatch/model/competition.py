@@ -82,8 +82,8 @@ def _as_copy(model: DetectionModel, modes: Modes, options: PosteriorOptions) -> 
 
     Where the body is expected tells nothing of its copy.
     """
-    uses = modes.uses(model.shape[1]).astype(np.int64)
-    if not (uses @ uses.T == 0).any():
+    uses = modes.uses(model.shape[1])
+    if (uses @ uses.T).all():
         return None
     mass = modes.log_mass
     if isinstance(model.prior, Doubted):

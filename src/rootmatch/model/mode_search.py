@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint, in_force
+from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.single_changes import gains_of_matches
@@ -77,7 +78,7 @@ def modes_of(
             behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
             if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
                 break
-            if behind and not mode.is_apart(kept[0]):
+            if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
                 continue
             kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
@@ -169,10 +170,6 @@ class _Mode:
         """Log-odds of the changed assignments that were weighed, and steps to their poses."""
         every, log_odds, steps = self.near
         return {one.tobytes(): (odds, step) for one, odds, step in zip(every, log_odds.tolist(), steps, strict=True)}
-
-    def is_apart(self, other: _Mode) -> bool:
-        """Whether it has none of another one's detections."""
-        return set(self.assignment.tolist()).isdisjoint(other.assignment[other.assignment >= 0].tolist())
 
     @classmethod
     def of(cls, assignment: Integers, found: Evidence, poses: tuple[Floats, Floats], k: int) -> _Mode:

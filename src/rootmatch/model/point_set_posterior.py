@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint
+from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.exact_symmetry import exactly_symmetric
 from rootmatch.model.modes import uses_of
@@ -23,8 +24,8 @@ Integers = NDArray[np.int64]
 MIRRORED = 0.01
 """Prior probability that the targets are a mirror image of the object, because an axis is flipped or a frame is
 left-handed, although no reflection was asked for. If that explains them, nothing is trusted. A round value."""
-WRONG_MODEL = 1e-3
-"""Probability that the model is wrong, whatever the evidence: no probability exceeds 1 minus this. A round value."""
+WRONG_MODEL = DEFAULT_POSTERIOR.wrong_model
+"""Probability that the model is wrong, whatever the evidence: no probability exceeds 1 minus this."""
 COPY = DEFAULT_POSTERIOR.copy
 """Prior odds that another copy of the object, which nobody named, is among the targets."""
 KEPT = 64
@@ -190,8 +191,8 @@ def _with_copies(model: PointSetModel, assignments: Integers, odds: Floats) -> F
     Where two may be in the scene, either may be the one asked for. ``odds`` (K,): without what is known of the motion,
     which tells nothing of a copy. The first hypothesis has the factor 1.
     """
-    used = uses_of(assignments, len(model.clouds.target)).astype(np.int64)
-    apart = used @ used.T == 0
+    used = uses_of(assignments, len(model.clouds.target))
+    apart = ~(used @ used.T)
     if not apart.any():
         return np.ones(len(odds))
     of_copy = np.where(apart, odds + math.log(COPY), -np.inf)
@@ -215,8 +216,7 @@ def _changed_at_once(assignment: Integers, changes: Changes) -> Integers:
 def _best(fit: PointSetFit, odds: Floats) -> tuple[PointSetFit, Floats]:
     """The best hypotheses that are not negligible, and those of a copy, the best one first, and their log-odds."""
     order = np.argsort(-odds, kind="stable")
-    first = fit.assignments[order[0]]
-    apart = ~np.isin(fit.assignments[order], first[first >= 0]).any(axis=1) & (odds[order] > -math.log(COPY) - COUNTS)
+    apart = apart_from(fit.assignments[order], fit.assignments[order[0]]) & (odds[order] > -math.log(COPY) - COUNTS)
     near = (odds[order] > odds[order[0]] - 2.0 * NEGLIGIBLE) & (np.arange(len(order)) < KEPT)
     order = order[near | (apart & (np.cumsum(apart & ~near) <= KEPT))]
     return fit.take(order), odds[order]

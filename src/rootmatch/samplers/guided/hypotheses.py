@@ -57,11 +57,6 @@ class Hypotheses(NamedTuple):
         there = self.evidence > -np.inf
         return [self if there.all() else self.take(there)] if there.any() else []
 
-    def apart_from_first(self) -> NDArray[np.bool_]:
-        """Which hypotheses (K,) have none of the detections of the first one."""
-        first = self.best[0][self.best[0] >= 0]
-        return np.asarray(~np.isin(self.best, first).any(axis=1))
-
     def assignments(self, which: NDArray[np.bool_], most: int) -> Integers:
         """Assignments (A, n) of a subset, each once, in the order in which they come, ``most`` of them or fewer."""
         first: dict[bytes, int] = {}

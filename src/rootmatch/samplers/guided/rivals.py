@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,31 +43,20 @@ verified: less than of the evidence, as a minimal set may predict worse than ano
 
 
 def try_rivals(search: Search) -> None:
-    """Try minimal sets until no rival of the strongest hypothesis can well have been missed."""
+    """Try minimal sets until no rival of the strongest hypothesis can well have been missed.
+
+    Copies are rare: a crowd of other detections is worth a search for them as long as what came before, which does not
+    count if that ends it.
+    """
     best = search._clustered()[2].best[0]
     own = np.sort(best[best >= 0])
-    search.missed = missed = _missed_among(search, own, len(own), known=best)
-    with elsewhere(search, best) as rest:
-        if len(rest):
-            search.missed = max(missed, _missed_among(search, rest, len(own)))
-        if search._spent():
-            search.missed = missed
-
-
-@contextmanager
-def elsewhere(search: Search, best: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """The detections that an assignment (n,) leaves, if they can hold a rival, and a budget for it.
-
-    Copies are rare: what is left of them in a crowd is worth a search as long as the first one, and does not count.
-    """
-    whole = search.options
-    search.options = replace(whole, budget=min(whole.budget, 2 * search.evaluated + LITTLE))
+    search.missed = search._missed_among(own, len(own), known=best)
+    search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
     rest = np.setdiff1d(np.arange(search.n_target), best)
-    few = len(rest) < max(fewest(int(np.count_nonzero(best >= 0)), SAME), search.minimal + 1)
-    try:
-        yield rest[:0] if few or len(rest) > CROWD or search._spent() else rest
-    finally:
-        search.options = whole
+    if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
+        missed = search._missed_among(rest, len(own))
+        if not search._spent():
+            search.missed = max(search.missed, missed)
 
 
 def fewest(matched: int, share: float) -> float:
@@ -80,7 +67,7 @@ def fewest(matched: int, share: float) -> float:
     return max(share * matched, matched - LACKS)
 
 
-def _missed_among(
+def missed_among(
     search: Search, images: NDArray[np.int64], matched: int, known: NDArray[np.int64] | None = None
 ) -> float:
     """Probability of having missed a rival among some detections, after all minimal sets with them that it takes.

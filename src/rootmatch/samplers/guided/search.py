@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import Deadline, Pace, checkpoint
 from rootmatch.hypergraph import enumeration
+from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.jit.threads import threads_worth
 from rootmatch.problems.padding import padded
 from rootmatch.samplers.base import SamplingTask
@@ -27,7 +28,7 @@ from rootmatch.samplers.guided.hypothesis_clustering import cluster
 from rootmatch.samplers.guided.minimal_sets import minimal_sets, others_of
 from rootmatch.samplers.guided.options import GuidedOptions
 from rootmatch.samplers.guided.refinement import SETS, SURE_SETS, refining_sets
-from rootmatch.samplers.guided.rivals import RIVAL_RATIO, try_rivals
+from rootmatch.samplers.guided.rivals import RIVAL_RATIO, missed_among, try_rivals
 from rootmatch.samplers.guided.sequential_test import (
     VISIBLE,
     VISIBLE_OF_MANY,
@@ -73,6 +74,7 @@ class Search:
         self.deadline = task.deadline if deadline is None else deadline
         tables, motions = task.tables, task.motions
         self.tables, self.options, self.progress = tables, options, task.progress
+        self.budget = options.budget  # less for the last part of a search
         self.n, self.n_target = self.shape = task.shape
         self.padded = padded(tables, self.n_target)
         self.single = motions == 1
@@ -105,7 +107,7 @@ class Search:
         """Batch after batch until enough is found, every minimal set was tried, or the budget is spent."""
         for _ in self._steps():
             if self.progress is not None:
-                self.progress(min(self.evaluated, self.options.budget), self.options.budget)
+                self.progress(min(self.evaluated, self.budget), self.budget)
             if self._spent():
                 return
             if self._enough():
@@ -191,7 +193,7 @@ class Search:
     def _spent(self) -> bool:
         limit = self.options.max_seconds
         late = limit is not None and time.perf_counter() - self.started > limit
-        return late or self.evaluated >= self.options.budget or self.deadline.passed()
+        return late or self.evaluated >= self.budget or self.deadline.passed()
 
     def _enough(self) -> bool:
         """Whether the search may stop; see `enough_found`."""
@@ -208,9 +210,7 @@ class Search:
             motions=self.motions, solved=self.solved, options=self.options.stopping,
         )  # fmt: skip
 
-    def _try_rivals(self) -> None:
-        """Try rivals of the strongest hypothesis."""
-        try_rivals(self)
+    _try_rivals, _missed_among = try_rivals, missed_among
 
     def _false_alarm_level(self) -> float:
         return false_alarm_level(self.tested, self.options.stopping)
@@ -329,7 +329,7 @@ class Search:
         level, evidence = self._false_alarm_level(), hypotheses.evidence
         near = evidence > evidence.max(initial=0.0) - LAG
         if not near.all():
-            near |= (evidence > level) & hypotheses.apart_from_first()
+            near |= (evidence > level) & apart_from(hypotheses.best, hypotheses.best[0])
         if len(evidence) and evidence[0] > level:
             near &= self._rivals(evidence)
         return hypotheses.assignments(near, self.options.hypotheses)

@@ -17,7 +17,7 @@ from rootmatch.samplers.guided.dispatch import has_listed
 from rootmatch.samplers.guided.local_search import CROWDED, LEAST, LocalSearch
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.samplers.guided.options import GuidedOptions
-from rootmatch.samplers.guided.rivals import SAME, elsewhere, fewest
+from rootmatch.samplers.guided.rivals import SAME, fewest
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
@@ -82,28 +82,19 @@ class VisibleSearch(Search):
                 return
         self.missed = 0.0  # everything was tried
 
-    def _try_rivals(self) -> None:
-        """See `Search`: only some detections are tried as images."""
-        best = self._clustered()[2].best[0]
-        own = np.sort(best[best >= 0])
-        self._try_among(own, max(self.minimal + 1, math.ceil(SAME * len(own))))
-        missed = self.missed
-        with elsewhere(self, best) as rest:
-            if len(rest):
-                self._try_among(rest, max(self.minimal + 1, math.ceil(fewest(len(own), SAME))))
-            self.missed = missed if self._spent() else max(self.missed, missed)
-
-    def _try_among(self, images: NDArray[np.int64], least: int) -> None:
-        """Try sets with some detections until no pose that explains so many can well have been missed."""
-        mask = self._allowed_to(images)
+    def _missed_among(self, images: NDArray[np.int64], matched: int, known: NDArray[np.int64] | None = None) -> float:
+        """See `Search`: sets that are visible together, until no pose that explains so many can well be missed."""
+        explained = SAME * matched if known is not None else fewest(matched, SAME)
+        least, mask = max(self.minimal + 1, math.ceil(explained)), self._allowed_to(images)
         for number in range(len(self.views.edges)):
             sets, pace, done = self.views.wave(number, self.tables), Pace(self.deadline), 0
             while done < len(sets.shapes) and (block := pace.block(len(sets.shapes) - done)):
                 self._try_visible(sets, done, min(len(sets.shapes), done + block), images, mask)
                 done += block
-            if self._none_missed_of(least, number + 1) or self._spent():
-                return
-        self.missed = 0.0
+            missed = self.views.missed(least, number + 1)
+            if missed <= MISSED or self._spent():
+                return missed
+        return 0.0
 
     def triples(self, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
