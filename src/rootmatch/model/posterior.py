@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +50,17 @@ class Posterior:
         shares = np.exp(np.minimum(self.modes.log_odds - self.modes.log_mass, 0.0))
         return float(self.probabilities @ (same * shares))
 
-    @property
+    @cached_property
     def confidence(self) -> Floats:
         """Probability (n,) that each point's match in the first mode is right or, if unmatched, that it has none."""
         return self.confidence_in(self.modes.assignments[0])
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """`confidence` in any assignment (n,)."""
-        each = np.where(self.modes.assignments == assignment, self.modes.local, 0.0)
-        free = np.where(self.modes.assignments == assignment, self.modes.local, self.modes.unmatched)
-        return np.asarray(
-            self.probabilities @ np.where(assignment < 0, free, each) + np.where(assignment < 0, self.clutter, 0.0)
-        )
+        unmatched = assignment < 0
+        otherwise = np.where(unmatched, self.modes.unmatched, 0.0)
+        each = np.where(self.modes.assignments == assignment, self.modes.local, otherwise)
+        return np.asarray(self.probabilities @ each + np.where(unmatched, self.clutter, 0.0))
 
     @property
     def unmatched(self) -> Floats:
