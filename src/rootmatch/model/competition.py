@@ -56,9 +56,9 @@ def joint_posterior(
     uses = [modes.uses(count) for modes in parts]
     chosen = np.empty((1, 0), np.int64)
     taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
-    masses = [(used, modes.log_mass + odds) for used, modes in zip(uses, parts, strict=True)]
-    copies = [(used, _as_copy(*each, used, options)) for *each, used in zip(models, parts, uses, strict=True)]
-    for used, present in [*masses, *copies]:
+    masses = [modes.log_mass + odds for modes in parts]
+    copies = [_as_copy(*each, options) for each in zip(models, parts, uses, strict=True)]
+    for used, present in zip([*uses, *uses], [*masses, *copies], strict=True):
         if present is None:
             continue
         mine, mass = np.concatenate([used, np.zeros((1, count), np.bool_)]), np.append(present, 0.0)
