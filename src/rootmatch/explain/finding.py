@@ -20,7 +20,7 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
@@ -46,7 +46,7 @@ class Finding:
     others : sequence of (n,) int64
         The best different assignments, the most probable first where probabilities are known.
     other_probabilities : sequence of float, optional
-        Of the others, where the model of the image tells them.
+        Of the others, if they are known and `Others` does not tell them; see `every_other_probability`.
     facts : Facts
         From which `status` follows.
     tensor : AffinityTensor
@@ -147,6 +147,11 @@ class Finding:
         if self.scoreless:
             return [math.nan] * len(self.every)
         return [float(score) for score in scores_of(self.tensor, np.array(self.every))]
+
+    @property
+    def every_other_probability(self) -> Sequence[float] | None:
+        """Probability of each of the others, where a model tells it."""
+        return self.others.probabilities if isinstance(self.others, Others) else self.other_probabilities
 
     @property
     def alternatives(self) -> Alternatives:

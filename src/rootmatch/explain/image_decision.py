@@ -26,7 +26,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.posterior_options import DEFAULT_POSTERIOR
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -86,7 +86,6 @@ def told_by(
     count = len(told.probabilities)
     free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
-    every = told.ranked(1 + TRUST.alternatives) if count else []
     scoreless = base.evaluated == 0
     if (k := next(free, None)) is None:
         nothing = np.full(base.task.rows, -1, np.int64)
@@ -95,8 +94,7 @@ def told_by(
             posterior=told,
             model=model,
             assignment=nothing,
-            others=[one for one, _ in every],
-            other_probabilities=[chance for _, chance in every],
+            others=Others(told, TRUST.alternatives),
             facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
             scores=None,
             scoreless=scoreless,
@@ -118,13 +116,14 @@ def told_by(
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
     met = sure is not None and model.is_met(sure, minimal := base.task.minimal, minimal + 1)
+    points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
     of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(
         present=present,
         contested=not of_the_rest,
         sure_of_the_rest=of_the_rest,
         min_probability=least,
-        confirmed=len(np.unique(model.points[first >= 0], axis=0)) >= LEAST,  # a rig sees one point several times
+        confirmed=points >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
     )
     status = decide(facts)
@@ -133,9 +132,7 @@ def told_by(
         probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
         confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
         first = sure
-    # an assignment that merely leaves out some of the points is not a different one
-    others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
-    believed = status is not Status.UNTRUSTED
+    others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     first, confidence = of_surest(first, confidence, surest)
     return replace(
         base,
@@ -143,8 +140,7 @@ def told_by(
         model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
-        others=[one for one, _ in others],
-        other_probabilities=[chance for _, chance in others],
+        others=others,
         facts=replace(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
         scores=None,
         scoreless=scoreless,
