@@ -22,8 +22,7 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
     """The finding of all bodies by label, rows and finding: the sum of their scores, the lead of the least sure one."""
     n, n_target = task.row_shape
     assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    nothing = empty_tensor(task)
-    indices, weights = [nothing.indices], [nothing.weights]
+    indices, weights = [], []
     parts: dict[Label, Finding] = {}
     for k, (label, rows, found) in enumerate(bodies):
         parts[label] = found
@@ -33,6 +32,9 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
             i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
             indices.append((rows[i] * n_target + j).astype(np.int32))
             weights.append(np.asarray(found.tensor.weights))
+    if not indices:
+        nothing = empty_tensor(task)
+        indices, weights = [nothing.indices], [nothing.weights]
     every = list(parts.values())
     return Finding(
         task=task,
