@@ -278,6 +278,14 @@ class DetectionModel:
         return np.array(weights if self.allowed is None else np.where(self.allowed, weights, -np.inf))
 
     @cached_property
+    def scene_for_kernels(self) -> tuple[Any, ...] | None:
+        """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
+        if self._views is None or self.size is not None or self.resolution or self.source_covariance is not None:
+            return None
+        clutter, rates = self.clutter.for_kernels, (*self.rates, float(self.options.noise_freedom))
+        return self._about_centre, self._views, self.image_for_kernels, clutter, rates
+
+    @cached_property
     def image_for_kernels(self) -> tuple[Any, ...]:
         """Detections and what is known of them, as `rootmatch.model.compiled.evidence.weigh` takes it."""
         # copies: what is read-only is another type to a kernel, which would be compiled once more

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.assignment import apart_from
-from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.blobs import of_blobs
-from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, about, evidence, settled, stepped
+from rootmatch.model.evidence import Evidence, evidence, settled, settled_about, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
 from rootmatch.model.pose_density import LEAST
@@ -33,8 +32,6 @@ Integers = NDArray[np.int64]
 
 TINY = 1e-12 * np.eye(6)
 """Added to a correlation of poses, which may be singular where a vertical is exact."""
-IMPOSSIBLE = -1e9
-"""Log-odds used in place of −∞, so that differences stay finite."""
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
 
@@ -223,106 +220,48 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
     """A mode after its best changes, with the sum over the others."""
     for turn in range(options.rounds + 1):
         checkpoint()
-        changes, gains = _first_order(model, mode, at, options)
-        strong = np.argsort(-gains, kind="stable")[: options.weighed]
-        if len(strong):
-            changed = changes.take(strong).applied_to(mode.assignment)
-            several = _together(mode.assignment, changed[gains[strong] > 0.0], model.prior.least)
-            changed = np.concatenate([changed, several])
-            same = at.take(np.zeros(len(changed), np.int64))
-            weighed = evidence(model, changed, same)
+        columns, gains, order, changed = _changes_of(model, mode, at, options)
+        if len(order):
+            weighed = evidence(model, changed, at)
             values = np.maximum(weighed.log_odds, IMPOSSIBLE)
-            enough = (changed >= 0).sum(axis=1) >= model.prior.least
-            gains[strong] = values[: len(strong)] - mode.log_odds
+            gains[order] = values[: len(order)] - mode.log_odds
             to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
+            enough = np.count_nonzero(changed >= 0, axis=1) >= model.prior.least
             best = int(np.where(enough, values, -np.inf).argmax())
             if enough[best] and values[best] > mode.log_odds and turn < options.rounds:
-                here = about(model, changed[[best]], mode.rotation[None], mode.position[None])
-                found, settled_at = settled(model, changed[[best]], *here)
+                found, settled_at = settled_about(model, changed[[best]], mode.rotation[None], mode.position[None])
                 better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
                 if better.log_odds > mode.log_odds:
                     mode, at = better, settled_at
                     continue
         break
-    weights = np.exp(np.minimum(gains, 0.0))
-    by_point = np.bincount(changes.source, weights, len(mode.assignment))
-    second = changes.other >= 0
-    total = by_point + np.bincount(changes.other[second], weights[second], len(mode.assignment))
-    left_out = np.bincount(changes.source, weights * ((changes.target < 0) & ~second), len(mode.assignment))
-    if np.count_nonzero(mode.assignment >= 0) >= options.independent:
-        sums, share = float(np.log1p(by_point).sum()), np.asarray(1.0 / (1.0 + total), np.float64)
-        mode.local = share
-    else:
-        every = 1.0 + float(by_point.sum())
-        sums, share = math.log(every), np.full(len(mode.assignment), 1.0 / every)
-        mode.local = np.asarray(1.0 - total / every, np.float64)
-    mode.unmatched = np.asarray(np.where(mode.assignment >= 0, left_out * share, mode.local), np.float64)
+    mode.local, mode.unmatched = np.empty(len(mode.assignment)), np.empty(len(mode.assignment))
+    sums = sum_over(mode.assignment, columns, gains, options.independent, mode.local, mode.unmatched)
     mode.log_mass, mode.summed = mode.log_odds + sums, True
     return mode
 
 
-def _together(assignment: Integers, changed: Integers, least: int) -> Integers:
-    """All of some changed assignments (K, n) at once, the first ones where two are of one point or detection: (1, n).
-
-    None if that is fewer than two, or if fewer matches than ``least`` would remain.
-    """
-    rows, points = np.nonzero(changed != assignment)
-    ends = np.searchsorted(rows, np.arange(len(changed)), side="right").tolist()
-    out, moved, count, first = assignment.tolist(), set[int](), 0, 0
-    owners: dict[int, set[int]] = {}
-    for point, detection in enumerate(out):
-        owners.setdefault(detection, set()).add(point)
-    every, news = points.tolist(), changed[rows, points].tolist()
-    for last in ends:
-        own, new, first = every[first:last], news[first:last], last
-        taken = any(j >= 0 and not owners.get(j, set()).issubset(own) for j in new)
-        if taken or not moved.isdisjoint(own):
-            continue
-        for i, j in zip(own, new, strict=True):
-            owners[out[i]].discard(i)
-            owners.setdefault(j, set()).add(i)
-            out[i] = j
-        moved.update(own)
-        count += 1
-    enough = count > 1 and sum(j >= 0 for j in out) >= least
-    return np.array([out], np.int64) if enough else np.empty((0, len(out)), np.int64)
-
-
-def _first_order(
+def _changes_of(
     model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions
-) -> tuple[Changes, Floats]:
-    """The changes of a mode that are not negligible, and their log-odds to first order in its pose."""
-    assignment, of_points = mode.assignment, model.of_points(at)
-    matched = assignment >= 0
-    count = int(matched.sum())
-    rate = model.rate
+) -> tuple[Integers, Floats, Integers, Integers]:
+    """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
+    of_points, least = model.of_points(at), model.prior.least
+    count, rate = int(np.count_nonzero(mode.assignment >= 0)), model.rate
     if rate is None:
         rate = (count + 0.5) / (max(float(mode.visible.sum()), count) + 1.0)
     target, sigma, log_weights, *_ = model.image_for_kernels
-    gains = np.empty(model.shape)
-    gains_of_matches(
-        np.array(assignment, np.int64),
-        (
-            at.pixels[0],
-            at.jacobian[0],
-            EXACT if of_points is None else np.array(of_points[0]),
-            mode.visible,
-            at.seen[0],
-        ),
+    log_count = model.log_count_of_one(mode.assignment)
+    may_lose = count > least or least < LEAST  # one match is no mode, but it is weighed
+    found: tuple[Integers, Floats, Integers, Integers] = changes_of(
+        np.array(mode.assignment, np.int64),
+        (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
         np.array(mode.covariance),
-        (target, sigma, model.clutter.log_density, log_weights, model.log_count_of_one(assignment)),
-        float(rate),
-        gains,
+        (target, sigma, model.clutter.log_density, log_weights, log_count),
+        (float(rate), -options.negligible, may_lose, options.weighed, least),
     )
-    own = gains[np.flatnonzero(matched), assignment[matched]]
-    gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    changes, change = likely_changes(assignment, gains, -options.negligible)
-    if count > model.prior.least or model.prior.least < LEAST:  # one match is no mode, but it is weighed
-        return changes, change
-    smaller = (changes.target < 0) & (changes.other < 0)
-    return changes.take(~smaller), change[~smaller]
+    return found
 
 
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, about, settled, stepped
+from rootmatch.model.evidence import Evidence, about, settled_about, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import frames_of
@@ -125,8 +125,7 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
 
 def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
     """Assignments at the best poses near their own; see `fitted`."""
-    found, at = about(model, *proposals)
-    found, at = settled(model, proposals.assignments, found, at)
+    found, at = settled_about(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
 

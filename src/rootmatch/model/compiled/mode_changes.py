@@ -1,0 +1,154 @@
+"""The changes of a mode's assignment that may count, and the sums over them, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.hypergraph.change_listing import listed_changes
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.single_changes import gains_of_matches
+
+IMPOSSIBLE = -1e9
+"""Log-odds used in place of −∞, so that differences stay finite."""
+
+
+@part
+def _is_free(changed, change):  # type: ignore[no-untyped-def]
+    """Whether a change leaves no detection with a second owner, given the assignment so far."""
+    source, target, other, other_target = change
+    for point in range(changed.shape[0]):
+        if point in (source, other) or changed[point] < 0:
+            continue
+        if changed[point] in (target, other_target):
+            return False
+    return True
+
+
+@part
+def _all_at_once(assignment, columns, order, positive, changed):  # type: ignore[no-untyped-def]
+    """Make the first changes of an order, as long as they gain, where two are not of one point or detection.
+
+    Into ``changed`` (n,). How many there are.
+    """
+    changed[:] = assignment
+    moved, count = np.zeros(assignment.shape[0], np.bool_), 0
+    for place in range(positive):
+        k = order[place]
+        source, target, other, other_target = columns[0, k], columns[1, k], columns[2, k], columns[3, k]
+        if moved[source] or (other >= 0 and moved[other]):
+            continue
+        if not _is_free(changed, (source, target, other, other_target)):
+            continue
+        changed[source], moved[source] = target, True
+        if other >= 0:
+            changed[other], moved[other] = other_target, True
+        count += 1
+    return count
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def changes_of(assignment, points, covariance, image, limits):  # type: ignore[no-untyped-def]
+    """The changes of a mode that are not negligible to first order in its pose, and the best ones made.
+
+    Parameters
+    ----------
+    assignment, points, covariance, image
+        As `gains_of_matches` takes them.
+    limits : tuple
+        The detection rate, the least gain, whether the assignment may lose a match, how many changes are made, and the
+        fewest matches of all changes together.
+
+    Returns
+    -------
+    columns, gains : (4, C) int64 and (C,) float64 arrays
+        The changes as in `rootmatch.hypergraph.neighbourhood.Changes`, and what they gain.
+    order : (S,) int64 array
+        Those of the largest gains.
+    changed : (S, n) or (S + 1, n) int64 array
+        The assignment after each of these, and after all of them that gain together, if that is more than one.
+    """
+    assignment, points, covariance, image = borrowed((assignment, points, covariance, image))
+    rate, least_gain, may_lose, most, least = limits
+    n = assignment.shape[0]
+    every = np.empty((n, image[0].shape[0]))
+    gains_of_matches(assignment, points, covariance, image, rate, every)
+    for i in range(n):
+        if assignment[i] >= 0 and not abs(every[i, assignment[i]]) < math.inf:
+            every[i, assignment[i]] = IMPOSSIBLE
+    room = 4 * n + 16
+    columns, gains = np.empty((4, room), np.int64), np.empty(room)
+    listed = listed_changes(assignment, every, least_gain, columns, gains)
+    if listed > room:
+        columns, gains = np.empty((4, listed), np.int64), np.empty(listed)
+        listed_changes(assignment, every, least_gain, columns, gains)
+    count = 0
+    for k in range(listed):
+        if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0:
+            for row in range(4):
+                columns[row, count] = columns[row, k]
+            gains[count] = gains[k]
+            count += 1
+    columns, gains = columns[:, :count].copy(), gains[:count].copy()
+    size = min(most, count)
+    order, chosen, positive = np.empty(size, np.int64), np.zeros(count, np.bool_), 0
+    for place in range(size):
+        best = -1
+        for k in range(count):
+            if not chosen[k] and (best < 0 or gains[k] > gains[best]):
+                best = k
+        order[place], chosen[best] = best, True
+        positive += 1 if gains[best] > 0.0 else 0
+    changed = np.empty((size + 1, n), np.int64)
+    for place in range(size):
+        k = order[place]
+        changed[place] = assignment
+        changed[place, columns[0, k]] = columns[1, k]
+        if columns[2, k] >= 0:
+            changed[place, columns[2, k]] = columns[3, k]
+    several, left = _all_at_once(assignment, columns, order, positive, changed[size]), 0
+    for i in range(n):
+        left += 1 if changed[size, i] >= 0 else 0
+    return columns, gains, order, changed if several > 1 and left >= least else changed[:size].copy()
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def sum_over(assignment, columns, gains, independent, local, unmatched):  # type: ignore[no-untyped-def]
+    """Logarithm of the sum over the changes of a mode, over its own evidence, and what it makes of each point.
+
+    Parameters
+    ----------
+    assignment : (n,) int64 array
+    columns, gains : (4, C) and (C,) arrays
+        Of `changes_of`.
+    independent : int
+        Matches from which changes of different points are independent.
+    local, unmatched : (n,) arrays
+        As `rootmatch.model.modes.Modes`; filled.
+    """
+    assignment, columns, gains, local, unmatched = borrowed((assignment, columns, gains, local, unmatched))
+    n = assignment.shape[0]
+    own, left_out, matched = np.zeros(n), np.zeros(n), 0
+    local[:] = 0.0
+    for k in range(gains.shape[0]):
+        weight = math.exp(min(gains[k], 0.0))
+        own[columns[0, k]] += weight
+        if columns[2, k] >= 0:
+            local[columns[2, k]] += weight
+        elif columns[1, k] < 0:
+            left_out[columns[0, k]] += weight
+    product, every = 0.0, 1.0
+    for i in range(n):
+        matched += 1 if assignment[i] >= 0 else 0
+        local[i] += own[i]
+        product += math.log1p(own[i])
+        every += own[i]
+    for i in range(n):
+        if matched >= independent:
+            local[i] = share = 1.0 / (1.0 + local[i])
+        else:
+            local[i], share = 1.0 - local[i] / every, 1.0 / every
+        unmatched[i] = left_out[i] * share if assignment[i] >= 0 else local[i]
+    return product if matched >= independent else math.log(every)
