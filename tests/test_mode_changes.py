@@ -48,14 +48,18 @@ def test_changes_are_the_likely_neighbours(weighed: bool, may_lose: bool, most: 
         assignment = truth.copy()
         some = rng.permutation(6)[: seed % 4]
         assignment[some] = np.roll(assignment[some], 1)
-        covariance = np.diag(rng.uniform(1e-6, 1e-3, 6))
-        image = (*model.image_for_kernels[:2], model.clutter.log_density, model.weights_of_pairs, rng.normal(size=9))
+        covariance, rate = np.diag(rng.uniform(1e-6, 1e-3, 6)), math.nan if seed % 2 else 0.8
+        log_counts, image_of = rng.normal(size=(2, 10)), rng.integers(0, 2, 9)
+        known = *model.image_for_kernels[:2], model.clutter.log_density, model.weights_of_pairs
         points = at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), rng.uniform(0.2, 1.0, 6), at.seen[0]
         columns, gains, order, changed = changes_of(
-            assignment, points, covariance, image, (0.8, -9.0, may_lose, most, 3)
+            assignment, points, covariance, (*known, log_counts, image_of), (rate, -9.0, may_lose, most, 3)
         )
-        every = np.empty((6, 9))
-        gains_of_matches(assignment, points, covariance, image, 0.8, every)
+        every, matches = np.empty((6, 9)), np.bincount(image_of[assignment[assignment >= 0]], minlength=2)
+        log_count = np.array([np.diff(log_counts[k])[max(matches[k], 1) - 1] for k in image_of])
+        if math.isnan(rate):
+            rate = (matches.sum() + 0.5) / (max(points[3].sum(), matches.sum()) + 1.0)
+        gains_of_matches(assignment, points, covariance, (*known, log_count), rate, every)
         own = np.flatnonzero(assignment >= 0), assignment[assignment >= 0]
         every[own] = np.maximum(every[own], IMPOSSIBLE)
         neighbours = one_change_neighbours(assignment, 9, resize=True).applied_to(assignment)
@@ -107,9 +111,10 @@ def test_no_change_is_likely() -> None:
     turned = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix() @ R
     at = model.linearised(turned, np.array([[0.0, 0.0, 0.6]]))
     model = replace(model, target=np.array(at.pixels[0]), sigma=np.full(6, 0.5))
+    counts = np.zeros((1, 7)), np.zeros(6, np.int64)
     columns, gains, order, changed = changes_of(
         np.arange(6), (at.pixels[0], at.jacobian[0], np.empty((0, 2, 2)), np.full(6, 0.9), at.seen[0]),
-        1e-12 * np.eye(6), (*model.image_for_kernels[:2], np.full(6, -40.0), model.weights_of_pairs, np.zeros(6)),
+        1e-12 * np.eye(6), (*model.image_for_kernels[:2], np.full(6, -40.0), model.weights_of_pairs, *counts),
         (0.9, -9.0, True, 8, 3),
     )  # fmt: skip
     assert (len(gains), len(order), changed.shape, columns.shape) == (0, 0, (0, 6), (4, 0))

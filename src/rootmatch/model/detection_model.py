@@ -190,13 +190,6 @@ class DetectionModel:
         matches = (label[:, :, None] == np.arange(images)).sum(axis=1)
         return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
 
-    def log_count_of_one(self, assignment: Integers) -> Floats:
-        """Change of `log_counts` by each detection (n',) as the last one of an assignment (n,)."""
-        used = assignment[assignment >= 0]
-        matches = np.maximum(np.bincount(self.image_of[used], minlength=len(self._log_counts)), 1)
-        image = np.arange(len(matches))
-        return np.asarray((self._log_counts[image, matches] - self._log_counts[image, matches - 1])[self.image_of])
-
     @cached_property
     def rates(self) -> tuple[Floats, Floats]:
         """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""

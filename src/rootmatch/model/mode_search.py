@@ -20,7 +20,7 @@ from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, evidence, settled, settled_about, stepped
+from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
 from rootmatch.model.pose_density import LEAST
@@ -56,28 +56,29 @@ def modes_of(
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
     """
+    proposals = proposals.take(np.count_nonzero(proposals.assignments >= 0, axis=1) >= model.prior.least)
+    if not len(proposals.assignments):
+        return no_modes(model.shape[0]) if known is None else known
     kept = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
     of_copy = min(enough, -math.log(options.copy) - COUNTS)
     """The same of one with other detections than the best."""
-    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
-    if len(proposals.assignments):
-        checkpoint()
-        each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
-        proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
-        assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
-        found, at = settled(model, assignments, found, at)
-        order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
-        for k in order[np.isfinite(found.log_odds[order])].tolist():
-            mode = _Mode.of(assignments[k], found, poses, k)
-            behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
-            if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
-                break
-            if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
-                continue
-            kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
+    checkpoint()
+    each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
+    proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
+    assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
+    found, at = settled(model, assignments, found, at)
+    order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
+    for k in order[np.isfinite(found.log_odds[order])].tolist():
+        mode = _Mode.of(assignments[k], found, poses, k)
+        behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
+        if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
+            break
+        if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
+            continue
+        kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
 
 
@@ -130,13 +131,19 @@ def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, enough: float, *, options: PosteriorOptions
 ) -> tuple[Integers, Evidence, Linearised]:
     """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
-    assignments, at = proposals.assignments, model.linearised(proposals.rotation, proposals.position)
-    if at.blob is not None:
-        assignments = of_blobs(assignments, at.blob)
-    rough = evidence(model, assignments, at)
+    assignments = proposals.assignments
+    if model.resolution == 0.0:
+        rough, at = about(model, *proposals)
+    else:
+        at = model.linearised(proposals.rotation, proposals.position)
+        assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
+        rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
-    (worth,) = np.nonzero(rough.log_odds > min(best - options.hopeless, enough))
-    return assignments[worth], rough.take(worth), at.take(worth)
+    worth = rough.log_odds > min(best - options.hopeless, enough)
+    if worth.all():
+        return assignments, rough, at
+    (some,) = np.nonzero(worth)
+    return assignments[some], rough.take(some), at.take(some)
 
 
 @dataclass(eq=False)
@@ -248,18 +255,14 @@ def _changes_of(
 ) -> tuple[Integers, Floats, Integers, Integers]:
     """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
     of_points, least = model.of_points(at), model.prior.least
-    count, rate = int(np.count_nonzero(mode.assignment >= 0)), model.rate
-    if rate is None:
-        rate = (count + 0.5) / (max(float(mode.visible.sum()), count) + 1.0)
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    log_count = model.log_count_of_one(mode.assignment)
-    may_lose = count > least or least < LEAST  # one match is no mode, but it is weighed
+    target, sigma, log_weights, _, log_counts, image_of = model.image_for_kernels
+    may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
     found: tuple[Integers, Floats, Integers, Integers] = changes_of(
-        np.array(mode.assignment, np.int64),
+        mode.assignment,
         (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
-        np.array(mode.covariance),
-        (target, sigma, model.clutter.log_density, log_weights, log_count),
-        (float(rate), -options.negligible, may_lose, options.weighed, least),
+        mode.covariance,
+        (target, sigma, model.clutter.log_density, log_weights, log_counts, image_of),
+        (math.nan if model.rate is None else model.rate, -options.negligible, may_lose, options.weighed, least),
     )
     return found
 
