@@ -19,6 +19,7 @@ from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.assignment import apart_from
 from rootmatch.model.blobs import of_blobs
 from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
+from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
 from rootmatch.model.linearised import Linearised
@@ -30,8 +31,7 @@ from rootmatch.model.proposals import Proposals
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-TINY = 1e-12 * np.eye(6)
-"""Added to a correlation of poses, which may be singular where a vertical is exact."""
+NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
 
@@ -169,6 +169,11 @@ class _Mode:
         """The modes that arrays hold."""
         return [cls(*row) for row in zip(*modes, strict=True)]
 
+    @property
+    def pose(self) -> tuple[Floats, Floats, Floats]:
+        """Rotation, position and covariance."""
+        return self.rotation, self.position, self.covariance
+
     @cached_property
     def changes(self) -> dict[bytes, tuple[float, Floats]]:
         """Log-odds of the changed assignments that were weighed, and steps to their poses."""
@@ -198,23 +203,12 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
     """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
-    if np.vdot(mode.rotation, other.rotation) < 2.0:  # the trace of the turn between them, of 60°
+    if is_same_pose(mode.pose, other.pose, NO_STEP, options.same_pose):
+        return True
+    if np.vdot(mode.rotation, other.rotation) < ALIKE:
         return False
-    turn = mode.rotation @ other.rotation.T
-    step = _step(turn, mode.position - other.position)
-    steps = [step]
-    value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, step))
-    if mode.log_odds < value + 1.0:
-        steps.append(step - moved)
-    spread = mode.covariance + other.covariance
-    scale = np.sqrt(spread.diagonal())
-    for one in steps:
-        unit = one / scale
-        if np.abs(unit).max() < options.same_pose:  # no coordinate is farther off than all together
-            correlation = spread / (scale[:, None] * scale) + TINY
-            if unit @ np.linalg.solve(correlation, unit) < options.same_pose**2:
-                return True
-    return False
+    value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, NO_STEP))
+    return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, options.same_pose))
 
 
 def _step(turn: Floats, shift: Floats) -> Floats:
