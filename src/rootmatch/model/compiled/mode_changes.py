@@ -28,13 +28,12 @@ def _is_free(changed, change):  # type: ignore[no-untyped-def]
 
 
 @part
-def _all_at_once(assignment, columns, order, positive, changed):  # type: ignore[no-untyped-def]
+def _all_at_once(columns, order, positive, changed):  # type: ignore[no-untyped-def]
     """Make the first changes of an order, as long as they gain, where two are not of one point or detection.
 
-    Into ``changed`` (n,). How many there are.
+    ``changed`` (n,): the assignment, which they change. How many there are.
     """
-    changed[:] = assignment
-    moved, count = np.zeros(assignment.shape[0], np.bool_), 0
+    moved, count = np.zeros(changed.shape[0], np.bool_), 0
     for place in range(positive):
         k = order[place]
         source, target, other, other_target = columns[0, k], columns[1, k], columns[2, k], columns[3, k]
@@ -104,32 +103,39 @@ def changes_of(assignment, points, covariance, image, limits):  # type: ignore[n
         listed_changes(assignment, every, least_gain, columns, gains)
     count = 0
     for k in range(listed):
+        count += 1 if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0 else 0
+    # element by element here and below: the checks of whole rows take longer to compile than all the rest
+    kept, gain, place = np.empty((4, count), np.int64), np.empty(count), 0
+    for k in range(listed):
         if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0:
             for row in range(4):
-                columns[row, count] = columns[row, k]
-            gains[count] = gains[k]
-            count += 1
-    columns, gains = columns[:, :count].copy(), gains[:count].copy()
+                kept[row, place] = columns[row, k]
+            gain[place] = gains[k]
+            place += 1
     size = min(most, count)
     order, chosen, positive = np.empty(size, np.int64), np.zeros(count, np.bool_), 0
     for place in range(size):
         best = -1
         for k in range(count):
-            if not chosen[k] and (best < 0 or gains[k] > gains[best]):
+            if not chosen[k] and (best < 0 or gain[k] > gain[best]):
                 best = k
         order[place], chosen[best] = best, True
-        positive += 1 if gains[best] > 0.0 else 0
-    changed = np.empty((size + 1, n), np.int64)
-    for place in range(size):
-        k = order[place]
-        changed[place] = assignment
-        changed[place, columns[0, k]] = columns[1, k]
-        if columns[2, k] >= 0:
-            changed[place, columns[2, k]] = columns[3, k]
-    several, left = _all_at_once(assignment, columns, order, positive, changed[size]), 0
+        positive += 1 if gain[best] > 0.0 else 0
+    together, left = assignment.copy(), 0
+    several = _all_at_once(kept, order, positive, together)
     for i in range(n):
-        left += 1 if changed[size, i] >= 0 else 0
-    return columns, gains, order, changed if several > 1 and left >= least else changed[:size].copy()
+        left += 1 if together[i] >= 0 else 0
+    rows = size + 1 if several > 1 and left >= least else size
+    changed = np.empty((rows, n), np.int64)
+    for row in range(rows):
+        for i in range(n):
+            changed[row, i] = assignment[i] if row < size else together[i]
+        if row < size:
+            k = order[row]
+            changed[row, kept[0, k]] = kept[1, k]
+            if kept[2, k] >= 0:
+                changed[row, kept[2, k]] = kept[3, k]
+    return kept, gain, order, changed
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -149,7 +155,8 @@ def sum_over(assignment, columns, gains, independent, local, unmatched):  # type
     assignment, columns, gains, local, unmatched = borrowed((assignment, columns, gains, local, unmatched))
     n = assignment.shape[0]
     own, left_out, matched = np.zeros(n), np.zeros(n), 0
-    local[:] = 0.0
+    for i in range(n):
+        local[i] = 0.0
     for k in range(gains.shape[0]):
         weight = math.exp(min(gains[k], 0.0))
         own[columns[0, k]] += weight
