@@ -106,7 +106,6 @@ max_hyperedges, max_evaluations
         check_view_angle(view_angle, normals, len(self.source))
         self.view_angle = None if view_angle is None else np.array(view_angle, np.float64)
         self.labels = None if bodies is None else check_bodies(bodies, self.source, problem.order)
-        self.bodies = None if bodies is None else np.array(bodies)
         self.source_noise = None if source_noise is None else check_source_noise(source_noise, self.source)
         self.options = MatchOptions(
             seed=seed,
@@ -211,7 +210,7 @@ max_hyperedges, max_evaluations
         """
         options = options or self.options
         detections = as_points(self.problem.joined(target), self.problem.target_dimension, "target")
-        alone = searching is not True or (prior is not None and self.bodies is None and self.problem.takes_prior)
+        alone = searching is not True or (prior is not None and self.labels is None and self.problem.takes_prior)
         reason = self._fault(detections, 1 if alone else self.problem.order)
         if reason is not None:
             return self._nothing(detections, reason)
@@ -223,7 +222,7 @@ max_hyperedges, max_evaluations
             normals=self.normals,
             view_angle=self.view_angle,
             candidates=candidates,
-            bodies=self.bodies,
+            bodies=self.labels,
             prior=prior,
             source_noise=self.source_noise,
             options=options,

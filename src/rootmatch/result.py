@@ -40,20 +40,17 @@ ADVISED = 0.5
 class Match:
     """The result of matching: an assignment, how far to trust it, and what it was found from.
 
-    A match is true in a condition (``if match:``) only if it can be trusted. What `finding`, which is internal, does
-    not hold is computed when it is first read.
+    A match is true in a condition (``if match:``) only if it can be trusted. What `finding` and `shown`, which are
+    internal, do not hold is computed when it is first read.
 
     Attributes
     ----------
     finding : Finding
-        What the last stage of the pipeline found.
+        What the last stage of the pipeline found, with a `rootmatch.Rig` in terms of sightings.
     seconds : float
         Wall-clock time.
     stopped_early : bool
         Whether ``max_seconds`` ended the match before it was finished.
-    sightings : Sightings or None
-        With a `rootmatch.Rig`, what each camera sees. ``assignment`` then holds, for each point, the detection of the
-        first camera that sees it, and ``poses`` the pose of the rig, fitted to all cameras.
     bodies : dict or None
         With ``bodies=``, the match of each body by its label: its own points against all detections. Margin and status
         of the whole match are those of the least trusted body, its probability is the product, and ``motion_labels``
@@ -63,7 +60,6 @@ class Match:
     finding: Finding
     seconds: float
     stopped_early: bool = False
-    sightings: Sightings | None = None
     bodies: dict[Label, Match] | None = None
 
     def __bool__(self) -> bool:
@@ -76,6 +72,20 @@ class Match:
         parts += [f"{label}: {body}" for label, body in (self.bodies or {}).items()]
         return f"Match({', '.join(parts)})"
 
+    @cached_property
+    def sightings(self) -> Sightings | None:
+        """With a `rootmatch.Rig`, what each camera sees; None for one camera.
+
+        ``assignment`` then holds, for each point, the detection of the first camera that sees it, and ``poses`` the
+        pose of the rig, fitted to all cameras.
+        """
+        return None if self.task.rig is None else Sightings(self.finding)
+
+    @cached_property
+    def shown(self) -> Finding:
+        """The finding with one detection of each point."""
+        return self.finding if self.sightings is None else of_first_cameras(self.finding)
+
     @property
     def task(self) -> MatchingTask:
         """The validated input: problem, points with their noise, options."""
@@ -84,7 +94,7 @@ class Match:
     @property
     def assignment(self) -> Integers:
         """Index (n,) into the target points; −1 where unmatched."""
-        return self.finding.assignment
+        return self.shown.assignment
 
     @property
     def pairs(self) -> Integers:
@@ -104,7 +114,7 @@ class Match:
         For several bodies it is the sum, for several motions the evidence of the packing. None if no hyper-edge
         was evaluated: a predicted pose decided, or none of them is possible.
         """
-        return _score(self.finding.every_score[0])
+        return _score(self.shown.every_score[0])
 
     @property
     def margin(self) -> float:
@@ -114,27 +124,27 @@ class Match:
         motions it is the lead over the best packing without one of its groups; if a predicted pose decided, 1 less the
         odds against its assignment.
         """
-        return self.finding.margin
+        return self.shown.margin
 
     @cached_property
     def alternatives(self) -> list[tuple[Integers, float | None]]:
         """The best different assignments and their scores, the most probable first if probabilities are known."""
-        return [(other, _score(score)) for other, score in self.finding.alternatives]
+        return [(other, _score(score)) for other, score in self.shown.alternatives]
 
     @property
     def soft_assignment(self) -> Floats:
         """Soft assignment (n, n') of the solver."""
-        return self.finding.soft_assignment
+        return self.shown.soft_assignment
 
     @property
     def tensor(self) -> AffinityTensor:
         """The affinities that were solved."""
-        return self.finding.tensor
+        return self.shown.tensor
 
     @property
     def motion_labels(self) -> Integers:
         """Label (n,) of the rigid motion of each point, −1 where unmatched."""
-        return self.finding.motion_labels
+        return self.shown.motion_labels
 
     @property
     def converged(self) -> bool:
@@ -234,7 +244,7 @@ class Match:
         Between point sets in space it names the usual mistake that explains them, such as a left-handed set.
         """
         confidence = None if self.finding.confidence is None else self.confidence
-        told = advice(self.finding, confidence, self.stopped_early)
+        told = advice(self.shown, confidence, self.stopped_early)
         asked = isinstance(self.problem, Similarity) and self.status is Status.UNTRUSTED and self.bodies is None
         if asked and self.finding.reason is None and (fits := self.diagnose(ADVISED).fits):
             return f"no trustworthy match: {fits[0].mistake}; {fits[0].remedy}"
@@ -254,7 +264,7 @@ class Match:
         InputError
             If the problem fits no poses, as derived problems, whose equations do not say what a pose is.
         """
-        return poses_of_finding(self.finding) if self.sightings is None else self.sightings.poses
+        return poses_of_finding(self.finding)
 
     @cached_property
     def alternative_poses(self) -> list[list[Pose | None]]:
@@ -268,7 +278,7 @@ class Match:
         Nearly flat objects have a second one with reversed depth. If none is certain, the match is ambiguous, even if
         its assignment is certain. Empty for problems without a pose of their camera.
         """
-        return other_poses(self.finding if self.sightings is None else self.sightings.finding)
+        return other_poses(self.finding)
 
     def poses_of(self, assignment: ArrayLike) -> list[Pose | None]:
         """Poses of any assignment (n,) between these points, −1 where unmatched.
@@ -322,11 +332,6 @@ def _score(value: float) -> float | None:
 
 def report(finding: Finding, *, seconds: float, stopped_early: bool = False) -> Match:
     """The public result of what was found in so many seconds: the only place that makes a `Match`."""
-
-    def one(part: Finding) -> Match:
-        bodies = None if part.parts is None else {label: one(body) for label, body in part.parts.items()}
-        sightings = None if part.task.rig is None else Sightings(part)
-        shown = part if sightings is None else of_first_cameras(part)
-        return Match(finding=shown, seconds=seconds, stopped_early=stopped_early, sightings=sightings, bodies=bodies)
-
-    return one(finding)
+    told: dict[str, Any] = {"seconds": seconds, "stopped_early": stopped_early}
+    bodies = None if finding.parts is None else {label: report(part, **told) for label, part in finding.parts.items()}
+    return Match(finding=finding, bodies=bodies, **told)

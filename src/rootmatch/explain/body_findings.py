@@ -81,6 +81,7 @@ def among_all(found: Finding, task: MatchingTask, columns: Integers) -> Finding:
         posterior=told,
         assignment=of_all(found.assignment),
         others=[of_all(other) for other in found.others],
+        other_probabilities=found.every_other_probability,
         named=[of_all(one) for one in found.named],
         scores=found.every_score,
         soft=soft,

@@ -5,6 +5,7 @@ Stages exchange findings, which are plain values. `rootmatch.result.report` make
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +20,7 @@ from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior import Others, Posterior
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.samplers.base import SampledTensor
 from rootmatch.solvers.base import Alternatives, Solution
@@ -45,12 +46,14 @@ class Finding:
     others : sequence of (n,) int64
         The best different assignments, the most probable first where probabilities are known.
     other_probabilities : sequence of float, optional
-        Of the others, where the model of the image tells them.
+        Of the others, if they are known and `Others` does not tell them; see `every_other_probability`.
     facts : Facts
         From which `status` follows.
     tensor : AffinityTensor
     scores : sequence of float, optional
         Scores of the assignment and of the others, if already known; see `every_score`.
+    scoreless : bool
+        Whether a model decided without any hyper-edge: there are no scores then.
     soft : (n, n') float64, optional
         Soft assignment of a solver; None if none ran.
     labels : (n,) int64, optional
@@ -86,6 +89,7 @@ class Finding:
     tensor: AffinityTensor
     other_probabilities: Sequence[float] | None = None
     scores: Sequence[float] | None = None
+    scoreless: bool = False
     soft: Floats | None = None
     labels: Integers | None = None
     converged: bool = True
@@ -140,7 +144,14 @@ class Finding:
         """Total weight of the hyper-edges inside the assignment, and inside each of the others."""
         if self.scores is not None:
             return list(self.scores)
+        if self.scoreless:
+            return [math.nan] * len(self.every)
         return [float(score) for score in scores_of(self.tensor, np.array(self.every))]
+
+    @property
+    def every_other_probability(self) -> Sequence[float] | None:
+        """Probability of each of the others, where a model tells it."""
+        return self.others.probabilities if isinstance(self.others, Others) else self.other_probabilities
 
     @property
     def alternatives(self) -> Alternatives:
@@ -156,9 +167,17 @@ class Finding:
 
     @cached_property
     def soft_assignment(self) -> Floats:
-        """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row."""
+        """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row.
+
+        Without hyper-edges, the confidence in each match.
+        """
         if self.soft is not None:
             return self.soft
+        if self.scoreless:
+            soft, matched = np.zeros(self.tensor.shape), np.flatnonzero(self.assignment >= 0)
+            if self.confidence is not None:
+                soft[matched, self.assignment[matched]] = self.confidence[matched]
+            return soft
         gains = np.maximum(self.tensor.contract(one_hot(self.assignment, self.tensor.shape[1])), 0.0)
         rows = gains.sum(axis=1, keepdims=True)
         return np.asarray(gains / np.where(rows > 0.0, rows, 1.0))

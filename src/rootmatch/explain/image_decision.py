@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, OutOfTime
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status, decide
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_hypotheses import Candidate
@@ -26,7 +26,7 @@ from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import squared_deviations
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
-from rootmatch.model.posterior import Posterior
+from rootmatch.model.posterior import Others, Posterior
 from rootmatch.model.posterior_options import DEFAULT_POSTERIOR
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
@@ -82,89 +82,83 @@ def told_by(
     taken : (n',) bool array, optional
         Detections of other bodies: the result is a mode without any of them, or nothing.
     """
-    n, modes, prior = base.task.rows, told.modes, body.model.prior
+    model, modes, prior = body.model, told.modes, body.model.prior
     count = len(told.probabilities)
-    used = [one[one >= 0] for one in modes.assignments]
-    free = [k for k in range(count) if taken is None or not taken[used[k]].any()]
+    free = (k for k, one in enumerate(modes.assignments) if taken is None or not taken[one[one >= 0]].any())
     present, least = float(told.probabilities.sum()), base.task.options.least_probability(MIN_PROBABILITY)
-    every = told.ranked(1 + TRUST.alternatives) if count else []
-    if not free:
-        nothing = np.full(n, -1, np.int64)
-        base = replace(
+    scoreless = base.evaluated == 0
+    if (k := next(free, None)) is None:
+        nothing = np.full(base.task.rows, -1, np.int64)
+        return replace(
             base,
             posterior=told,
-            model=body.model,
+            model=model,
             assignment=nothing,
-            others=[one for one, _ in every],
-            other_probabilities=[chance for _, chance in every],
+            others=Others(told, TRUST.alternatives),
             facts=Facts(present=present, contested=True, min_probability=least, probability=0.0, lead=0.0),
-            confidence=told.confidence_in(nothing) if count else np.full(n, told.clutter),
+            scores=None,
+            scoreless=scoreless,
+            confidence=told.confidence_in(nothing) if count else np.full(len(nothing), told.clutter),
             log_odds=0.0,
             prior_holds=None,
             pose=None,
         )
-        return replace(base, scores=[math.nan] * len(base.every) if base.evaluated == 0 else None)
-    k = free[0]
-    first, confidence = modes.assignments[k], told.confidence_in(modes.assignments[k])
-    probability = told.probability_of(first)
-    surest, lit = surest_points(body.model, first, (modes.rotation[k], modes.position[k]))
+    first, probability = modes.assignments[k], told.probability_of(modes.assignments[k])
+    confidence = told.confidence if k == 0 else told.confidence_in(first)
+    surest, lit = surest_points(model, first, (modes.rotation[k], modes.position[k]))
     confidence, probability = confidence * lit, probability * float(lit.prod())
     fault = _misfit(body, told, k)
     prediction = -1
     if isinstance(prior, Doubted):
         prediction = int(prior.prediction_of(modes.rotation[[k]], modes.position[[k]])[0])
-    holds, matched = prediction >= 0, len(used[k])
+    holds, matched = prediction >= 0, int(np.count_nonzero(first >= 0))
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
-    met = sure is not None and body.model.is_met(sure, minimal := base.task.minimal, minimal + 1)
+    met = sure is not None and model.is_met(sure, minimal := base.task.minimal, minimal + 1)
+    points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
     of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(
         present=present,
         contested=not of_the_rest,
         sure_of_the_rest=of_the_rest,
         min_probability=least,
-        confirmed=len(np.unique(body.model.points[first >= 0], axis=0)) >= LEAST,  # a rig sees one point several times
+        confirmed=points >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
-        probability=probability,
     )
-    found = replace(base, posterior=told, model=body.model, facts=facts)
-    if found.status is Status.MATCHED and sure is not None and kept < matched:
+    status = decide(facts)
+    if status is Status.MATCHED and sure is not None and kept < matched:
         pose, each = float(told.probabilities[0]), confidence[sure >= 0]
         probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
         confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)
         first = sure
-    # an assignment that merely leaves out some of the points is not a different one
-    others = [(one, chance) for one, chance in every if ((one >= 0) & (one != first)).any()][: TRUST.alternatives]
-    believed = found.status is not Status.UNTRUSTED
+    others, believed = Others(told, TRUST.alternatives, than=first), status is not Status.UNTRUSTED
     first, confidence = of_surest(first, confidence, surest)
-    found = replace(
-        found,
+    return replace(
+        base,
+        posterior=told,
+        model=model,
         task=about_prediction(base.task, prediction) if holds else base.task,
         assignment=first,
-        others=[one for one, _ in others],
-        other_probabilities=[chance for _, chance in others],
-        facts=replace(facts, probability=probability),
+        others=others,
+        facts=replace(facts, probability=probability, lead=lead_by_odds(probability) if scoreless else None),
         scores=None,
+        scoreless=scoreless,
+        soft=None if scoreless else base.soft,
         labels=None,
         confidence=confidence,
         log_odds=float(modes.log_odds[k]),
         noise_factor=fault.sigma,
         noise_dof=fault.dof,
         prior_holds=holds if believed and isinstance(prior, Doubted) else None,
-        pose=pose_of_mode(body.model, modes, k) if believed else None,
+        pose=pose_of_mode(model, modes, k) if believed else None,
     )
-    return found if found.evaluated else without_hyperedges(found)
 
 
-def without_hyperedges(found: Finding) -> Finding:
-    """A finding without hyper-edges: it has no scores, and its lead follows from its odds."""
-    probability = found.probability or 0.0
-    lead = max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
-    matched, soft = np.flatnonzero(found.assignment >= 0), np.zeros(found.tensor.shape)
-    if found.confidence is not None:
-        soft[matched, found.assignment[matched]] = found.confidence[matched]
-    return replace(found.with_facts(lead=lead), scores=[math.nan] * len(found.every), soft=soft)
+def lead_by_odds(probability: float | None) -> float:
+    """The lead of an assignment without scores: 1 less the odds against it."""
+    probability = probability or 0.0
+    return max(1.0 - (1.0 - probability) / max(probability, 1e-300), 0.0)
 
 
 def _misfit(body: Candidate, told: Posterior, k: int) -> Misfit:

@@ -176,14 +176,13 @@ def is_enough(model: DetectionModel, told: Posterior, minimal: int, *, of_severa
     if not len(modes.log_mass):
         return False
     used = modes.assignments[0][modes.assignments[0] >= 0]
-    left = np.delete(np.arange(model.shape[1]), used)
-    most = max(min(len(left), float(modes.visible[0].sum())) - minimal, 0.0)
-    mass = float(modes.log_mass[0])
+    left, mass = model.shape[1] - len(used), float(modes.log_mass[0])
+    most = max(min(left, float(modes.visible[0].sum())) - minimal, 0.0)
     elsewhere = most * max(mass, 0.0) / len(used)
     if most > 0.0 and not of_several:
         # of two squared deviations over their variances the mean is two: half of that is 1
-        worth = -model.clutter.log_density[left] - np.log(2.0 * np.pi * model.sigma[left] ** 2) - 1.0
-        elsewhere = max(elsewhere, most * float(worth.mean()) - minimal * math.log(len(left)))
+        worth = np.delete(-model.clutter.log_density - np.log(2.0 * np.pi * model.sigma**2) - 1.0, used)
+        elsewhere = max(elsewhere, most * float(worth.mean()) - minimal * math.log(left))
     return mass >= math.log(DOUBT) + elsewhere
 
 

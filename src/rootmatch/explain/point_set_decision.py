@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
 from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, empty_tensor
-from rootmatch.explain.image_decision import without_hyperedges
+from rootmatch.explain.image_decision import lead_by_odds
 from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.near_symmetries import symmetries_of
 from rootmatch.explain.sampling import sample
@@ -97,7 +98,9 @@ def _as_predicted(task: MatchingTask, model: PointSetModel) -> Finding | None:
         return None
     found = assessed(task, model, SampledTensor(empty_tensor(task), 0), np.array(named))
     whole = found.status is Status.MATCHED and bool((found.assignment >= 0).all())
-    return without_hyperedges(found) if whole and found.prior_holds else None
+    if not (whole and found.prior_holds):
+        return None
+    return replace(found.with_facts(lead=lead_by_odds(found.probability)), scoreless=True)
 
 
 def solution_by_model(task: MatchingTask, solution: Solution, sampled: SampledTensor) -> Finding | None:

@@ -92,5 +92,7 @@ def _with_tails(task: MatchingTask, prior: Pose, near: Pose) -> Pose:
 
 def about_prediction(task: MatchingTask, k: int) -> MatchingTask:
     """The same task with one of its predicted poses alone."""
+    if not task.rival_poses:
+        return task
     every = [task.prior_pose, *(pose for pose, _ in task.rival_poses)]
     return replace(task, prior_pose=every[k], rival_poses=())

@@ -126,14 +126,14 @@ class MatchingTask:
         normals: ArrayLike | None = None,
         view_angle: ArrayLike | None = None,
         candidates: ArrayLike | None = None,
-        bodies: ArrayLike | None = None,
+        bodies: ArrayLike | BodyLabels | None = None,
         prior: Prior | Mapping[Label, Prior] | None = None,
         source_noise: ArrayLike | None = None,
         options: MatchOptions | None = None,
         more_images: bool = False,
         deadline: Deadline = NEVER,
     ) -> Self:
-        """The task of arguments as `rootmatch.match` takes them.
+        """The task of arguments as `rootmatch.match` takes them; ``bodies`` may be checked already.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class MatchingTask:
         exact = EXACT_RADIANS if problem.noise_is_angular else EXACT * pixel
         weigh = options.affinity(problem, exact=not estimates and bool(points.target_noise.max() <= exact))
         allowed, weights = split_candidates(candidates, *points.shape)
-        labels = None if bodies is None else check_bodies(bodies, points.source, problem.order)
+        labels = bodies if isinstance(bodies, BodyLabels | None) else check_bodies(bodies, points.source, problem.order)
         if prior is not None:
             check_predicted(prior, labels, problem)
         if labels is not None and (options.motions != 1 or estimates):
@@ -197,7 +197,7 @@ class MatchingTask:
         """Number of source and target points, (n, n')."""
         return self.points.shape
 
-    @property
+    @cached_property
     def rig(self) -> Rig | None:
         """The rig of cameras that see the target; None for one camera, or none."""
         return rig_of(self.problem)
@@ -207,7 +207,7 @@ class MatchingTask:
         """Matches in one image that always have a pose: a minimal set; a rig is searched by those of `P3P`."""
         return self.problem.minimal if self.rig is None else P3P.minimal
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Rows of an assignment: points or, of a rig, their sightings in all cameras."""
         return self.shape[0] * (1 if self.rig is None else len(self.rig.views))
@@ -320,29 +320,28 @@ class MatchingTask:
         assert self.bodies is not None
         every = []
         for k, name in enumerate(self.bodies.names):
-            one = self.subset(self.bodies.points_of(k), np.arange(self.shape[1]))
-            predicted, rivals = self.prior_poses.get(name), self.prior_rivals.get(name, ())
-            known, present = self.known_of.get(name), self.present_of.get(name)
-            every.append(replace(one, prior_pose=predicted, rival_poses=rivals, known=known, present=present))
+            told = {"known": self.known_of.get(name), "present": self.present_of.get(name)}
+            predicted = {"prior_pose": self.prior_poses.get(name), "rival_poses": self.prior_rivals.get(name, ())}
+            every.append(self.subset(self.bodies.points_of(k), np.arange(self.shape[1]), **told, **predicted))
         return every
 
-    def subset(self, source: NDArray[np.int64], target: NDArray[np.int64]) -> Self:
-        """The task of some of the points, evaluated in this process, without a predicted pose.
+    def subset(self, source: NDArray[np.int64], target: NDArray[np.int64], **known: Any) -> Self:
+        """The task of some of the points, evaluated in this process, without a predicted pose unless ``known``.
 
         Partial knowledge of the pose holds for some of the points as well.
         """
-        some = np.ix_(source, target)
-        allowed = None if self.allowed is None else np.ascontiguousarray(self.allowed[some])
+        nothing: dict[str, Any] = {"prior_pose": None, "rival_poses": ()}
+        nothing |= {"prior_poses": {}, "prior_rivals": {}, "known_of": {}}
+
+        def of_pairs(whole: NDArray[Any] | None) -> NDArray[Any] | None:
+            return None if whole is None else np.ascontiguousarray(whole[np.ix_(source, target)])
+
         return replace(
             self,
             points=self.problem.in_image(self.points.subset(source, target)),
             options=self.options.in_process,
-            allowed=allowed,
-            weights=None if self.weights is None else np.ascontiguousarray(self.weights[some]),
+            allowed=of_pairs(self.allowed),
+            weights=of_pairs(self.weights),
             bodies=None,
-            prior_pose=None,
-            rival_poses=(),
-            prior_poses={},
-            prior_rivals={},
-            known_of={},
+            **(nothing | known),
         )

@@ -50,23 +50,25 @@ def joint_posterior(
     list of Posterior
         The modes of each, those among them that leave detections to others, and the marginal of each.
     """
-    parts = [_with_parts(k, models, every) for k in range(len(every))]
-    odds = prior_odds(options)
-    count = models[0].shape[1]
+    odds, count = prior_odds(options), models[0].shape[1]
+    uses = [modes.uses(count)[:KEPT] for modes in every]
+    parts = [_with_parts(model, modes, k, uses) for k, (model, modes) in enumerate(zip(models, every, strict=True))]
+    uses = [modes.uses(count) for modes in parts]
     chosen = np.empty((1, 0), np.int64)
     taken, value = np.zeros((1, count), np.bool_), np.zeros(1)
-    masses = [(modes, modes.log_mass + odds) for modes in parts]
-    copies = [_as_copy(model, modes, options) for model, modes in zip(models, parts, strict=True)]
-    for modes, present in [*masses, *(copy for copy in copies if copy is not None)]:
-        uses = np.concatenate([modes.uses(count), np.zeros((1, count), np.bool_)])
-        mass = np.append(present, 0.0)
-        free = ~(taken @ uses.T)  # which of the joint hypotheses leave which modes their detections
+    masses = [modes.log_mass + odds for modes in parts]
+    copies = [_as_copy(*each, options) for each in zip(models, parts, uses, strict=True)]
+    for used, present in zip([*uses, *uses], [*masses, *copies], strict=True):
+        if present is None:
+            continue
+        mine, mass = np.concatenate([used, np.zeros((1, count), np.bool_)]), np.append(present, 0.0)
+        free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
         row, mode = np.nonzero(free)
         sums = value[row] + mass[mode]
         best = np.argsort(-sums, kind="stable")[:BEAM]
         row, mode, value = row[best], mode[best], sums[best]
         chosen = np.column_stack([chosen[row], mode])
-        taken = taken[row] | uses[mode]
+        taken = taken[row] | mine[mode]
     shares = np.exp(value - value.max())
     shares /= shares.sum()
     found = []
@@ -77,12 +79,11 @@ def joint_posterior(
     return found
 
 
-def _as_copy(model: DetectionModel, modes: Modes, options: PosteriorOptions) -> tuple[Modes, Floats] | None:
-    """The modes of a body as those of a copy that nobody named, with their odds; None if two cannot be in one image.
+def _as_copy(model: DetectionModel, modes: Modes, uses: NDArray[np.bool_], options: PosteriorOptions) -> Floats | None:
+    """Odds of a body's modes as those of a copy that nobody named; None if two cannot be in one image.
 
-    Where the body is expected tells nothing of its copy.
+    Where the body is expected tells nothing of its copy. ``uses`` (M, n'): the detections of each mode.
     """
-    uses = modes.uses(model.shape[1])
     if (uses @ uses.T).all():
         return None
     mass = modes.log_mass
@@ -90,29 +91,29 @@ def _as_copy(model: DetectionModel, modes: Modes, options: PosteriorOptions) -> 
         at = model.linearised(modes.rotation, modes.position)
         anywhere = evidence(model, modes.assignments, at, model.prior.without).log_odds
         mass = mass - modes.log_odds + anywhere
-    return modes, mass + math.log(options.copy)
+    return np.asarray(mass + math.log(options.copy), np.float64)
 
 
-def _with_parts(k: int, models: Sequence[DetectionModel], every: Sequence[Modes]) -> Modes:
-    """The best modes of a body, and what remains of them if others take shared detections."""
-    count = models[k].shape[1]
-    modes = every[k].take(np.arange(min(KEPT, len(every[k].log_mass))))
+def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[NDArray[np.bool_]]) -> Modes:
+    """The best modes of body k, and what remains of them if others take shared detections.
+
+    ``uses``: the detections (M, n') of the best modes of each body.
+    """
+    modes = modes.take(slice(KEPT))
     known = {one.tobytes() for one in modes.assignments}
     rows, parts = [], []
-    for other in (*every[:k], *every[k + 1 :]):
-        for wanted in other.uses(count)[:KEPT]:
-            contested = (modes.assignments >= 0) & wanted[modes.assignments]
-            for row in np.flatnonzero(contested.any(axis=1)).tolist():
-                part = np.where(contested[row], -1, modes.assignments[row])
-                if np.count_nonzero(part >= 0) >= models[k].prior.least and part.tobytes() not in known:
-                    known.add(part.tobytes())
-                    rows.append(row)
-                    parts.append(part)
+    for other in (*uses[:k], *uses[k + 1 :]):
+        for wanted, row in np.argwhere(other @ uses[k].T).tolist():
+            assignment = modes.assignments[row]
+            part = np.where((assignment >= 0) & other[wanted, assignment], -1, assignment)
+            if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
+                known.add(part.tobytes())
+                rows.append(row)
+                parts.append(part)
     if not parts:
         return modes
     which, assignments = np.array(rows), np.array(parts)
-    at = models[k].linearised(modes.rotation[which], modes.position[which])
-    found = evidence(models[k], assignments, at)
+    found = evidence(model, assignments, model.linearised(modes.rotation[which], modes.position[which]))
     usable = np.isfinite(found.log_odds)
     part_of = modes.take(which)
     given = (assignments < 0) & (part_of.assignments >= 0)  # to another body

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ class Modes(NamedTuple):
         """Which of so many detections (M, n') each mode takes."""
         return uses_of(self.assignments, count)
 
-    def take(self, which: Integers) -> Modes:
+    def take(self, which: Integers | slice) -> Modes:
         """A subset of the modes."""
         return Modes._make(one[which] for one in self)
 
@@ -71,6 +72,7 @@ def uses_of(assignments: Integers, count: int) -> NDArray[np.bool_]:
     return out[:, :count]
 
 
+@lru_cache(maxsize=64)
 def no_modes(n: int) -> Modes:
     """Empty modes of a body with ``n`` points."""
     none = np.empty(0)

@@ -6,7 +6,10 @@ The probability of an assignment is never above that of its pose, nor above the 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +52,17 @@ class Posterior:
         shares = np.exp(np.minimum(self.modes.log_odds - self.modes.log_mass, 0.0))
         return float(self.probabilities @ (same * shares))
 
-    @property
+    @cached_property
     def confidence(self) -> Floats:
         """Probability (n,) that each point's match in the first mode is right or, if unmatched, that it has none."""
         return self.confidence_in(self.modes.assignments[0])
 
     def confidence_in(self, assignment: Integers) -> Floats:
         """`confidence` in any assignment (n,)."""
-        each = np.where(self.modes.assignments == assignment, self.modes.local, 0.0)
-        free = np.where(self.modes.assignments == assignment, self.modes.local, self.modes.unmatched)
-        return np.asarray(
-            self.probabilities @ np.where(assignment < 0, free, each) + np.where(assignment < 0, self.clutter, 0.0)
-        )
+        unmatched = assignment < 0
+        otherwise = np.where(unmatched, self.modes.unmatched, 0.0)
+        each = np.where(self.modes.assignments == assignment, self.modes.local, otherwise)
+        return np.asarray(self.probabilities @ each + np.where(unmatched, self.clutter, 0.0))
 
     @property
     def unmatched(self) -> Floats:
@@ -108,6 +110,45 @@ class Posterior:
         out: Integers = np.full_like(first, -1)
         out[kept] = first[kept]
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class Others(Sequence[Integers]):
+    """The most probable assignments of a posterior, ranked when they are first read.
+
+    Attributes
+    ----------
+    told : Posterior
+    most : int
+        How many there are at most.
+    than : (n,) int64, optional
+        From which all are different; if it is not given, there may be one more.
+    """
+
+    told: Posterior
+    most: int
+    than: Integers | None = None
+
+    @cached_property
+    def ranked(self) -> list[tuple[Integers, float]]:
+        """The assignments with their probabilities, the most probable first."""
+        every = self.told.ranked(1 + self.most)
+        if self.than is None:
+            return every
+        # an assignment that merely leaves out some of the points is not a different one
+        different = [(one, chance) for one, chance in every if ((one >= 0) & (one != self.than)).any()]
+        return different[: self.most]
+
+    @property
+    def probabilities(self) -> list[float]:
+        """Probability of each."""
+        return [chance for _, chance in self.ranked]
+
+    def __len__(self) -> int:
+        return len(self.ranked)
+
+    def __getitem__(self, k: Any) -> Any:
+        return [one for one, _ in self.ranked][k]
 
 
 def surest(confidence: Floats, wrong: float) -> Integers:

@@ -130,7 +130,7 @@ class FollowedBody:
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
             return self.missed >= self.options.patience and shown
-        return not _is_enough(found) and frame - self.searched >= self._interval
+        return frame - self.searched >= self._interval and not _is_enough(found)
 
     @property
     def _interval(self) -> int:

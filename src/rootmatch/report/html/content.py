@@ -137,7 +137,7 @@ def _frame(match: Match, labels: Labels, name: str, photo: Path | None) -> dict[
 
 def _odds(match: Match) -> Callable[[Integers], float | None]:
     """The posterior probability of each alternative, None if the match has none."""
-    known = match.finding.other_probabilities
+    known = match.finding.every_other_probability
     if match.bodies or known is None:
         return lambda other: None
     chances = {other.tobytes(): chance for (other, _), chance in zip(match.alternatives, known, strict=True)}
