@@ -60,6 +60,10 @@ class Linearised(NamedTuple):
         """Select some of the poses."""
         return Linearised._make(None if one is None else one[which] for one in self)
 
+    def one(self, k: int) -> Linearised:
+        """One of the poses."""
+        return Linearised._make(None if one is None else one[k : k + 1] for one in self)
+
     def with_(self, which: Integers, others: Linearised) -> Linearised:
         """The same with other poses in the place of some."""
         one = self

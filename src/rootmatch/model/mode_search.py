@@ -99,7 +99,7 @@ def _with(
         return kept
     if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
         at, k = place
-        return _joined(kept, _grown(model, mode, at.take(np.array([k])), options), options)
+        return _joined(kept, _grown(model, mode, at.one(k), options), options)
     return _beside(kept, mode, options)
 
 
