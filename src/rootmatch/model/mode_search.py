@@ -91,13 +91,14 @@ def _with(
     enough: float,
     options: PosteriorOptions,
 ) -> list[_Mode]:
-    """Modes with another one, grown if it may count, unless it is one of them.
+    """Modes with another one, grown if it may count beside the best and beside clutter alone, unless it is one of them.
 
     ``place``: images in several poses, and which of them is its own.
     """
     if _is_known(mode, kept, options):
         return kept
-    if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
+    least = min(kept[0].log_mass - options.negligible, enough) if kept else -math.inf
+    if len(kept) < options.grown and mode.log_odds > max(least, -options.hopeless):
         at, k = place
         return _joined(kept, _grown(model, mode, at.one(k), options), options)
     return _beside(kept, mode, options)
