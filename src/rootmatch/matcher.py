@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -229,16 +229,17 @@ max_hyperedges, max_evaluations
             more_images=more_images,
             deadline=deadline,
         )
+        told: dict[str, Any] = {}
         if rivals is not None:
             others = {label: poses for label, poses in rivals.items() if label is not None}
-            task = replace(task, rival_poses=rivals.get(None, ()), prior_rivals=others, prior_freedom=FREEDOM)
+            told |= {"rival_poses": rivals.get(None, ()), "prior_rivals": others, "prior_freedom": FREEDOM}
         if present:
             of_bodies = {label: chance for label, chance in present.items() if label is not None}
-            task = replace(task, present=present.get(None), present_of=of_bodies)
+            told |= {"present": present.get(None), "present_of": of_bodies}
         if budget is not None and options.scheduler is None:
-            task = replace(task, budget=budget)
+            told["budget"] = budget
         try:
-            return explain(task, searching)
+            return explain(replace(task, **told), searching)
         except UnseenPixelError as error:
             return self._nothing(detections, str(error))
 

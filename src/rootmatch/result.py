@@ -114,7 +114,7 @@ class Match:
         For several bodies it is the sum, for several motions the evidence of the packing. None if no hyper-edge
         was evaluated: a predicted pose decided, or none of them is possible.
         """
-        return _score(self.shown.every_score[0])
+        return _score(self.shown.score)
 
     @property
     def margin(self) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rootmatch.explain.body_labels import Label
 from rootmatch.explain.decide import Facts
-from rootmatch.explain.finding import Finding
+from rootmatch.explain.finding import Finding, empty_tensor
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.model.modes import as_objects
@@ -22,17 +22,17 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
     """The finding of all bodies by label, rows and finding: the sum of their scores, the lead of the least sure one."""
     n, n_target = task.row_shape
     assignment, labels = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    soft = np.zeros((n, n_target))
-    indices, weights = [], []
+    nothing = empty_tensor(task)
+    indices, weights = [nothing.indices], [nothing.weights]
     parts: dict[Label, Finding] = {}
     for k, (label, rows, found) in enumerate(bodies):
         parts[label] = found
         assignment[rows] = found.assignment
         labels[rows] = np.where(found.assignment >= 0, k, -1)
-        soft[rows] = found.soft_assignment
-        i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
-        indices.append((rows[i] * n_target + j).astype(np.int32))
-        weights.append(np.asarray(found.tensor.weights))
+        if found.tensor.size:
+            i, j = np.divmod(found.tensor.indices.astype(np.int64), max(n_target, 1))
+            indices.append((rows[i] * n_target + j).astype(np.int32))
+            weights.append(np.asarray(found.tensor.weights))
     every = list(parts.values())
     return Finding(
         task=task,
@@ -42,8 +42,7 @@ def joined(task: MatchingTask, bodies: list[tuple[Label, Integers, Finding]], ev
         tensor=AffinityTensor.unchecked(
             np.concatenate(indices), np.concatenate(weights), task.row_shape, task.row_weights
         ),
-        scores=[_total([found.every_score[0] for found in every])],
-        soft=soft,
+        scores=[_total([found.score for found in every])],
         labels=labels,
         converged=all(found.converged for found in every),
         evaluated=evaluated,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,11 @@ class BodyLabels:
 
     def points_of(self, k: int) -> NDArray[np.int64]:
         """Source points of one body, ascending."""
-        return np.flatnonzero(self.index == k)
+        return self._points[k]
+
+    @cached_property
+    def _points(self) -> list[NDArray[np.int64]]:
+        return [np.flatnonzero(self.index == k) for k in range(len(self.names))]
 
 
 def check_bodies(labels: Any, source: NDArray[np.float64], least: int) -> BodyLabels:

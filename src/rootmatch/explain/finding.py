@@ -122,12 +122,19 @@ class Finding:
         """Confidence (n,) in each match, of several bodies in those of each; None if none is known."""
         if self.confidence is not None or self.parts is None:
             return self.confidence
-        assert self.task.bodies is not None
         out = np.full(self.task.rows, np.nan)
-        for k, part in enumerate(self.parts.values()):
+        for rows, part in self._rows_of_parts:
             own = part.every_confidence
-            out[self.task.sightings_of(self.task.bodies.points_of(k))] = np.nan if own is None else own
+            out[rows] = np.nan if own is None else own
         return out
+
+    @property
+    def _rows_of_parts(self) -> list[tuple[Integers, Finding]]:
+        """The rows of each of several bodies, and its finding."""
+        if self.parts is None or self.task.bodies is None:
+            return []
+        points = map(self.task.bodies.points_of, range(len(self.parts)))
+        return [(self.task.sightings_of(own), part) for own, part in zip(points, self.parts.values(), strict=True)]
 
     @property
     def probability(self) -> float | None:
@@ -138,6 +145,11 @@ class Finding:
     def every(self) -> list[Integers]:
         """The assignment and the others."""
         return [self.assignment, *self.others]
+
+    @property
+    def score(self) -> float:
+        """Total weight of the hyper-edges inside the assignment; NaN without any."""
+        return math.nan if self.scores is None and self.scoreless else self.every_score[0]
 
     @cached_property
     def every_score(self) -> list[float]:
@@ -151,7 +163,9 @@ class Finding:
     @property
     def every_other_probability(self) -> Sequence[float] | None:
         """Probability of each of the others, where a model tells it."""
-        return self.others.probabilities if isinstance(self.others, Others) else self.other_probabilities
+        if isinstance(self.others, Others):
+            return [chance for _, chance in self.others.ranked]
+        return self.other_probabilities
 
     @property
     def alternatives(self) -> Alternatives:
@@ -169,10 +183,15 @@ class Finding:
     def soft_assignment(self) -> Floats:
         """Soft assignment (n, n') of the solver; if none ran, the support of each correspondence, row by row.
 
-        Without hyper-edges, the confidence in each match.
+        Without hyper-edges, the confidence in each match. Of several bodies, that of each.
         """
         if self.soft is not None:
             return self.soft
+        if self.parts is not None:
+            soft = np.zeros(self.task.row_shape)
+            for rows, part in self._rows_of_parts:
+                soft[rows] = part.soft_assignment
+            return soft
         if self.scoreless:
             soft, matched = np.zeros(self.tensor.shape), np.flatnonzero(self.assignment >= 0)
             if self.confidence is not None:
@@ -205,7 +224,7 @@ def unjudged(task: MatchingTask, sampled: SampledTensor, solution: Solution | No
     )
 
 
-def nothing_found(task: MatchingTask, reason: str) -> Finding:
+def nothing_found(task: MatchingTask, reason: str | None) -> Finding:
     """The finding of a task that leaves nothing to match."""
     return Finding(
         task=task,

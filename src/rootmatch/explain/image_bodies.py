@@ -171,7 +171,9 @@ def _finding(task: MatchingTask, bodies: list[_Body]) -> Finding:
     for body in sorted(bodies, key=lambda one: -one.pose):
         one = told_by(body.found, body.told, body.candidate, taken=taken)
         taken[one.assignment[one.assignment >= 0]] = True
-        found[body.number] = replace(one, reason=None) if len(body.told.probabilities) else one
+        unseen = LATE if body.among < 0 else one.reason
+        reason = None if len(body.told.probabilities) else unseen
+        found[body.number] = one if one.reason == reason else replace(one, reason=reason)
     names = task.bodies.names
     every: list[tuple[Label, Integers, Finding]] = [(names[k], body.rows, found[k]) for k, body in enumerate(bodies)]
     return joined(task, every, sum(body.evaluated for body in bodies))
@@ -181,7 +183,7 @@ def _body(task: MatchingTask, number: int) -> _Body:
     """A body for which nothing has been found yet."""
     assert task.bodies is not None
     own = task.body(number)
-    nothing = nothing_found(own, LATE)
+    nothing = nothing_found(own, None)
     rows, free = task.sightings_of(task.bodies.points_of(number)), np.ones(task.shape[1], np.bool_)
     return _Body(number, own, rows, nothing, Candidate.of(own, []), told=unknown(own.rows), free=free)
 

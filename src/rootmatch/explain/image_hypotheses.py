@@ -100,9 +100,10 @@ class Candidate:
     def proposed(self, assignments: Sequence[Integers], predicted: Proposals | None = None) -> Candidate:
         """The candidate by other assignments, the twins of their best poses, and what a prediction proposes."""
         proposals = proposals_of(self.task, self.model, assignments)
-        several = proposals if predicted is None else joined([proposals, predicted])
-        modes = modes_of(self.model, several)
-        return replace(self, modes=self._with_twins(modes, searched=len(proposals.assignments) > 0))
+        searched = len(proposals.assignments) > 0
+        if predicted is not None:
+            proposals = joined([proposals, predicted]) if searched else predicted
+        return replace(self, modes=self._with_twins(modes_of(self.model, proposals), searched))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments and the twins of the best poses."""
@@ -116,8 +117,8 @@ class Candidate:
         """Modes and the twins of the best of them."""
         if not len(modes.log_odds):
             return modes
-        twins = twins_of if searched else twins_about_predictions
-        return modes_of(self.model, twins(self.task, self.model, modes), modes)
+        twins = (twins_of if searched else twins_about_predictions)(self.task, self.model, modes)
+        return modes_of(self.model, twins, modes) if len(twins.assignments) else modes
 
     def reconsidered(self, modes: Modes) -> Candidate:
         """The candidate with the modes of another one of the same body, which were weighed among fewer detections."""
@@ -201,7 +202,7 @@ def proposals_by_prediction(model: DetectionModel) -> Proposals | None:
 
 def model_of(task: MatchingTask) -> DetectionModel:
     """The model of a task of one body."""
-    points, problem, allowed = task.points, task.problem, task.allowed
+    points, problem, allowed, centre = task.points, task.problem, task.allowed, task.points.source.mean(axis=0)
     log_weights = None if task.weights is None else candidate_log_odds(task)
     camera: CameraModel
     if task.rig is not None:
@@ -212,12 +213,12 @@ def model_of(task: MatchingTask) -> DetectionModel:
         target, sigma = points.target, points.detection_noise
     else:
         camera, target, sigma = problem.camera.chart(points.target, points.detection_noise)  # type: ignore[attr-defined]
-    centre, upright, known = points.source.mean(axis=0), vertical_of(problem), knowledge_of(task)
+    upright, known = vertical_of(problem), knowledge_of(task)
     prior: PoseDensity = ANY_POSE if upright is None else Known(upright, centre)
     if known is not None:
         prior = Doubted([Known(known, centre)], [math.log1p(-DOUBT)], prior, DOUBT)
     if task.prior_pose is not None:
-        prior = _with_predictions(task, prior)
+        prior = _with_predictions(task, prior, centre)
     return DetectionModel(
         camera, points.source, target, sigma, normals=points.normals, view_cosine=points.view_cosine,
         source_covariance=points.source_covariance, rate=task.options.detection_rate, prior=prior,
@@ -225,9 +226,9 @@ def model_of(task: MatchingTask) -> DetectionModel:
     )  # fmt: skip
 
 
-def _with_predictions(task: MatchingTask, without: PoseDensity) -> Doubted:
+def _with_predictions(task: MatchingTask, without: PoseDensity, centre: NDArray[np.float64]) -> Doubted:
     """Predicted poses as a prior of the body's centre, beside what is known without them."""
-    centre, predictions, shares = task.points.source.mean(axis=0), [], []
+    predictions, shares = [], []
     for pose, share in predictions_of(task):
         assert pose.covariance is not None
         at_centre = about_point(pose.R, pose.t, pose.covariance, centre)
@@ -272,8 +273,7 @@ def twins_about_predictions(task: MatchingTask, model: DetectionModel, modes: Mo
 
 
 def _best(modes: Modes) -> Proposals:
-    best = modes.take(np.arange(min(TWINS, len(modes.log_odds))))
-    return Proposals(best.assignments, best.rotation, best.position)
+    return Proposals(modes.assignments[:TWINS], modes.rotation[:TWINS], modes.position[:TWINS])
 
 
 def _twins_of_few(task: MatchingTask, model: DetectionModel, found: Proposals) -> list[Proposals]:

@@ -236,6 +236,8 @@ class MatchingTask:
 
     def sightings_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows of an assignment for some points, those of the first camera first; −1 for a point −1."""
+        if self.rig is None:
+            return points
         first = np.arange(0, self.rows, self.shape[0])[:, None]
         return np.where(points >= 0, first + points, -1).ravel()
 

@@ -104,8 +104,7 @@ class Posterior:
             return None
         first: Integers = self.modes.assignments[0]
         matched = np.flatnonzero(first >= 0)
-        each = self.confidence[matched]
-        each = each / each.max() * np.broadcast_to(lit, len(first))[matched]
+        each = (self.confidence / self.confidence[matched].max() * lit)[matched]
         kept = matched[surest(each, 1.0 - min_probability / pose)]
         out: Integers = np.full_like(first, -1)
         out[kept] = first[kept]
@@ -139,16 +138,16 @@ class Others(Sequence[Integers]):
         different = [(one, chance) for one, chance in every if ((one >= 0) & (one != self.than)).any()]
         return different[: self.most]
 
-    @property
-    def probabilities(self) -> list[float]:
-        """Probability of each."""
-        return [chance for _, chance in self.ranked]
+    @cached_property
+    def assignments(self) -> list[Integers]:
+        """The assignments alone."""
+        return [one for one, _ in self.ranked]
 
     def __len__(self) -> int:
         return len(self.ranked)
 
     def __getitem__(self, k: Any) -> Any:
-        return [one for one, _ in self.ranked][k]
+        return self.assignments[k]
 
 
 def surest(confidence: Floats, wrong: float) -> Integers:

@@ -131,7 +131,7 @@ class Belief:
         if told is None or model is None or not len(told.probabilities) or self.best.time != time:
             return
         prior = model.prior.without if isinstance(model.prior, Doubted) else model.prior
-        modes = told.modes.take(np.zeros(1, np.int64))
+        modes = told.modes.take(slice(1))
         first = Proposals(modes.assignments, modes.rotation, modes.position)
         few = joined([first, poses_of_few(model, modes.assignments), reversed_in_depth(model, first)])
         of_few, at = settled(model, few.assignments, *about(model, *few, prior), prior)
@@ -166,7 +166,7 @@ class Belief:
             self._take_motion(found, time)
         if told is None or model is None or not len(told.probabilities):
             return
-        modes = told.modes.take(np.arange(min(LOOKED_AT, len(told.probabilities))))
+        modes = told.modes.take(slice(LOOKED_AT))
         log_share = np.log(np.append(self.shares, DOUBT if self.poses else 1.0))  # the last is that of a new one
         origin = np.full(len(modes.log_odds), -1)
         if self.poses and isinstance(model.prior, Doubted):
