@@ -11,8 +11,9 @@ pixels into one detection at their mean, which `resolution=` tells. σ is .1 to 
 scenes no body is in view.
 
 Counted by body: "right" is no match wrong and nine tenths of the visible points, "wrong" is trusted with a match that
-is not true. A point of a merged detection may have it; of a body with a symmetry only the drawn labels are true. "Pose
-off" is trusted with true matches and a pose farther from the truth than its covariance lets one of 10,000 be.
+is not true, "as many expected" what the told probabilities say of all that are trusted. A point of a merged detection
+may have it; of a body with a symmetry only the drawn labels are true. "Pose off" is trusted with true matches and a
+pose farther from the truth than its covariance lets one of 10,000 be.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ class Count:
     shown: int = 0
     right: int = 0
     trusted: int = 0
+    expected: float = 0.0
     wrong: int = 0
     off: int = 0
     seeds: list[int] = field(default_factory=list)
@@ -235,6 +237,7 @@ def main() -> None:
                 count.shown += shown >= 5
                 count.right += bool(body) and right and shown >= 5
                 count.trusted += bool(body)
+                count.expected += 1.0 - body.probability if body and body.probability is not None else 0.0
                 off = bool(body) and not wrong and is_off(body, *pose)
                 count.wrong += bool(body) and wrong
                 count.off += off
@@ -242,10 +245,11 @@ def main() -> None:
                     count.seeds.append(seed)
     head(
         "body", "clutter", "bodies", "with five visible", "trusted and right", "trusted", "trusted and wrong",
-        "pose off", "seeds",
+        "as many expected", "pose off", "seeds",
     )  # fmt: skip
     for key, one in sorted(counts.items()):
-        row(*key, one.bodies, one.shown, one.right, one.trusted, one.wrong, one.off, " ".join(map(str, one.seeds[:12])))
+        seeds = " ".join(map(str, one.seeds[:12]))
+        row(*key, one.bodies, one.shown, one.right, one.trusted, one.wrong, f"{one.expected:.2f}", one.off, seeds)
 
 
 if __name__ == "__main__":

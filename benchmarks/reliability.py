@@ -1,6 +1,8 @@
 """How often an assignment of some probability is right, and a match of some confidence; tables, picture.
 
-From the scenes that `accuracy.py --csv` and `constellations.py --csv` wrote.
+From the scenes that `accuracy.py --csv` and `constellations.py --csv` wrote. The probability of a match that is trusted
+is that of the matches that it keeps, so it is right where none of them is wrong; that of another one is of the whole
+assignment, which is right where it is the truth, point for point.
 
 python benchmarks/accuracy.py --first-seed 20000 --seeds 100 --no-yardstick --csv accuracy.csv
 python benchmarks/reliability.py accuracy.csv --picture docs/reliability.png
@@ -45,7 +47,7 @@ def main() -> None:
     trusted = [row for row in rows if row["status"] != "untrusted"]
     rows = [row for row in trusted if row["probability"] != "nan"]
     probability = np.array([float(row["probability"]) for row in rows])
-    right = np.array([float(row["right"]) for row in rows])
+    right = np.array([is_as_told(row) for row in rows], dtype=float)
     shown = np.array([float(row["shown"]) for row in rows])
     print(
         f"{len(rows)} scenes with a probability, of {len(trusted)} matched or ambiguous ones\n\n"
@@ -73,10 +75,15 @@ def main() -> None:
     for status in ("matched", "ambiguous"):
         some = [row for row in rows if row["status"] == status]
         if some:
-            share = [np.mean([float(row[key]) for row in some]) for key in ("right", "shown")]
-            print(f"| {status} | {len(some)} | {share[0]:.4f} | {share[1]:.4f} |")
+            listed = np.mean([float(row["shown"]) for row in some])
+            print(f"| {status} | {len(some)} | {np.mean([is_as_told(row) for row in some]):.4f} | {listed:.4f} |")
     if options.picture is not None:
         picture(np.array(drawn), points, options.picture)
+
+
+def is_as_told(row: dict[str, str]) -> bool:
+    """Whether that is right of a scene's match whose probability is told."""
+    return float(row["precision"] if row["status"] == "matched" else row["whole"]) == 1.0
 
 
 def confidences(rows: list[dict[str, str]]) -> np.ndarray:

@@ -21,6 +21,7 @@ from rootmatch.cameras.stereographic import Stereographic
 from rootmatch.model.clutter import PSEUDO, SCALES, STEPS
 from rootmatch.model.compiled.crowds import densities_of_crowds, shares_of_crowds
 from rootmatch.model.compiled.gating import gate
+from rootmatch.model.compiled.same_pose import is_same_pose
 from rootmatch.model.compiled.single_changes import gains_of_matches
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import about, evidence, log_detected, stepped
@@ -527,3 +528,37 @@ def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:
     shares_of_crowds(densities, prior, STEPS, shares)
     np.testing.assert_allclose(shares, expected, rtol=1e-12)
     assert np.abs(shares - prior / prior.sum()).max() > 0.01
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_poses_that_are_one_within_their_covariances(singular: bool) -> None:
+    """By normal equations; also where a direction has no variance to speak of."""
+    rng, same = np.random.default_rng(1013), []
+    for _ in range(300):
+        roots = rng.normal(0.0, 0.05, (2, 6, 6))
+        if singular:
+            roots[:, 1] = 1e-9 * rng.normal(size=(2, 6))
+        first, second = (root @ root.T for root in roots)
+        R, position = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+        step = roots[0] @ rng.normal(size=6) * rng.uniform(0.0, 2.0)
+        turned, moved = Rotation.from_rotvec(step[:3]).as_matrix() @ R, rng.normal(0.0, 0.01, 6) * rng.integers(0, 2)
+        moved[1] = 0.0 if singular else moved[1]
+        place = position + step[3:]
+        antisymmetric = 0.5 * (turned @ R.T - (turned @ R.T).T)
+        off = np.concatenate([antisymmetric[[2, 0, 1], [1, 2, 0]], step[3:]]) - moved
+        spread = first + second
+        scale = np.sqrt(np.diag(spread))
+        unit = off / scale
+        correlation = spread / np.outer(scale, scale) + 1e-12 * np.eye(6)
+        squared = float(unit @ np.linalg.solve(correlation, unit))
+        if abs(squared - 4.0) > 1e-3:
+            same.append(squared < 4.0)
+            assert is_same_pose((turned, place, first), (R, position, second), moved, 2.0) == same[-1]
+    assert 50 < sum(same) < len(same) - 50
+
+
+def test_opposite_poses_are_never_one() -> None:
+    turned, wide = Rotation.from_rotvec([0.0, 1.1, 0.0]).as_matrix(), 100.0 * np.eye(6)
+    poses = (turned, np.zeros(3), wide), (np.eye(3), np.zeros(3), wide)
+    assert not is_same_pose(*poses, np.zeros(6), 2.0)
+    assert is_same_pose(poses[0], poses[0], np.zeros(6), 2.0)

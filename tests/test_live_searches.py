@@ -10,7 +10,6 @@ import pytest
 
 import rootmatch as rm
 from rootmatch.explain import explain, predicted_pose
-from rootmatch.model.mode_search import _together
 from rootmatch.samplers.guided.model_views import model_views
 from rootmatch.tracking.followed_body import LONGEST
 from rootmatch.tracking.tracker import TrackingOptions
@@ -81,24 +80,3 @@ def test_all_waves_together_are_the_waves_one_after_another() -> None:
         wave = views.wave(number, tables)
         np.testing.assert_array_equal(whole.shapes[first:last], wave.shapes)
         np.testing.assert_array_equal(whole.prepared.coordinates[first:last], wave.prepared.coordinates)
-
-
-def test_changes_together_keep_one_owner_of_each_detection() -> None:
-    """Against the rule, row by row."""
-    rng = np.random.default_rng(0)
-    for _ in range(300):
-        n, detections = rng.integers(3, 9, 2)
-        given = np.where(rng.random(n) < 0.7, rng.permutation(max(n, detections))[:n], -1)
-        changed = np.repeat(given[None], rng.integers(0, 7), axis=0)
-        for row in changed:
-            row[rng.permutation(n)[:2]] = rng.integers(-1, detections, 2)
-            used = row[row >= 0]
-            row[:] = row if len(np.unique(used)) == len(used) else given
-        out, count = given.copy(), 0
-        for row in changed:
-            own = row != given
-            others = out[~own]
-            if (out[own] == given[own]).all() and not np.isin(row[own & (row >= 0)], others[others >= 0]).any():
-                out[own], count = row[own], count + 1
-        expected = [out] if count > 1 and (out >= 0).sum() >= 3 else []
-        np.testing.assert_array_equal(_together(given, changed, 3), np.array(expected).reshape(-1, n))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -10,8 +12,10 @@ from scipy.spatial.transform import Rotation
 import rootmatch as rm
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.evidence import FAR, about, settled, squared_deviations
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.evidence import FAR, about, evidence, settled, settled_about, squared_deviations
 from rootmatch.model.proposals import rough_fits
+from test_compiled_model import CASES, assignments_of, scene
 
 CAMERA = rm.Camera(700.0, 700.0, 640.0, 400.0)
 SIGMA = 0.4
@@ -66,3 +70,41 @@ def test_a_hypothesis_settles_as_it_does_by_itself() -> None:
         np.testing.assert_allclose(at.rotation[k], there.rotation[0], atol=1e-9)
         assert together.log_odds[k] == pytest.approx(alone.log_odds[0], abs=1e-6)
     assert together.log_odds[0] > together.log_odds[1:].max()
+
+
+def by_numpy(model: DetectionModel) -> DetectionModel:
+    """The same model, whose hypotheses are weighed and stepped one call after another."""
+    slow = replace(model)
+    vars(slow)["scene_for_kernels"] = None
+    return slow
+
+
+@pytest.mark.parametrize("name", ["normals", "bare", "weights", "rig", "predicted"])
+@pytest.mark.parametrize("count", [1, 5, 30])
+def test_at_once_is_step_by_step(name: str, count: int) -> None:
+    camera, more = CASES[name]
+    model, rotation, position = scene(camera, seed=1020, poses=count, **more)
+    rows = assignments_of(model, count, 1021)
+    rng = np.random.default_rng(1022)
+    at = model.linearised(rotation, position)
+    # half of them fit their detections, and are some steps away from their best poses
+    for k in range(0, count, 2):
+        used = rows[k] >= 0
+        model.target[rows[k, used]] = at.pixels[k, used] + rng.normal(0.0, 0.5, (int(used.sum()), 2))
+    rotation = Rotation.from_rotvec(rng.normal(0.0, 0.05, (count, 3))).as_matrix() @ rotation
+    model, slow = replace(model), by_numpy(model)
+    assert model.scene_for_kernels is not None
+    for fast, oracle in zip(
+        (about(model, rows, rotation, position), settled_about(model, rows, rotation, position)),
+        (about(slow, rows, rotation, position), settled_about(slow, rows, rotation, position)),
+        strict=True,
+    ):
+        for one, other in zip((*fast[0], *fast[1]), (*oracle[0], *oracle[1]), strict=True):
+            if one is not None and other is not None:
+                np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+    found, there = settled(model, rows, *about(model, rows, rotation, position))
+    np.testing.assert_array_equal(found.log_odds, fast[0].log_odds)
+    np.testing.assert_array_equal(there.rotation, fast[1].rotation)
+    one_pose = model.linearised(rotation[:1], position[:1])
+    for one, other in zip(evidence(model, rows, one_pose), evidence(slow, rows, one_pose), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)

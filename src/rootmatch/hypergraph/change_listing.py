@@ -17,13 +17,9 @@ def _listed(columns, gain, count, change, value):  # type: ignore[no-untyped-def
     return count + 1
 
 
-@driver(nogil=True)
-def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
-    """Fill in the changes (4, C) whose gain is above ``least``, and those gains (C,), as far as there is room.
-
-    How many there are. In the order of `neighbourhood.one_change_neighbours`: points moved to free targets, points that
-    become unmatched, targets handed to unmatched points, targets exchanged.
-    """
+@part
+def listed_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
+    """As `list_changes`."""
     n, n_target = gains.shape
     free = np.ones(n_target, np.bool_)
     own = np.zeros(n)
@@ -54,3 +50,13 @@ def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-un
                 if value > least:
                     count = _listed(columns, gain, count, (i, k, other, j), value)
     return count
+
+
+@driver(nogil=True)
+def list_changes(assignment, gains, least, columns, gain):  # type: ignore[no-untyped-def]
+    """Fill in the changes (4, C) whose gain is above ``least``, and those gains (C,), as far as there is room.
+
+    How many there are. In the order of `neighbourhood.one_change_neighbours`: points moved to free targets, points that
+    become unmatched, targets handed to unmatched points, targets exchanged.
+    """
+    return listed_changes(assignment, gains, least, columns, gain)

@@ -86,6 +86,11 @@ class Clutter:
         others = self.about.sum(axis=1) / max(len(self.centres) - 1, 1)
         return np.asarray(np.log(self.alone * self.uniform + others))
 
+    @property
+    def for_kernels(self) -> tuple[Floats, Floats, Integers, Floats, float]:
+        """As `rootmatch.model.compiled.evidence.weigh` takes it."""
+        return self.log_density, self.about, self.centres, self.uniform, self.alone
+
     def log_first(self, taken: NDArray[np.bool_]) -> Floats:
         """Correction (K,) of the log-densities for detections (K, n') that are taken away together.
 

@@ -190,13 +190,6 @@ class DetectionModel:
         matches = (label[:, :, None] == np.arange(images)).sum(axis=1)
         return np.asarray(self._log_counts[np.arange(images), matches].sum(axis=1))
 
-    def log_count_of_one(self, assignment: Integers) -> Floats:
-        """Change of `log_counts` by each detection (n',) as the last one of an assignment (n,)."""
-        used = assignment[assignment >= 0]
-        matches = np.maximum(np.bincount(self.image_of[used], minlength=len(self._log_counts)), 1)
-        image = np.arange(len(matches))
-        return np.asarray((self._log_counts[image, matches] - self._log_counts[image, matches - 1])[self.image_of])
-
     @cached_property
     def rates(self) -> tuple[Floats, Floats]:
         """Nodes (Q,) and logarithms of weights of the integral over the detection rate."""
@@ -276,6 +269,14 @@ class DetectionModel:
             return NO_ROWS
         weights = np.zeros(self.shape) if self.log_weights is None else self.log_weights
         return np.array(weights if self.allowed is None else np.where(self.allowed, weights, -np.inf))
+
+    @cached_property
+    def scene_for_kernels(self) -> tuple[Any, ...] | None:
+        """What `rootmatch.model.compiled.settling.settle` takes; None where NumPy has a part in it."""
+        if self._views is None or self.size is not None or self.resolution or self.source_covariance is not None:
+            return None
+        clutter, rates = self.clutter.for_kernels, (*self.rates, float(self.options.noise_freedom))
+        return self._about_centre, self._views, self.image_for_kernels, clutter, rates
 
     @cached_property
     def image_for_kernels(self) -> tuple[Any, ...]:

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.model.compiled.evidence import detect, weigh
+from rootmatch.model.compiled.settling import EVIDENCE, IMAGES, POSES, settle
 from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.linearised import Linearised, with_rows
-from rootmatch.model.pose_density import PoseDensity
+from rootmatch.model.linearised import Linearised, unfilled, with_rows
+from rootmatch.model.pose_density import Mixture, PoseDensity
 from rootmatch.problems.pose_fit.shared_noise import by_points, of_sightings, shared_spread
 
 Floats = NDArray[np.float64]
@@ -88,37 +89,59 @@ class Evidence(NamedTuple):
 def evidence(
     model: DetectionModel, assignments: Integers, at: Linearised, prior: PoseDensity | None = None
 ) -> Evidence:
-    """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`.
+    """Evidence of assignments (K, n), −1 for none, about poses of `DetectionModel.linearised`, or about one pose.
 
     ``prior``: of the pose, in the place of the model's own.
     """
     assignments = np.array(assignments, np.int64)
-    count, n = assignments.shape
-    cosine, blob, blob_variance = at.for_kernels
+    prior = prior or model.prior
+    if model.scene_for_kernels is not None and prior.for_kernels is not None:
+        return _settled_at_once(model, assignments, at, prior.for_kernels, IMAGES, 0)
+    if len(at.seen) == 1 < len(assignments):
+        at = at.take(np.zeros(len(assignments), np.int64))
     white = NOT_WHITE
     if model.source_covariance is not None:
         used, image = assignments >= 0, np.maximum(assignments, 0)
         white = _whitened(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
-    clutter = model.clutter
-    found = Evidence(
-        log_odds=np.empty(count),
-        step=np.empty((count, 6)),
-        covariance=np.empty((count, 6, 6)),
-        squared=np.empty(count),
-        freedom=np.empty(count),
-        visible=np.empty((count, n)),
-        decrement=np.empty(count),
-    )
+    found = _unfilled(*assignments.shape)
     weigh(
         assignments,
-        (at.pixels, at.jacobian, at.seen, at.expected, cosine, blob, blob_variance),
+        (at.pixels, at.jacobian, at.seen, at.expected, *at.for_kernels),
         white,
-        tuple(np.array(one) for one in (prior or model.prior).terms(at.rotation, at.position)),
+        tuple(np.array(one) for one in prior.terms(at.rotation, at.position)),
         model.image_for_kernels,
-        (clutter.log_density, clutter.about, clutter.centres, clutter.uniform, clutter.alone),
+        model.clutter.for_kernels,
         (*model.rates, model.options.noise_freedom),
         tuple(found),
     )
+    return found
+
+
+def _unfilled(count: int, n: int) -> Evidence:
+    """Room for the evidence of so many hypotheses of n points."""
+    return Evidence(
+        np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count), np.empty(count),
+        np.empty((count, n)), np.empty(count),
+    )  # fmt: skip
+
+
+def _settled_at_once(
+    model: DetectionModel,
+    assignments: Integers,
+    at: Linearised,
+    prior: Mixture,
+    given: int,
+    most: int,
+    found: Evidence | None = None,
+) -> Evidence:
+    """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
+    found = _unfilled(*assignments.shape) if found is None else found
+    cosine = at.for_kernels[0]
+    poses = at.rotation, at.position
+    settle(
+        assignments, (*at[:4], cosine, at.expected, *poses), model.scene_for_kernels, prior,
+        (given, most, STEPS, NO_CHANGE, FAR, BEHIND, STEEP), tuple(found),
+    )  # fmt: skip
     return found
 
 
@@ -126,8 +149,23 @@ def about(
     model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
 ) -> tuple[Evidence, Linearised]:
     """Evidence of assignments (K, n) about poses (K, 3, 3) and (K, 3) of the body's centre, as they are."""
-    at = model.linearised(rotation, position)
-    return evidence(model, assignments, at, prior), at
+    mixture = (prior or model.prior).for_kernels
+    if model.scene_for_kernels is None or mixture is None:
+        at = model.linearised(rotation, position)
+        return evidence(model, assignments, at, prior), at
+    at = unfilled(model.shape[0], model.normals is not None, rotation, position)
+    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, POSES, 0), at
+
+
+def settled_about(
+    model: DetectionModel, assignments: Integers, rotation: Floats, position: Floats, prior: PoseDensity | None = None
+) -> tuple[Evidence, Linearised]:
+    """`settled`, from poses (K, 3, 3) and (K, 3) of the body's centre."""
+    mixture = (prior or model.prior).for_kernels
+    if model.scene_for_kernels is None or mixture is None:
+        return settled(model, assignments, *about(model, assignments, rotation, position, prior), prior)
+    at = unfilled(model.shape[0], model.normals is not None, rotation, position)
+    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, POSES, MOST_STEPS), at
 
 
 def settled(
@@ -138,6 +176,11 @@ def settled(
     The steps of a hypothesis end when they no longer change its fit or, after the first `STEPS`, if it is far behind
     the best one.
     """
+    mixture = (prior or model.prior).for_kernels
+    if model.scene_for_kernels is not None and mixture is not None:
+        at = Linearised._make(None if one is None else one.copy() for one in at)
+        found = Evidence._make(one.copy() for one in found)
+        return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, EVIDENCE, MOST_STEPS, found), at
     for turn in range(MOST_STEPS):
         going = found.decrement >= (NO_CHANGE if turn < STEPS else FAR)
         if turn >= STEPS:
@@ -157,7 +200,7 @@ def settled(
 def stepped(found: Evidence, at: Linearised) -> tuple[Floats, Floats]:
     """Rotations (K, 3, 3) and positions (K, 3) after each step, which is shortened to where first order may hold."""
     out = np.empty(at.rotation.shape), np.empty(at.position.shape)
-    take_steps(found.step, np.array(at.rotation), np.array(at.position), STEEP, out)
+    take_steps(found.step, at.rotation, at.position, STEEP, out)
     return out
 
 

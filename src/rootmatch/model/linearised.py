@@ -37,7 +37,7 @@ class Linearised(NamedTuple):
     expected : (K, n) float64
         Visibility apart from that of the normals: 0 where not seen, and as far as the image is known to reach.
     rotation, position : (K, 3, 3) and (K, 3) float64
-        Of the poses, the position that of the body's centre.
+        Of the poses, the position that of the body's centre. Arrays of their own.
     blob : (K, n) int64 or None
         The point that stands for each, see `rootmatch.model.blobs`; None if each stands for itself. Pixels and
         Jacobians are those of blobs.
@@ -59,6 +59,10 @@ class Linearised(NamedTuple):
     def take(self, which: Integers) -> Linearised:
         """Select some of the poses."""
         return Linearised._make(None if one is None else one[which] for one in self)
+
+    def one(self, k: int) -> Linearised:
+        """One of the poses."""
+        return Linearised._make(None if one is None else one[k : k + 1] for one in self)
 
     def with_(self, which: Integers, others: Linearised) -> Linearised:
         """The same with other poses in the place of some."""
@@ -101,22 +105,19 @@ def linearised(
     """
     points, normals = body
     if views is None:
-        return _by_numpy(points, normals, camera, rotation, position)
-    shape = len(rotation), len(points)
-    at = Linearised(
-        pixels=np.empty((*shape, 2)),
-        jacobian=np.empty((*shape, 2, 6)),
-        by_position=np.empty((*shape, 2, 3)),
-        seen=np.empty(shape, np.bool_),
-        cosine=np.empty(shape) if len(normals) else None,
-        expected=np.empty(shape),
-        rotation=rotation,
-        position=position,
-    )
-    cosine = at.for_kernels[0]
-    poses = np.array(rotation), np.array(position)
-    linearise(body, poses, views, (at.pixels, at.jacobian, at.by_position, at.seen, cosine, at.expected))
+        return _by_numpy(points, normals, camera, np.array(rotation, float), np.array(position, float))
+    at = unfilled(len(points), len(normals) > 0, rotation, position)
+    linearise(body, (at.rotation, at.position), views, (*at[:4], at.for_kernels[0], at.expected))
     return at
+
+
+def unfilled(n: int, with_normals: bool, rotation: Floats, position: Floats) -> Linearised:
+    """Room for the images of n points in poses (K, 3, 3) and (K, 3), which are in it."""
+    shape = len(rotation), n
+    return Linearised(
+        np.empty((*shape, 2)), np.empty((*shape, 2, 6)), np.empty((*shape, 2, 3)), np.empty(shape, np.bool_),
+        np.empty(shape) if with_normals else None, np.empty(shape), np.array(rotation, float), np.array(position, float)
+    )  # fmt: skip
 
 
 def _by_numpy(points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:

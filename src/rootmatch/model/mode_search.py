@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import checkpoint, in_force
 from rootmatch.hypergraph.assignment import apart_from
-from rootmatch.hypergraph.neighbourhood import Changes, likely_changes
 from rootmatch.model.blobs import of_blobs
-from rootmatch.model.compiled.single_changes import gains_of_matches
+from rootmatch.model.compiled.mode_changes import IMPOSSIBLE, changes_of, sum_over
+from rootmatch.model.compiled.same_pose import ALIKE, is_same_pose
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, about, evidence, settled, stepped
+from rootmatch.model.evidence import Evidence, about, evidence, settled, settled_about, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.modes import Modes, as_objects, no_modes
 from rootmatch.model.pose_density import LEAST
@@ -31,10 +31,7 @@ from rootmatch.model.proposals import Proposals
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-TINY = 1e-12 * np.eye(6)
-"""Added to a correlation of poses, which may be singular where a vertical is exact."""
-IMPOSSIBLE = -1e9
-"""Log-odds used in place of −∞, so that differences stay finite."""
+NO_STEP = np.zeros(6)
 SECONDS_PER_DENSITY = 3e-10
 """To weigh and settle a proposal, for each detection and centre of a crowd (benchmarks/deadlines.py, task 785)."""
 
@@ -59,28 +56,29 @@ def modes_of(
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
     """
+    proposals = proposals.take(np.count_nonzero(proposals.assignments >= 0, axis=1) >= model.prior.least)
+    if not len(proposals.assignments):
+        return no_modes(model.shape[0]) if known is None else known
     kept = [] if known is None else _Mode.every(known)
     enough = 0.0 if of_several else math.inf
     """Log-odds from which a mode counts, however much better others are."""
     of_copy = min(enough, -math.log(options.copy) - COUNTS)
     """The same of one with other detections than the best."""
-    proposals = proposals.take((proposals.assignments >= 0).sum(axis=1) >= model.prior.least)
     floor = max((mode.log_mass for mode in kept), default=-math.inf) - 2.0 * options.negligible
-    if len(proposals.assignments):
-        checkpoint()
-        each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
-        proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
-        assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
-        found, at = settled(model, assignments, found, at)
-        order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
-        for k in order[np.isfinite(found.log_odds[order])].tolist():
-            mode = _Mode.of(assignments[k], found, poses, k)
-            behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
-            if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
-                break
-            if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
-                continue
-            kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
+    checkpoint()
+    each = SECONDS_PER_DENSITY * model.shape[1] * len(model.clutter.centres)
+    proposals = proposals.take(np.arange(in_force().cut(len(proposals.assignments), each)))
+    assignments, found, at = _possible(model, proposals, floor, of_copy, options=options)
+    found, at = settled(model, assignments, found, at)
+    order, poses = np.argsort(-found.log_odds, kind="stable"), stepped(found, at)
+    for k in order[np.isfinite(found.log_odds[order])].tolist():
+        mode = _Mode.of(assignments[k], found, poses, k)
+        behind = bool(kept) and mode.log_odds < min(kept[0].log_mass - 2.0 * options.negligible, enough)
+        if kept and ((behind and mode.log_odds < of_copy) or in_force().passed()):
+            break
+        if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
+            continue
+        kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
     return _as_arrays(kept, model.shape[0])
 
 
@@ -93,15 +91,16 @@ def _with(
     enough: float,
     options: PosteriorOptions,
 ) -> list[_Mode]:
-    """Modes with another one, grown if it may count, unless it is one of them.
+    """Modes with another one, grown if it may count beside the best and beside clutter alone, unless it is one of them.
 
     ``place``: images in several poses, and which of them is its own.
     """
     if _is_known(mode, kept, options):
         return kept
-    if len(kept) < options.grown and (not kept or mode.log_odds > min(kept[0].log_mass - options.negligible, enough)):
+    least = min(kept[0].log_mass - options.negligible, enough) if kept else -math.inf
+    if len(kept) < options.grown and mode.log_odds > max(least, -options.hopeless):
         at, k = place
-        return _joined(kept, _grown(model, mode, at.take(np.array([k])), options), options)
+        return _joined(kept, _grown(model, mode, at.one(k), options), options)
     return _beside(kept, mode, options)
 
 
@@ -133,13 +132,19 @@ def _possible(
     model: DetectionModel, proposals: Proposals, floor: float, enough: float, *, options: PosteriorOptions
 ) -> tuple[Integers, Evidence, Linearised]:
     """The proposals that may be worth a fit, with their evidence to first order about their given poses."""
-    assignments, at = proposals.assignments, model.linearised(proposals.rotation, proposals.position)
-    if at.blob is not None:
-        assignments = of_blobs(assignments, at.blob)
-    rough = evidence(model, assignments, at)
+    assignments = proposals.assignments
+    if model.resolution == 0.0:
+        rough, at = about(model, *proposals)
+    else:
+        at = model.linearised(proposals.rotation, proposals.position)
+        assignments = assignments if at.blob is None else of_blobs(assignments, at.blob)
+        rough = evidence(model, assignments, at)
     best = max(float(rough.log_odds.max(initial=-math.inf)), floor)
-    (worth,) = np.nonzero(rough.log_odds > min(best - options.hopeless, enough))
-    return assignments[worth], rough.take(worth), at.take(worth)
+    worth = rough.log_odds > min(best - options.hopeless, enough)
+    if worth.all():
+        return assignments, rough, at
+    (some,) = np.nonzero(worth)
+    return assignments[some], rough.take(some), at.take(some)
 
 
 @dataclass(eq=False)
@@ -164,6 +169,11 @@ class _Mode:
     def every(cls, modes: Modes) -> list[_Mode]:
         """The modes that arrays hold."""
         return [cls(*row) for row in zip(*modes, strict=True)]
+
+    @property
+    def pose(self) -> tuple[Floats, Floats, Floats]:
+        """Rotation, position and covariance."""
+        return self.rotation, self.position, self.covariance
 
     @cached_property
     def changes(self) -> dict[bytes, tuple[float, Floats]]:
@@ -194,23 +204,12 @@ def _is_part(mode: _Mode, other: _Mode, options: PosteriorOptions) -> bool:
     """Whether a mode has the pose of another one, or that of a change of its assignment that was weighed there."""
     if mode is other:
         return False
-    if np.vdot(mode.rotation, other.rotation) < 2.0:  # the trace of the turn between them, of 60°
+    if is_same_pose(mode.pose, other.pose, NO_STEP, options.same_pose):
+        return True
+    if np.vdot(mode.rotation, other.rotation) < ALIKE:
         return False
-    turn = mode.rotation @ other.rotation.T
-    step = _step(turn, mode.position - other.position)
-    steps = [step]
-    value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, step))
-    if mode.log_odds < value + 1.0:
-        steps.append(step - moved)
-    spread = mode.covariance + other.covariance
-    scale = np.sqrt(spread.diagonal())
-    for one in steps:
-        unit = one / scale
-        if np.abs(unit).max() < options.same_pose:  # no coordinate is farther off than all together
-            correlation = spread / (scale[:, None] * scale) + TINY
-            if unit @ np.linalg.solve(correlation, unit) < options.same_pose**2:
-                return True
-    return False
+    value, moved = other.changes.get(mode.assignment.tobytes(), (-math.inf, NO_STEP))
+    return mode.log_odds < value + 1.0 and bool(is_same_pose(mode.pose, other.pose, moved, options.same_pose))
 
 
 def _step(turn: Floats, shift: Floats) -> Floats:
@@ -223,106 +222,44 @@ def _grown(model: DetectionModel, mode: _Mode, at: Linearised, options: Posterio
     """A mode after its best changes, with the sum over the others."""
     for turn in range(options.rounds + 1):
         checkpoint()
-        changes, gains = _first_order(model, mode, at, options)
-        strong = np.argsort(-gains, kind="stable")[: options.weighed]
-        if len(strong):
-            changed = changes.take(strong).applied_to(mode.assignment)
-            several = _together(mode.assignment, changed[gains[strong] > 0.0], model.prior.least)
-            changed = np.concatenate([changed, several])
-            same = at.take(np.zeros(len(changed), np.int64))
-            weighed = evidence(model, changed, same)
+        columns, gains, order, changed = _changes_of(model, mode, at, options)
+        if len(order):
+            weighed = evidence(model, changed, at)
             values = np.maximum(weighed.log_odds, IMPOSSIBLE)
-            enough = (changed >= 0).sum(axis=1) >= model.prior.least
-            gains[strong] = values[: len(strong)] - mode.log_odds
+            gains[order] = values[: len(order)] - mode.log_odds
             to_mode = _step(mode.rotation @ at.rotation[0].T, mode.position - at.position[0])
             mode.near = changed, values, weighed.step - to_mode
             vars(mode).pop("changes", None)
+            enough = np.count_nonzero(changed >= 0, axis=1) >= model.prior.least
             best = int(np.where(enough, values, -np.inf).argmax())
             if enough[best] and values[best] > mode.log_odds and turn < options.rounds:
-                here = about(model, changed[[best]], mode.rotation[None], mode.position[None])
-                found, settled_at = settled(model, changed[[best]], *here)
+                found, settled_at = settled_about(model, changed[[best]], mode.rotation[None], mode.position[None])
                 better = _Mode.of(changed[best], found, stepped(found, settled_at), 0)
                 if better.log_odds > mode.log_odds:
                     mode, at = better, settled_at
                     continue
         break
-    weights = np.exp(np.minimum(gains, 0.0))
-    by_point = np.bincount(changes.source, weights, len(mode.assignment))
-    second = changes.other >= 0
-    total = by_point + np.bincount(changes.other[second], weights[second], len(mode.assignment))
-    left_out = np.bincount(changes.source, weights * ((changes.target < 0) & ~second), len(mode.assignment))
-    if np.count_nonzero(mode.assignment >= 0) >= options.independent:
-        sums, share = float(np.log1p(by_point).sum()), np.asarray(1.0 / (1.0 + total), np.float64)
-        mode.local = share
-    else:
-        every = 1.0 + float(by_point.sum())
-        sums, share = math.log(every), np.full(len(mode.assignment), 1.0 / every)
-        mode.local = np.asarray(1.0 - total / every, np.float64)
-    mode.unmatched = np.asarray(np.where(mode.assignment >= 0, left_out * share, mode.local), np.float64)
+    mode.local, mode.unmatched = np.empty(len(mode.assignment)), np.empty(len(mode.assignment))
+    sums = sum_over(mode.assignment, columns, gains, options.independent, mode.local, mode.unmatched)
     mode.log_mass, mode.summed = mode.log_odds + sums, True
     return mode
 
 
-def _together(assignment: Integers, changed: Integers, least: int) -> Integers:
-    """All of some changed assignments (K, n) at once, the first ones where two are of one point or detection: (1, n).
-
-    None if that is fewer than two, or if fewer matches than ``least`` would remain.
-    """
-    rows, points = np.nonzero(changed != assignment)
-    ends = np.searchsorted(rows, np.arange(len(changed)), side="right").tolist()
-    out, moved, count, first = assignment.tolist(), set[int](), 0, 0
-    owners: dict[int, set[int]] = {}
-    for point, detection in enumerate(out):
-        owners.setdefault(detection, set()).add(point)
-    every, news = points.tolist(), changed[rows, points].tolist()
-    for last in ends:
-        own, new, first = every[first:last], news[first:last], last
-        taken = any(j >= 0 and not owners.get(j, set()).issubset(own) for j in new)
-        if taken or not moved.isdisjoint(own):
-            continue
-        for i, j in zip(own, new, strict=True):
-            owners[out[i]].discard(i)
-            owners.setdefault(j, set()).add(i)
-            out[i] = j
-        moved.update(own)
-        count += 1
-    enough = count > 1 and sum(j >= 0 for j in out) >= least
-    return np.array([out], np.int64) if enough else np.empty((0, len(out)), np.int64)
-
-
-def _first_order(
+def _changes_of(
     model: DetectionModel, mode: _Mode, at: Linearised, options: PosteriorOptions
-) -> tuple[Changes, Floats]:
-    """The changes of a mode that are not negligible, and their log-odds to first order in its pose."""
-    assignment, of_points = mode.assignment, model.of_points(at)
-    matched = assignment >= 0
-    count = int(matched.sum())
-    rate = model.rate
-    if rate is None:
-        rate = (count + 0.5) / (max(float(mode.visible.sum()), count) + 1.0)
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    gains = np.empty(model.shape)
-    gains_of_matches(
-        np.array(assignment, np.int64),
-        (
-            at.pixels[0],
-            at.jacobian[0],
-            EXACT if of_points is None else np.array(of_points[0]),
-            mode.visible,
-            at.seen[0],
-        ),
-        np.array(mode.covariance),
-        (target, sigma, model.clutter.log_density, log_weights, model.log_count_of_one(assignment)),
-        float(rate),
-        gains,
+) -> tuple[Integers, Floats, Integers, Integers]:
+    """The changes of a mode that are not negligible to first order in its pose, see `changes_of`."""
+    of_points, least = model.of_points(at), model.prior.least
+    target, sigma, log_weights, _, log_counts, image_of = model.image_for_kernels
+    may_lose = np.count_nonzero(mode.assignment >= 0) > least or least < LEAST  # one match is no mode, but is weighed
+    found: tuple[Integers, Floats, Integers, Integers] = changes_of(
+        mode.assignment,
+        (at.pixels[0], at.jacobian[0], EXACT if of_points is None else of_points[0].copy(), mode.visible, at.seen[0]),
+        mode.covariance,
+        (target, sigma, model.clutter.log_density, log_weights, log_counts, image_of),
+        (math.nan if model.rate is None else model.rate, -options.negligible, may_lose, options.weighed, least),
     )
-    own = gains[np.flatnonzero(matched), assignment[matched]]
-    gains[np.flatnonzero(matched), assignment[matched]] = np.where(np.isfinite(own), own, IMPOSSIBLE)
-    changes, change = likely_changes(assignment, gains, -options.negligible)
-    if count > model.prior.least or model.prior.least < LEAST:  # one match is no mode, but it is weighed
-        return changes, change
-    smaller = (changes.target < 0) & (changes.other < 0)
-    return changes.take(~smaller), change[~smaller]
+    return found
 
 
 def _as_arrays(kept: list[_Mode], n: int) -> Modes:

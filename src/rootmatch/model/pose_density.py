@@ -47,6 +47,10 @@ LEAST = 3
 told from clutter."""
 
 
+Mixture = tuple[tuple[Floats, ...], tuple[float, float, float, float]]
+"""Predictions and a broad prior with their shares, see `rootmatch.model.compiled.prior_terms.mixture_terms`."""
+
+
 class Terms(NamedTuple):
     """A prior's logarithm about K poses, as −½ (x − d)ᵀ P (x − d) + c for a step x = (ω, τ) from the pose."""
 
@@ -68,6 +72,11 @@ class PoseDensity(ABC):
         """Matches of a mode."""
         return LEAST
 
+    @property
+    def for_kernels(self) -> Mixture | None:
+        """The density as kernels take it; None if it is not a mixture of predicted poses and a broad one."""
+        return None
+
     @abstractmethod
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """The logarithm of the density about poses (K, 3, 3) and (K, 3)."""
@@ -86,7 +95,16 @@ class Broad(PoseDensity):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
-        return _mixture(NO_PREDICTIONS, self, 0.0, rotation, position)[0]
+        return _mixture(self.for_kernels, rotation, position)[0]
+
+    @cached_property
+    def for_kernels(self) -> Mixture:
+        """See `PoseDensity.for_kernels`."""
+        return NO_PREDICTIONS, self.with_share(0.0)
+
+    def with_share(self, log_share: float) -> tuple[float, float, float, float]:
+        """Its numbers as one of several components."""
+        return ANY_TURN, float(self.field), math.log(self.depths), log_share - math.log(ROTATIONS)
 
     def of_position(self, position: Floats) -> tuple[Floats, Floats]:
         """Precision (K, 3, 3) and log density (K,) of positions (K, 3)."""
@@ -203,7 +221,12 @@ class Gaussian(PoseDensity):
 
     def terms(self, rotation: Floats, position: Floats) -> Terms:
         """See `PoseDensity.terms`."""
-        return _mixture(_packed([self], [0.0]), ANYWHERE, -math.inf, rotation, position)[0]
+        return _mixture(self.for_kernels, rotation, position)[0]
+
+    @cached_property
+    def for_kernels(self) -> Mixture:
+        """See `PoseDensity.for_kernels`."""
+        return _packed([self], [0.0]), ANYWHERE.with_share(-math.inf)
 
     def tail_weight(self, squared: Floats) -> Floats:
         """How much the prediction counts at a squared deviation (K,) from it: 1 at 6, the mean of six parameters."""
@@ -263,15 +286,17 @@ class Doubted(PoseDensity):
         return np.where(first < len(self.predictions), first, -1)
 
     @cached_property
-    def _arrays(self) -> tuple[Floats, ...] | None:
-        """The predictions as arrays; None if something else than poses is predicted."""
+    def for_kernels(self) -> Mixture | None:
+        """See `PoseDensity.for_kernels`."""
         known = [one for one in self.predictions if isinstance(one, Gaussian)]
-        return _packed(known, self.log_shares) if len(known) == len(self.predictions) else None
+        if len(known) < len(self.predictions) or not isinstance(self.without, Broad):
+            return None
+        return _packed(known, self.log_shares), self.without.with_share(math.log(self.doubt))
 
     def _terms(self, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
         """The terms of the largest component about each pose, and which it is."""
-        if self._arrays is not None and isinstance(self.without, Broad):
-            return _mixture(self._arrays, self.without, math.log(self.doubt), rotation, position)
+        if self.for_kernels is not None:
+            return _mixture(self.for_kernels, rotation, position)
         every, shares = [], [*self.log_shares, math.log(self.doubt)]
         for prior, share in zip([*self.predictions, self.without], shares, strict=True):
             precision, slope, squared, log_density = prior.terms(rotation, position)
@@ -293,20 +318,12 @@ def _packed(predictions: Sequence[Gaussian], log_shares: Sequence[float]) -> tup
     )
 
 
-def _mixture(
-    predictions: tuple[Floats, ...], broad: Broad, log_share: float, rotation: Floats, position: Floats
-) -> tuple[Terms, NDArray[np.int64]]:
-    """The terms of the largest of some predictions and of a broad prior with a share, and which it is."""
+def _mixture(mixture: Mixture, rotation: Floats, position: Floats) -> tuple[Terms, NDArray[np.int64]]:
+    """The terms of the largest component about poses (K, 3, 3) and (K, 3), and which it is; the broad one is last."""
     count = len(rotation)
     terms = Terms(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count), np.empty(count))
     which = np.empty(count, np.int64)
-    mixture_terms(
-        (np.array(rotation), np.array(position)),
-        predictions,
-        (ANY_TURN, float(broad.field), math.log(broad.depths), log_share - math.log(ROTATIONS)),
-        tuple(terms),
-        which,
-    )
+    mixture_terms((np.array(rotation), np.array(position)), *mixture, tuple(terms), which)
     return terms, which
 
 

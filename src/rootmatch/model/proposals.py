@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, about, settled, stepped
+from rootmatch.model.evidence import Evidence, about, settled_about, stepped
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import frames_of
@@ -125,8 +126,7 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
 
 def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:
     """Assignments at the best poses near their own; see `fitted`."""
-    found, at = about(model, *proposals)
-    found, at = settled(model, proposals.assignments, found, at)
+    found, at = settled_about(model, *proposals)
     return Proposals(proposals.assignments, at.rotation, at.position), found, at
 
 
@@ -151,6 +151,40 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     Proposals
         T for each one given, way by way.
     """
+    known = (np.ascontiguousarray(one, np.float64).tobytes() for one in (first, second))
+    own, motions, mirrored, middle, middles = _likeness(
+        *known, np.ascontiguousarray(images, np.int64).tobytes(), len(images)
+    )
+    rotation = proposals.rotation @ motions[:, None]
+    # the centroids of the corresponding points coincide in both bodies
+    place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
+    if len(mirrored):
+        along = place / np.linalg.norm(place, axis=1, keepdims=True)
+        rotation[mirrored] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[mirrored]
+    offset = (rotation @ middles[:, None, :, None])[..., 0]
+    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
+    for row, image in zip(assignments, images, strict=True):
+        row[:, image[own]] = proposals.assignments[:, own]
+    return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
+
+
+@lru_cache(maxsize=256)
+def _likeness(first_bytes: bytes, second_bytes: bytes, image_bytes: bytes, ways: int) -> tuple[NDArray[Any], ...]:
+    """How a second body lies in the place of a first one in T ways in which they look alike; see `look_alikes`.
+
+    Returns
+    -------
+    own : (m,) int array
+        The points of the first that correspond.
+    motions : (T, 3, 3) array
+        From the second body to the first one, reflected where those fit better.
+    mirrored : int array
+        Which are.
+    middle, middles : (3,) and (T, 3) arrays
+        Centroids of the corresponding points of both, about the centroids of all.
+    """
+    first, second = (np.frombuffer(one).reshape(-1, 3) for one in (first_bytes, second_bytes))
+    images = np.frombuffer(image_bytes, np.int64).reshape(ways, -1)
     own = np.flatnonzero(images[0] >= 0)
     one, others = first[own], second[images[:, own]]
     middle, middles = one.mean(axis=0), others.mean(axis=1)
@@ -160,15 +194,6 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     turned = np.where((np.linalg.det(reflected) < 0.0)[:, None, None], u * (1.0, 1.0, -1.0), u) @ vt
     misfits = [np.linalg.norm(one @ motions.swapaxes(1, 2) - others, axis=(1, 2)) for motions in (turned, reflected)]
     is_mirror = (np.linalg.det(reflected) < 0.0) & (misfits[1] < misfits[0])
-    motions = np.where(is_mirror[:, None, None], reflected, turned)
-    rotation = proposals.rotation @ motions.swapaxes(1, 2)[:, None]
-    # the centroids of the corresponding points coincide in both bodies
-    place = proposals.position + (middle - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
-    if is_mirror.any():
-        along = place / np.linalg.norm(place, axis=1, keepdims=True)
-        rotation[is_mirror] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[is_mirror]
-    offset = (rotation @ (middles - second.mean(axis=0))[:, None, :, None])[..., 0]
-    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
-    for row, image in zip(assignments, images, strict=True):
-        row[:, image[own]] = proposals.assignments[:, own]
-    return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
+    motions = np.where(is_mirror[:, None, None], reflected, turned).swapaxes(1, 2).copy()
+    (mirrored,) = np.nonzero(is_mirror)
+    return own, motions, mirrored, middle - first.mean(axis=0), middles - second.mean(axis=0)

@@ -119,6 +119,116 @@ def log_of_first(assignment, taken, clutter):  # type: ignore[no-untyped-def]
     return max(total / max(count, 1), 0.0)
 
 
+@part
+def scratch_for(n, images, n_target):  # type: ignore[no-untyped-def]
+    """What `weigh_one` writes into, for so many points, images and detections."""
+    square = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    return square, np.empty((3, 6)), np.empty((2, n)), np.empty(images, np.int64), np.zeros(n_target, np.bool_)
+
+
+@part
+def weigh_one(k, pose, term, assignments, at, white, terms, image, clutter, rates, scratch, out):  # type: ignore[no-untyped-def]
+    """Evidence of the k-th assignment in one of the poses of ``at`` with one of ``terms``; otherwise as `weigh`."""
+    pixels, jacobian, seen, expected, cosine, blob, blob_variance = at
+    rows, residuals, log_spreads = white
+    precisions, slopes, squares, log_densities = terms
+    target, sigma, log_weights, view_cosine, log_counts, image_of = image
+    nodes, log_nodes, noise_freedom = rates
+    log_odds, steps, covariances, squared_out, freedom_out, visible, decrements = out
+    (whole, measured, factor), vectors, points, counts, taken = scratch
+    scale, slope, row, missing, shown = vectors[0], vectors[1], vectors[2], points[0], points[1]
+    n, images = assignments.shape[1], log_counts.shape[0]
+    total, matches, possible = 0.0, 0, True
+    squared = squares[term]
+    counts[:] = 0
+    for a in range(6):
+        slope[a] = slopes[term, a]
+        for b in range(6):
+            measured[a, b] = 0.0
+    for i in range(n):
+        j = assignments[k, i]
+        if j < 0:
+            continue
+        matches += 1
+        counts[image_of[j]] += 1
+        possible = possible and seen[pose, i]
+        weight, log_spread = 1.0, 0.0
+        if rows.shape[0] == 0:
+            variance = sigma[j] * sigma[j]
+            if blob_variance.shape[0] > 0:
+                variance += blob_variance[pose, i]
+            weight, log_spread = 1.0 / math.sqrt(variance), math.log(variance)
+        else:
+            log_spread = log_spreads[k, i]
+        for q in range(2):
+            if rows.shape[0] == 0:
+                residual = (target[j, q] - pixels[pose, i, q]) * weight
+                for a in range(6):
+                    row[a] = jacobian[pose, i, q, a] * weight
+            else:
+                residual = residuals[k, i, q]
+                for a in range(6):
+                    row[a] = rows[k, i, q, a]
+            squared += residual * residual
+            for a in range(6):
+                slope[a] += residual * row[a]
+                for b in range(a + 1):
+                    measured[a, b] += row[a] * row[b]
+        total -= clutter[0][j] + LOG_2PI + log_spread
+        if log_weights.shape[0] > 0:
+            total += log_weights[i, j]
+    for a in range(6):
+        for b in range(a + 1):
+            measured[b, a] = measured[a, b]
+            whole[a, b] = whole[b, a] = measured[a, b] + precisions[term, a, b]
+    covariance = covariances[k]
+    log_precision = inverted(whole, factor, scale, covariance)
+    decrement, known = 0.0, 0.0
+    for a in range(6):
+        step = 0.0
+        for b in range(6):
+            step += covariance[a, b] * slope[b]
+            known += covariance[a, b] * measured[a, b]
+        steps[k, a] = step
+        decrement += step * slope[a]
+    squared = max(squared - decrement, 0.0)
+    freedom = max(2.0 * matches - known, 0.0)
+    tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
+    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
+    highest, weights = -math.inf, 0.0
+    visible[k] = 0.0
+    for edge in range(edges):
+        shown_of(expected[pose], cosine, view_cosine, tilt, edge_of(edge), pose, shown)
+        if blob.shape[0] > 0:
+            shown_of_blobs(blob[pose], shown, missing)
+        owned = 0.0
+        for i in range(n):
+            if assignments[k, i] >= 0:
+                owned += math.log(shown[i])
+                missing[i] = 0.0
+            else:
+                missing[i] = shown[i]
+        value = log_of_rates(owned, missing, matches, nodes, log_nodes)
+        if edge == 0 or value > highest:
+            before = math.exp(highest - value) if weights > 0.0 else 0.0
+            highest, weight = value, 1.0
+        else:
+            before, weight = 1.0, math.exp(value - highest) if highest > -math.inf else 0.0
+        weights = before * weights + weight
+        for i in range(n):
+            visible[k, i] = before * visible[k, i] + weight * shown[i]
+    for i in range(n):
+        visible[k, i] /= weights
+    total += highest + math.log(weights / edges)
+    for one in range(images):
+        total += log_counts[one, counts[one]]
+    total += log_of_first(assignments[k], taken, clutter)
+    total += log_of_squared(squared, freedom, noise_freedom)
+    total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[term]
+    log_odds[k] = total if possible and total < math.inf else -math.inf
+    squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: ignore[no-untyped-def]
     """Evidence of K assignments.
@@ -147,107 +257,9 @@ def weigh(assignments, at, white, terms, image, clutter, rates, out):  # type: i
     """
     assignments, at, white, terms = borrowed((assignments, at, white, terms))
     image, clutter, rates, out = borrowed((image, clutter, rates, out))
-    pixels, jacobian, seen, expected, cosine, blob, blob_variance = at
-    rows, residuals, log_spreads = white
-    precisions, slopes, squares, log_densities = terms
-    target, sigma, log_weights, view_cosine, log_counts, image_of = image
-    nodes, log_nodes, noise_freedom = rates
-    log_odds, steps, covariances, squared_out, freedom_out, visible, decrements = out
-    n, images = assignments.shape[1], log_counts.shape[0]
-    whole, measured, factor = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
-    scale, slope, row = np.empty(6), np.empty(6), np.empty(6)
-    missing, shown, counts = np.empty(n), np.empty(n), np.empty(images, np.int64)
-    taken = np.zeros(target.shape[0], np.bool_)
+    scratch = scratch_for(assignments.shape[1], image[4].shape[0], image[0].shape[0])
     for k in range(assignments.shape[0]):
-        total, matches, possible = 0.0, 0, True
-        squared = squares[k]
-        counts[:] = 0
-        for a in range(6):
-            slope[a] = slopes[k, a]
-            for b in range(6):
-                measured[a, b] = 0.0
-        for i in range(n):
-            j = assignments[k, i]
-            if j < 0:
-                continue
-            matches += 1
-            counts[image_of[j]] += 1
-            possible = possible and seen[k, i]
-            weight, log_spread = 1.0, 0.0
-            if rows.shape[0] == 0:
-                variance = sigma[j] * sigma[j]
-                if blob_variance.shape[0] > 0:
-                    variance += blob_variance[k, i]
-                weight, log_spread = 1.0 / math.sqrt(variance), math.log(variance)
-            else:
-                log_spread = log_spreads[k, i]
-            for q in range(2):
-                if rows.shape[0] == 0:
-                    residual = (target[j, q] - pixels[k, i, q]) * weight
-                    for a in range(6):
-                        row[a] = jacobian[k, i, q, a] * weight
-                else:
-                    residual = residuals[k, i, q]
-                    for a in range(6):
-                        row[a] = rows[k, i, q, a]
-                squared += residual * residual
-                for a in range(6):
-                    slope[a] += residual * row[a]
-                    for b in range(a + 1):
-                        measured[a, b] += row[a] * row[b]
-            total -= clutter[0][j] + LOG_2PI + log_spread
-            if log_weights.shape[0] > 0:
-                total += log_weights[i, j]
-        for a in range(6):
-            for b in range(a + 1):
-                measured[b, a] = measured[a, b]
-                whole[a, b] = whole[b, a] = measured[a, b] + precisions[k, a, b]
-        covariance = covariances[k]
-        log_precision = inverted(whole, factor, scale, covariance)
-        decrement, known = 0.0, 0.0
-        for a in range(6):
-            step = 0.0
-            for b in range(6):
-                step += covariance[a, b] * slope[b]
-                known += covariance[a, b] * measured[a, b]
-            steps[k, a] = step
-            decrement += step * slope[a]
-        squared = max(squared - decrement, 0.0)
-        freedom = max(2.0 * matches - known, 0.0)
-        tilt = min(math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])), 1.0)
-        edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
-        highest, weights = -math.inf, 0.0
-        visible[k] = 0.0
-        for edge in range(edges):
-            shown_of(expected[k], cosine, view_cosine, tilt, edge_of(edge), k, shown)
-            if blob.shape[0] > 0:
-                shown_of_blobs(blob[k], shown, missing)
-            owned = 0.0
-            for i in range(n):
-                if assignments[k, i] >= 0:
-                    owned += math.log(shown[i])
-                    missing[i] = 0.0
-                else:
-                    missing[i] = shown[i]
-            value = log_of_rates(owned, missing, matches, nodes, log_nodes)
-            if edge == 0 or value > highest:
-                before = math.exp(highest - value) if weights > 0.0 else 0.0
-                highest, weight = value, 1.0
-            else:
-                before, weight = 1.0, math.exp(value - highest) if highest > -math.inf else 0.0
-            weights = before * weights + weight
-            for i in range(n):
-                visible[k, i] = before * visible[k, i] + weight * shown[i]
-        for i in range(n):
-            visible[k, i] /= weights
-        total += highest + math.log(weights / edges)
-        for one in range(images):
-            total += log_counts[one, counts[one]]
-        total += log_of_first(assignments[k], taken, clutter)
-        total += log_of_squared(squared, freedom, noise_freedom)
-        total += 3.0 * LOG_2PI - 0.5 * log_precision + log_densities[k]
-        log_odds[k] = total if possible and total < math.inf else -math.inf
-        squared_out[k], freedom_out[k], decrements[k] = squared, freedom, decrement
+        weigh_one(k, k, k, assignments, at, white, terms, image, clutter, rates, scratch, out)
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

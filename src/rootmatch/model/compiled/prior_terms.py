@@ -41,6 +41,61 @@ def vector_of(mean, R, turn, out):  # type: ignore[no-untyped-def]
     out[0], out[1], out[2] = ratio * x, ratio * y, ratio * z
 
 
+@part
+def terms_about(k, row, poses, predictions, broad, scratch, out, which):  # type: ignore[no-untyped-def]
+    """As `mixture_terms` about the k-th of some poses, into a row of ``out``; ``scratch``: (3, 3) and (2, 6)."""
+    rotations, positions = poses
+    means, places, wholes, peaks, freedoms = predictions
+    any_turn, field, depth, log_turn = broad
+    precision, slope, squared, log_density = out
+    count = means.shape[0]
+    turn, vectors = scratch
+    step, push = vectors[0], vectors[1]
+    x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
+    distance = math.sqrt(x * x + y * y + z * z)
+    best = log_turn
+    if log_turn > -math.inf:
+        best -= math.log(field * depth) + 3.0 * math.log(distance)
+    which[row], squared[row], log_density[row] = count, 0.0, best
+    for g in range(count):
+        vector_of(means[g], rotations[k], turn, step)
+        for a in range(3):
+            step[3 + a] = places[g, a] - positions[k, a]
+        total = 0.0
+        for a in range(6):
+            push[a] = 0.0
+            for b in range(6):
+                push[a] += wholes[g, a, b] * step[b]
+            total += push[a] * step[a]
+        weight, peak, freedom = 1.0, peaks[g], freedoms[g]
+        if freedom < math.inf:
+            half = 0.5 * freedom
+            weight = (freedom + 6.0) / (freedom + total)
+            peak += math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
+            peak += 0.5 * weight * total - (half + 3.0) * math.log1p(total / freedom)
+        value = peak - 0.5 * weight * total
+        # the first of equal components
+        if value > best or (value == best and which[row] == count):
+            best = value
+            which[row], squared[row], log_density[row] = g, weight * total, peak
+            for a in range(6):
+                slope[row, a] = weight * push[a]
+                for b in range(6):
+                    precision[row, a, b] = weight * wholes[g, a, b]
+    if which[row] < count:
+        return
+    for a in range(6):
+        slope[row, a] = 0.0
+        for b in range(6):
+            precision[row, a, b] = 0.0
+    unit, across, along = 2.0 * math.pi / (distance * distance), 1.0 / field, 1.0 / (depth * depth)
+    for a in range(3):
+        precision[row, a, a] = any_turn
+        for b in range(3):
+            ray = positions[k, a] * positions[k, b] / (distance * distance)
+            precision[row, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-untyped-def]
     """Terms of the largest component of a mixture about each of K poses.
@@ -61,53 +116,6 @@ def mixture_terms(poses, predictions, broad, out, which):  # type: ignore[no-unt
         The largest component, G for the broad one; filled.
     """
     poses, predictions, out, which = borrowed((poses, predictions, out, which))
-    rotations, positions = poses
-    means, places, wholes, peaks, freedoms = predictions
-    any_turn, field, depth, log_turn = broad
-    precision, slope, squared, log_density = out
-    count = means.shape[0]
-    turn, step, push = np.empty((3, 3)), np.empty(6), np.empty(6)
-    for k in range(rotations.shape[0]):
-        x, y, z = positions[k, 0], positions[k, 1], positions[k, 2]
-        distance = math.sqrt(x * x + y * y + z * z)
-        best = log_turn
-        if log_turn > -math.inf:
-            best -= math.log(field * depth) + 3.0 * math.log(distance)
-        which[k], squared[k], log_density[k] = count, 0.0, best
-        for g in range(count):
-            vector_of(means[g], rotations[k], turn, step)
-            for a in range(3):
-                step[3 + a] = places[g, a] - positions[k, a]
-            total = 0.0
-            for a in range(6):
-                push[a] = 0.0
-                for b in range(6):
-                    push[a] += wholes[g, a, b] * step[b]
-                total += push[a] * step[a]
-            weight, peak, freedom = 1.0, peaks[g], freedoms[g]
-            if freedom < math.inf:
-                half = 0.5 * freedom
-                weight = (freedom + 6.0) / (freedom + total)
-                peak += math.lgamma(half + 3.0) - math.lgamma(half) - 3.0 * math.log(half)
-                peak += 0.5 * weight * total - (half + 3.0) * math.log1p(total / freedom)
-            value = peak - 0.5 * weight * total
-            # the first of equal components
-            if value > best or (value == best and which[k] == count):
-                best = value
-                which[k], squared[k], log_density[k] = g, weight * total, peak
-                for a in range(6):
-                    slope[k, a] = weight * push[a]
-                    for b in range(6):
-                        precision[k, a, b] = weight * wholes[g, a, b]
-        if which[k] < count:
-            continue
-        for a in range(6):
-            slope[k, a] = 0.0
-            for b in range(6):
-                precision[k, a, b] = 0.0
-        unit, across, along = 2.0 * math.pi / (distance * distance), 1.0 / field, 1.0 / (depth * depth)
-        for a in range(3):
-            precision[k, a, a] = any_turn
-            for b in range(3):
-                ray = positions[k, a] * positions[k, b] / (distance * distance)
-                precision[k, 3 + a, 3 + b] = unit * (((1.0 if a == b else 0.0) - ray) * across + ray * along)
+    scratch = np.empty((3, 3)), np.empty((2, 6))
+    for k in range(poses[0].shape[0]):
+        terms_about(k, k, poses, predictions, broad, scratch, out, which)

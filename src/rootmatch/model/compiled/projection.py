@@ -102,6 +102,69 @@ def image_of(kind, numbers, x, y, z):  # type: ignore[no-untyped-def]
     return z > 0.0, u, v, inverse, 0.0, -u * inverse, 0.0, inverse, -v * inverse
 
 
+@part
+def linearise_one(k, body, poses, views, out):  # type: ignore[no-untyped-def]
+    """Images of the points in the k-th of some poses; otherwise as `linearise`."""
+    points, normals = body
+    rotations, positions = poses
+    kinds, numbers, turns, shifts, offsets, sizes, rims = views
+    pixels, jacobian, by_position, seen_by, cosine, expected = out
+    count = points.shape[0] // kinds.shape[0]
+    R, t = rotations[k], positions[k]
+    for i in range(points.shape[0]):
+        view = i // count
+        a, b, c = points[i, 0], points[i, 1], points[i, 2]
+        # about the centre of the body, as seen from the origin, and from the camera
+        r0 = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
+        r1 = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
+        r2 = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
+        p0, p1, p2 = r0 + t[0], r1 + t[1], r2 + t[2]
+        Q, s = turns[view], shifts[view]
+        x = Q[0, 0] * p0 + Q[0, 1] * p1 + Q[0, 2] * p2 + s[0]
+        y = Q[1, 0] * p0 + Q[1, 1] * p1 + Q[1, 2] * p2 + s[1]
+        z = Q[2, 0] * p0 + Q[2, 1] * p1 + Q[2, 2] * p2 + s[2]
+        own = numbers[view]
+        seen, u, v, u1, u2, u3, v1, v2, v3 = image_of(kinds[view], own, x, y, z)
+        u1, u2, u3, v1, v2, v3 = own[0] * u1, own[0] * u2, own[0] * u3, own[1] * v1, own[1] * v2, own[1] * v3
+        u, v = own[0] * u + own[2], own[1] * v + own[3]
+        total = u + v + u1 + u2 + u3 + v1 + v2 + v3
+        if normals.shape[0] > 0:
+            m0, m1, m2 = normals[i, 0], normals[i, 1], normals[i, 2]
+            n0 = R[0, 0] * m0 + R[0, 1] * m1 + R[0, 2] * m2
+            n1 = R[1, 0] * m0 + R[1, 1] * m1 + R[1, 2] * m2
+            n2 = R[2, 0] * m0 + R[2, 1] * m1 + R[2, 2] * m2
+            f0 = Q[0, 0] * n0 + Q[0, 1] * n1 + Q[0, 2] * n2
+            f1 = Q[1, 0] * n0 + Q[1, 1] * n1 + Q[1, 2] * n2
+            f2 = Q[2, 0] * n0 + Q[2, 1] * n1 + Q[2, 2] * n2
+            length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * math.sqrt(x * x + y * y + z * z)
+            cosine[k, i] = -(f0 * x + f1 * y + f2 * z) / length if length > 0.0 else np.nan
+        if not (seen and abs(total) < math.inf):
+            seen_by[k, i], expected[k, i] = False, 0.0
+            for row in range(2):
+                pixels[k, i, row] = 0.0
+                for column in range(6):
+                    jacobian[k, i, row, column] = 0.0
+                for column in range(3):
+                    by_position[k, i, row, column] = 0.0
+            continue
+        seen_by[k, i] = True
+        width, height = sizes[view, 0], sizes[view, 1]
+        inside = min(min(u, width - u), min(v, height - v))
+        expected[k, i] = min(max(0.5 + 0.5 * inside / rims[view], 0.0), 1.0) if width < math.inf else 1.0
+        pixels[k, i, 0], pixels[k, i, 1] = u + offsets[view, 0], v + offsets[view, 1]
+        for row in range(2):
+            g0, g1, g2 = (u1, u2, u3) if row == 0 else (v1, v2, v3)
+            h0 = g0 * Q[0, 0] + g1 * Q[1, 0] + g2 * Q[2, 0]
+            h1 = g0 * Q[0, 1] + g1 * Q[1, 1] + g2 * Q[2, 1]
+            h2 = g0 * Q[0, 2] + g1 * Q[1, 2] + g2 * Q[2, 2]
+            by_position[k, i, row, 0], by_position[k, i, row, 1], by_position[k, i, row, 2] = h0, h1, h2
+            # −a [r]× = r × a
+            jacobian[k, i, row, 0] = r1 * h2 - r2 * h1
+            jacobian[k, i, row, 1] = r2 * h0 - r0 * h2
+            jacobian[k, i, row, 2] = r0 * h1 - r1 * h0
+            jacobian[k, i, row, 3], jacobian[k, i, row, 4], jacobian[k, i, row, 5] = h0, h1, h2
+
+
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
 def linearise(body, poses, views, out):  # type: ignore[no-untyped-def]
     """Images of n points by C cameras, to first order; row c n + i is that of point i by camera c.
@@ -120,62 +183,5 @@ def linearise(body, poses, views, out):  # type: ignore[no-untyped-def]
         As `rootmatch.model.linearised.Linearised`: pixels, jacobian, by_position, seen, cosine, expected.
     """
     body, poses, views, out = borrowed((body, poses, views, out))
-    points, normals = body
-    rotations, positions = poses
-    kinds, numbers, turns, shifts, offsets, sizes, rims = views
-    pixels, jacobian, by_position, seen_by, cosine, expected = out
-    count = points.shape[0] // kinds.shape[0]
-    for k in range(rotations.shape[0]):
-        R, t = rotations[k], positions[k]
-        for i in range(points.shape[0]):
-            view = i // count
-            a, b, c = points[i, 0], points[i, 1], points[i, 2]
-            # about the centre of the body, as seen from the origin, and from the camera
-            r0 = R[0, 0] * a + R[0, 1] * b + R[0, 2] * c
-            r1 = R[1, 0] * a + R[1, 1] * b + R[1, 2] * c
-            r2 = R[2, 0] * a + R[2, 1] * b + R[2, 2] * c
-            p0, p1, p2 = r0 + t[0], r1 + t[1], r2 + t[2]
-            Q, s = turns[view], shifts[view]
-            x = Q[0, 0] * p0 + Q[0, 1] * p1 + Q[0, 2] * p2 + s[0]
-            y = Q[1, 0] * p0 + Q[1, 1] * p1 + Q[1, 2] * p2 + s[1]
-            z = Q[2, 0] * p0 + Q[2, 1] * p1 + Q[2, 2] * p2 + s[2]
-            own = numbers[view]
-            seen, u, v, u1, u2, u3, v1, v2, v3 = image_of(kinds[view], own, x, y, z)
-            u1, u2, u3, v1, v2, v3 = own[0] * u1, own[0] * u2, own[0] * u3, own[1] * v1, own[1] * v2, own[1] * v3
-            u, v = own[0] * u + own[2], own[1] * v + own[3]
-            total = u + v + u1 + u2 + u3 + v1 + v2 + v3
-            if normals.shape[0] > 0:
-                m0, m1, m2 = normals[i, 0], normals[i, 1], normals[i, 2]
-                n0 = R[0, 0] * m0 + R[0, 1] * m1 + R[0, 2] * m2
-                n1 = R[1, 0] * m0 + R[1, 1] * m1 + R[1, 2] * m2
-                n2 = R[2, 0] * m0 + R[2, 1] * m1 + R[2, 2] * m2
-                f0 = Q[0, 0] * n0 + Q[0, 1] * n1 + Q[0, 2] * n2
-                f1 = Q[1, 0] * n0 + Q[1, 1] * n1 + Q[1, 2] * n2
-                f2 = Q[2, 0] * n0 + Q[2, 1] * n1 + Q[2, 2] * n2
-                length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2) * math.sqrt(x * x + y * y + z * z)
-                cosine[k, i] = -(f0 * x + f1 * y + f2 * z) / length if length > 0.0 else np.nan
-            if not (seen and abs(total) < math.inf):
-                seen_by[k, i], expected[k, i] = False, 0.0
-                for row in range(2):
-                    pixels[k, i, row] = 0.0
-                    for column in range(6):
-                        jacobian[k, i, row, column] = 0.0
-                    for column in range(3):
-                        by_position[k, i, row, column] = 0.0
-                continue
-            seen_by[k, i] = True
-            width, height = sizes[view, 0], sizes[view, 1]
-            inside = min(min(u, width - u), min(v, height - v))
-            expected[k, i] = min(max(0.5 + 0.5 * inside / rims[view], 0.0), 1.0) if width < math.inf else 1.0
-            pixels[k, i, 0], pixels[k, i, 1] = u + offsets[view, 0], v + offsets[view, 1]
-            for row in range(2):
-                g0, g1, g2 = (u1, u2, u3) if row == 0 else (v1, v2, v3)
-                h0 = g0 * Q[0, 0] + g1 * Q[1, 0] + g2 * Q[2, 0]
-                h1 = g0 * Q[0, 1] + g1 * Q[1, 1] + g2 * Q[2, 1]
-                h2 = g0 * Q[0, 2] + g1 * Q[1, 2] + g2 * Q[2, 2]
-                by_position[k, i, row, 0], by_position[k, i, row, 1], by_position[k, i, row, 2] = h0, h1, h2
-                # −a [r]× = r × a
-                jacobian[k, i, row, 0] = r1 * h2 - r2 * h1
-                jacobian[k, i, row, 1] = r2 * h0 - r0 * h2
-                jacobian[k, i, row, 2] = r0 * h1 - r1 * h0
-                jacobian[k, i, row, 3], jacobian[k, i, row, 4], jacobian[k, i, row, 5] = h0, h1, h2
+    for k in range(poses[0].shape[0]):
+        linearise_one(k, body, poses, views, out)

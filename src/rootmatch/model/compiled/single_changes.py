@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 
-from rootmatch.jit.borrowed_arrays import borrowed
-from rootmatch.jit.decorators import FASTMATH, driver
+from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import LOG_2PI
 
 NOT_SINGULAR = 1e-9
 """Added to the diagonal of I − H, so that a match which alone determines its prediction has an inverse."""
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+@part
 def gains_of_matches(assignment, points, covariance, image, rate, gains):  # type: ignore[no-untyped-def]
     """Log-odds (n, n') of each match against none, the pose following it, into ``gains``.
 
@@ -35,7 +34,6 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
         Of detection.
     gains : (n, n') array
     """
-    assignment, points, covariance, image, gains = borrowed((assignment, points, covariance, image, gains))
     pixels, jacobian, of_points, visible, seen = points
     target, sigma, log_clutter, log_weights, log_count = image
     for i in range(pixels.shape[0]):

@@ -1,0 +1,179 @@
+"""The changes of a mode's assignment that may count, and the sums over them, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.hypergraph.change_listing import listed_changes
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.single_changes import gains_of_matches
+
+IMPOSSIBLE = -1e9
+"""Log-odds used in place of −∞, so that differences stay finite."""
+
+
+@part
+def _is_free(changed, change):  # type: ignore[no-untyped-def]
+    """Whether a change leaves no detection with a second owner, given the assignment so far."""
+    source, target, other, other_target = change
+    for point in range(changed.shape[0]):
+        if point in (source, other) or changed[point] < 0:
+            continue
+        if changed[point] in (target, other_target):
+            return False
+    return True
+
+
+@part
+def _all_at_once(columns, order, positive, changed):  # type: ignore[no-untyped-def]
+    """Make the first changes of an order, as long as they gain, where two are not of one point or detection.
+
+    ``changed`` (n,): the assignment, which they change. How many there are.
+    """
+    moved, count = np.zeros(changed.shape[0], np.bool_), 0
+    for place in range(positive):
+        k = order[place]
+        source, target, other, other_target = columns[0, k], columns[1, k], columns[2, k], columns[3, k]
+        if moved[source] or (other >= 0 and moved[other]):
+            continue
+        if not _is_free(changed, (source, target, other, other_target)):
+            continue
+        changed[source], moved[source] = target, True
+        if other >= 0:
+            changed[other], moved[other] = other_target, True
+        count += 1
+    return count
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def changes_of(assignment, points, covariance, image, limits):  # type: ignore[no-untyped-def]
+    """The changes of a mode that are not negligible to first order in its pose, and the best ones made.
+
+    Parameters
+    ----------
+    assignment, points, covariance
+        As `gains_of_matches` takes them.
+    image : tuple
+        Detections (n', 2), their σ (n',), log-density (n',) of clutter, logarithms of the weights of matches (n, n'),
+        and what `rootmatch.model.detection_model.DetectionModel.log_counts` adds up: logarithms (C, n' + 1) of the odds
+        of counts, and the image (n',) of each detection.
+    limits : tuple
+        The detection rate, NaN for the one that the assignment suggests; the least gain, whether the assignment may
+        lose a match, how many changes are made, and the fewest matches of all changes together.
+
+    Returns
+    -------
+    columns, gains : (4, C) int64 and (C,) float64 arrays
+        The changes as in `rootmatch.hypergraph.neighbourhood.Changes`, and what they gain.
+    order : (S,) int64 array
+        Those of the largest gains.
+    changed : (S, n) or (S + 1, n) int64 array
+        The assignment after each of these, and after all of them that gain together, if that is more than one.
+    """
+    assignment, points, covariance, image = borrowed((assignment, points, covariance, image))
+    target, sigma, log_clutter, log_weights, log_counts, image_of = image
+    rate, least_gain, may_lose, most, least = limits
+    n = assignment.shape[0]
+    matches, total, visible = np.zeros(log_counts.shape[0], np.int64), 0, 0.0
+    for i in range(n):
+        visible += points[3][i]
+        if assignment[i] >= 0:
+            matches[image_of[assignment[i]]] += 1
+            total += 1
+    if not rate >= 0.0:
+        rate = (total + 0.5) / (max(visible, total) + 1.0)
+    log_count = np.empty(target.shape[0])  # what one match more changes, as the last one of its image
+    for j in range(target.shape[0]):
+        count = max(matches[image_of[j]], 1)
+        log_count[j] = log_counts[image_of[j], count] - log_counts[image_of[j], count - 1]
+    every = np.empty((n, target.shape[0]))
+    detections = target, sigma, log_clutter, log_weights, log_count
+    gains_of_matches(assignment, points, covariance, detections, rate, every)
+    for i in range(n):
+        if assignment[i] >= 0 and not abs(every[i, assignment[i]]) < math.inf:
+            every[i, assignment[i]] = IMPOSSIBLE
+    room = 4 * n + 16
+    columns, gains = np.empty((4, room), np.int64), np.empty(room)
+    listed = listed_changes(assignment, every, least_gain, columns, gains)
+    if listed > room:
+        columns, gains = np.empty((4, listed), np.int64), np.empty(listed)
+        listed_changes(assignment, every, least_gain, columns, gains)
+    count = 0
+    for k in range(listed):
+        count += 1 if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0 else 0
+    # element by element here and below: the checks of whole rows take longer to compile than all the rest
+    kept, gain, place = np.empty((4, count), np.int64), np.empty(count), 0
+    for k in range(listed):
+        if may_lose or columns[1, k] >= 0 or columns[2, k] >= 0:
+            for row in range(4):
+                kept[row, place] = columns[row, k]
+            gain[place] = gains[k]
+            place += 1
+    size = min(most, count)
+    order, chosen, positive = np.empty(size, np.int64), np.zeros(count, np.bool_), 0
+    for place in range(size):
+        best = -1
+        for k in range(count):
+            if not chosen[k] and (best < 0 or gain[k] > gain[best]):
+                best = k
+        order[place], chosen[best] = best, True
+        positive += 1 if gain[best] > 0.0 else 0
+    together, left = assignment.copy(), 0
+    several = _all_at_once(kept, order, positive, together)
+    for i in range(n):
+        left += 1 if together[i] >= 0 else 0
+    rows = size + 1 if several > 1 and left >= least else size
+    changed = np.empty((rows, n), np.int64)
+    for row in range(rows):
+        for i in range(n):
+            changed[row, i] = assignment[i] if row < size else together[i]
+        if row < size:
+            k = order[row]
+            changed[row, kept[0, k]] = kept[1, k]
+            if kept[2, k] >= 0:
+                changed[row, kept[2, k]] = kept[3, k]
+    return kept, gain, order, changed
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def sum_over(assignment, columns, gains, independent, local, unmatched):  # type: ignore[no-untyped-def]
+    """Logarithm of the sum over the changes of a mode, over its own evidence, and what it makes of each point.
+
+    Parameters
+    ----------
+    assignment : (n,) int64 array
+    columns, gains : (4, C) and (C,) arrays
+        Of `changes_of`.
+    independent : int
+        Matches from which changes of different points are independent.
+    local, unmatched : (n,) arrays
+        As `rootmatch.model.modes.Modes`; filled.
+    """
+    assignment, columns, gains, local, unmatched = borrowed((assignment, columns, gains, local, unmatched))
+    n = assignment.shape[0]
+    own, left_out, matched = np.zeros(n), np.zeros(n), 0
+    for i in range(n):
+        local[i] = 0.0
+    for k in range(gains.shape[0]):
+        weight = math.exp(min(gains[k], 0.0))
+        own[columns[0, k]] += weight
+        if columns[2, k] >= 0:
+            local[columns[2, k]] += weight
+        elif columns[1, k] < 0:
+            left_out[columns[0, k]] += weight
+    product, every = 0.0, 1.0
+    for i in range(n):
+        matched += 1 if assignment[i] >= 0 else 0
+        local[i] += own[i]
+        product += math.log1p(own[i])
+        every += own[i]
+    for i in range(n):
+        if matched >= independent:
+            local[i] = share = 1.0 / (1.0 + local[i])
+        else:
+            local[i], share = 1.0 - local[i] / every, 1.0 / every
+        unmatched[i] = left_out[i] * share if assignment[i] >= 0 else local[i]
+    return product if matched >= independent else math.log(every)
