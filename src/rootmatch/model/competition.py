@@ -61,13 +61,14 @@ def joint_posterior(
     for used, present in zip([*uses, *uses], [*masses, *copies], strict=True):
         if present is None:
             continue
-        mine, mass = np.concatenate([used, np.zeros((1, count), np.bool_)]), np.append(present, 0.0)
+        mine, mass = np.concatenate([used, np.zeros((1, count), np.bool_)]), np.concatenate([present, [0.0]])
         free = ~(taken @ mine.T)  # which of the joint hypotheses leave which modes their detections
-        row, mode = np.nonzero(free)
-        sums = value[row] + mass[mode]
-        best = np.argsort(-sums, kind="stable")[:BEAM]
-        row, mode, value = row[best], mode[best], sums[best]
-        chosen = np.column_stack([chosen[row], mode])
+        row, mode = free.nonzero()
+        value = value[row] + mass[mode]
+        if len(value) > BEAM:
+            best = np.argsort(-value, kind="stable")[:BEAM]
+            row, mode, value = row[best], mode[best], value[best]
+        chosen = np.concatenate([chosen[row], mode[:, None]], axis=1)
         taken = taken[row] | mine[mode]
     shares = np.exp(value - value.max())
     shares /= shares.sum()
@@ -102,14 +103,14 @@ def _with_parts(model: DetectionModel, modes: Modes, k: int, uses: Sequence[NDAr
     modes = modes.take(slice(KEPT))
     known = {one.tobytes() for one in modes.assignments}
     rows, parts = [], []
-    for other in (*uses[:k], *uses[k + 1 :]):
-        for wanted, row in np.argwhere(other @ uses[k].T).tolist():
-            assignment = modes.assignments[row]
-            part = np.where((assignment >= 0) & other[wanted, assignment], -1, assignment)
-            if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
-                known.add(part.tobytes())
-                rows.append(row)
-                parts.append(part)
+    others = np.concatenate([uses[k][:0], *uses[:k], *uses[k + 1 :]])
+    for wanted, row in np.argwhere(others @ uses[k].T).tolist():
+        assignment = modes.assignments[row]
+        part = np.where((assignment >= 0) & others[wanted, assignment], -1, assignment)
+        if np.count_nonzero(part >= 0) >= model.prior.least and part.tobytes() not in known:
+            known.add(part.tobytes())
+            rows.append(row)
+            parts.append(part)
     if not parts:
         return modes
     which, assignments = np.array(rows), np.array(parts)
