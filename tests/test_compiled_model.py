@@ -499,12 +499,13 @@ def test_gains_of_single_matches(name: str) -> None:
             assert gains[i, j] == pytest.approx(gain, rel=1e-4, abs=1e-4)
 
 
-def test_densities_of_crowds() -> None:
+@pytest.mark.parametrize("centres", [np.array([0, 2, 3, 7]), np.arange(9)], ids=["some", "all"])
+def test_densities_of_crowds(centres: NDArray[np.int64]) -> None:
     rng = np.random.default_rng(1012)
     target, sigma = rng.uniform(0.0, 300.0, (9, 2)), rng.uniform(0.3, 0.8, 9)
-    centres, label = np.array([0, 2, 3, 7]), np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
-    about = np.empty((SCALES, 9, 4))
-    densities_of_crowds(target, sigma, centres, label, 80.0, about)
+    label = np.array([0, 0, 1, 1, 0, 0, 1, 0, 1])
+    about, whole = np.empty((SCALES, 9, len(centres))), np.empty((SCALES, 9))
+    densities_of_crowds(target, sigma, centres, label, 80.0, about, whole)
     for k in range(SCALES):
         for i in range(9):
             for c, j in enumerate(centres):
@@ -514,6 +515,7 @@ def test_densities_of_crowds() -> None:
                 )
                 assert about[k, i, c] == pytest.approx(density, rel=1e-9, abs=1e-300)
     assert (about > 0.0).any()
+    np.testing.assert_allclose(whole, about.sum(axis=2) / (len(centres) - 1), rtol=1e-12)
 
 
 def test_shares_of_crowds_are_those_of_expectation_and_maximisation() -> None:

@@ -139,13 +139,14 @@ def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, labe
     centres = np.arange(count)
     if count > MOST:
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
-    kernels = np.empty((SCALES, count, len(centres)))
+    kernels, densities = np.empty((SCALES, count, len(centres))), np.empty((SCALES + 1, count))
+    densities[0] = uniform
     width = math.sqrt(float(areas.mean())) / 4.0
     # copies: what is read-only is another type to a kernel
-    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), width, kernels)
-    densities = np.concatenate([uniform[None], kernels.sum(axis=2) / (len(centres) - 1)])
+    densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), width, kernels, densities[1:])
     prior = np.full(len(densities), PSEUDO / SCALES)
     prior[0] = PSEUDO
     shares = prior / prior.sum()
     shares_of_crowds(densities, prior, STEPS, shares)
-    return Clutter(np.tensordot(shares[1:], kernels, 1), centres, uniform, float(shares[0]))
+    about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
+    return Clutter(about, centres, uniform, float(shares[0]))

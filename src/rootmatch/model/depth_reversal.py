@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from rootmatch.model.compiled.reversal import reverse_depth
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import frames_of
-from rootmatch.problems.pose_fit.starts import reflected
+from rootmatch.problems.pose_fit.starts import planes
 
 
 def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
     """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
-    points = np.broadcast_to(model.points - model.centre, (len(proposals.assignments), *model.points.shape))
-    matched = (proposals.assignments >= 0).astype(np.float64)
-    rotations, translations = frames_of(model.camera)
-    camera = matched.reshape(len(matched), len(rotations), -1).sum(axis=2).argmax(axis=1)
-    centre = -(rotations[camera].swapaxes(1, 2) @ translations[camera][..., None])[..., 0]
-    rotation, place = reflected((proposals.rotation, proposals.position - centre), points, matched)
-    return Proposals(proposals.assignments, rotation, place + centre)
+    assignments = np.array(proposals.assignments, np.int64)
+    centre, normal = planes(model.points - model.centre, assignments >= 0)
+    poses = np.array(proposals.rotation), np.array(proposals.position)
+    out = np.empty_like(poses[0]), np.empty_like(poses[1])
+    reverse_depth(assignments, (centre, np.array(normal)), poses, frames_of(model.camera), out)
+    return Proposals(proposals.assignments, *out)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import rotation_from_vector
 from rootmatch.deadline import OutOfTime, checkpoint
-from rootmatch.model.compiled.evidence import LOG_2PI
 from rootmatch.model.compiled.gating import gate
+from rootmatch.model.compiled.updates import choose_pairs, update_with_each
 from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.evidence import Evidence, evidence, stepped
 from rootmatch.model.linearised import Linearised
@@ -190,17 +190,23 @@ def _gated(
     model: DetectionModel, at: Linearised, covariance: Floats, visible: Floats, options: PredictionOptions
 ) -> _Gated:
     """Candidates about one pose with a covariance, and what each gains as a match."""
-    of_points, shape = model.of_points(at), model.shape
+    shape = model.shape
     out = np.empty(shape, np.bool_), np.empty(shape), np.empty(shape[0], np.int64)
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    unique = gate(
-        (at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0]), visible),
-        np.array(covariance),
-        (target, sigma, model.clutter.log_density, log_weights),
-        (options.gate**2, model.rate or options.usual_rate, HIDDEN),
-        out,
-    )
+    limits = options.gate**2, model.rate or options.usual_rate, HIDDEN
+    unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, out)
     return _Gated(*out, unique)
+
+
+def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
+    """Pixels (n, 2) of the points in one pose, their Jacobian (n, 2, 6), and covariances (n, 2, 2) if not exact."""
+    of_points = model.of_points(at)
+    return at.pixels[0], at.jacobian[0], EXACT if of_points is None else np.array(of_points[0])
+
+
+def _image_of(model: DetectionModel) -> tuple[Floats, Floats, Floats, Floats]:
+    """Detections, their σ, the log-density of clutter, and the weights of matches, as `gate` takes them."""
+    target, sigma, log_weights, *_ = model.image_for_kernels
+    return target, sigma, model.clutter.log_density, log_weights
 
 
 def _narrowed(
@@ -213,77 +219,38 @@ def _narrowed(
     options: PredictionOptions,
 ) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
-    beams = [(np.zeros(6), covariance)]
+    points = *_images_of(model, first), (model.rate or options.usual_rate) * visible
+    beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        found = []
-        for step, spread in beams:
-            checkpoint()
-            one = _updates(model, first, visible, (step, spread), candidates=candidates, options=options)
-            if one is not None:
-                found.append(one)
-        if not found:
+        every = [_updates(points, about, _image_of(model), candidates, options) for about in beams]
+        steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
+        if not len(scores):
             break
-        steps, spreads, score = (np.concatenate(part) for part in zip(*found, strict=True))
-        best = np.argsort(-score, kind="stable")
-        _, distinct = np.unique(np.round(score[best], 6), return_index=True)
-        best = best[np.sort(distinct)][: options.beams]
-        beams = [(steps[k], spreads[k]) for k in best]
+        rounded, distinct = np.round(scores, 6).tolist(), dict[float, int]()
+        for k in np.argsort(-scores, kind="stable").tolist():
+            distinct.setdefault(rounded[k], k)
+        beams = [(steps[k], spreads[k]) for k in list(distinct.values())[: options.beams]]
     return beams
 
 
 def _updates(
-    model: DetectionModel,
-    first: Linearised,
-    visible: Floats,
+    points: tuple[Floats, ...],
     about: tuple[Floats, Floats],
-    *,
+    image: tuple[Floats, ...],
     candidates: Bools,
     options: PredictionOptions,
-) -> tuple[Floats, Floats, Floats] | None:
+) -> tuple[Floats, Floats, Floats]:
     """Steps (P, 6), covariances (P, 6, 6) and scores (P,) after a Kalman update with each of some candidate pairs."""
-    step, covariance = about
-    jacobian = first.jacobian[0]
-    pixels = first.pixels[0] + jacobian @ step
-    spread = _spread(model, first, covariance)
-    squared, _ = deviations(model, pixels, spread)
-    near = candidates & (squared <= options.gate**2)
-    counts = near.sum(axis=1)
-    vague = np.trace(spread, axis1=1, axis2=2)
-    # points that are still vague tell most; few candidates cost least
-    order = np.argsort(np.where(counts > 0, counts - vague / (vague.max() + 1e-300), np.inf), kind="stable")
-    order = order[counts[order] > 0]
-    taken = order[np.cumsum(counts[order]) <= options.tried]
-    taken = taken if len(taken) else order[:1]
-    i, j = np.nonzero(near[taken])
-    if not len(i):
-        return None
-    i = taken[i]
-    rows = jacobian[i]
-    gain = covariance @ rows.swapaxes(-1, -2)
-    total = rows @ gain + (model.sigma[j] ** 2)[:, None, None] * np.eye(2)
-    of_points = model.of_points(first)
-    if of_points is not None:
-        total += of_points[0, i]
-    kalman = gain @ np.linalg.inv(total)
-    steps = step + (kalman @ (model.target[j] - pixels[i])[..., None])[..., 0]
-    covariances = covariance - kalman @ gain.swapaxes(-1, -2)
-    shown = np.flatnonzero(candidates.any(axis=1))
-    rows = jacobian[shown]
-    flat = rows.reshape(-1, 6)
-    moved = first.pixels[0][shown] + (steps @ flat.T).reshape(len(steps), -1, 2)
-    spreads = (flat @ covariances).reshape(len(steps), -1, 2, 6) @ rows.swapaxes(-1, -2)
-    if of_points is not None:
-        spreads += of_points[0, shown]
-    possible, chance = _possible(model, visible)[shown], (model.rate or options.usual_rate) * visible[shown]
-    scores = np.empty(len(steps))
-    most = max(ENTRIES // max(len(shown) * len(model.target), 1), 1)
-    for begin in range(0, len(steps), most):
+    n, n_target = candidates.shape
+    pairs = np.empty((max(options.tried, n_target), 2), np.int64)
+    count = choose_pairs(points, about, image, candidates, (options.gate**2, options.tried), pairs)
+    steps, covariances, scores = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count)
+    most = max(ENTRIES // (n * n_target), 1)
+    for begin in range(0, count, most):
         checkpoint()
-        part = slice(begin, begin + most)
-        squared, determinant = deviations(model, moved[part], spreads[part])
-        log_density = -0.5 * (squared + np.log(determinant)) - LOG_2PI - model.clutter.log_density
-        ratio = np.where(possible, np.exp(np.minimum(log_density, 700.0)), 0.0)
-        scores[part] = np.log(1.0 - chance + chance * ratio.max(axis=2)).sum(axis=1)
+        part = slice(begin, min(begin + most, count))
+        out = steps[part], covariances[part], scores[part]
+        update_with_each(points, about, image, candidates, pairs[part], out)
     return steps, covariances, scores
 
 
@@ -304,19 +271,6 @@ def deviations(model: DetectionModel, pixels: Floats, spread: Floats) -> tuple[F
     return (across + variance * (x2 + y2)) / determinant, determinant
 
 
-def _spread(model: DetectionModel, at: Linearised, covariance: Floats) -> Floats:
-    """Covariances (n, 2, 2) of the pixels of one pose by that of the pose and those of the points."""
-    jacobian, of_points = at.jacobian[0], model.of_points(at)
-    of_pose = np.asarray(jacobian @ covariance @ jacobian.swapaxes(-1, -2))
-    return of_pose if of_points is None else of_pose + of_points[0]
-
-
 def _tilt(covariance: Floats) -> float:
     """Standard deviation of a pose's direction, in radians."""
-    return min(math.sqrt(max(0.5 * float(np.trace(covariance[:3, :3])), 0.0)), 1.0)
-
-
-def _possible(model: DetectionModel, visible: Floats) -> Bools:
-    """Which correspondences (n, n') may be."""
-    shown = (visible > HIDDEN)[:, None]
-    return np.broadcast_to(shown, model.shape) if model.allowed is None else shown & model.allowed
+    return min(math.sqrt(max(0.5 * float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2]), 0.0)), 1.0)

@@ -45,6 +45,8 @@ def no_proposals(n: int) -> Proposals:
 
 def joined(parts: list[Proposals]) -> Proposals:
     """All of several proposals."""
+    if len(parts) == 1:
+        return parts[0]
     return Proposals(
         np.concatenate([part.assignments for part in parts]),
         np.concatenate([part.rotation for part in parts]),

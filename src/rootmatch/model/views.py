@@ -17,8 +17,12 @@ from rootmatch.cameras.rig_image import RigImage
 from rootmatch.cameras.stereographic import ANTIPODE, Stereographic
 from rootmatch.errors import UnseenPixelError
 from rootmatch.model.compiled.projection import BROWN, KANNALA_BRANDT, NUMBERS, PINHOLE, STEREOGRAPHIC
+from rootmatch.model.compiled.unprojection import unproject
 
 Floats = NDArray[np.float64]
+
+INVERTED = {PINHOLE, KANNALA_BRANDT}
+"""Kinds of cameras whose rays are compiled."""
 
 
 class Views(NamedTuple):
@@ -57,10 +61,16 @@ def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
 def rays_of(camera: CameraModel, target: Floats) -> Floats:
     """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras, found once for all bodies of an image."""
     target = np.array(target, float)
-    if not isinstance(camera, RigImage):
+    image, views = camera if isinstance(camera, RigImage) else None, views_of(camera)
+    if views is not None and INVERTED.issuperset(views.kinds.tolist()):
+        rays = np.empty((len(target), 3))
+        camera_of = np.zeros(len(target), np.int64) if image is None else np.array(image.camera_of, np.int64)
+        unproject(target, camera_of, (views.kinds, views.numbers, views.offsets), rays)
+        return rays
+    if image is None:
         return _rays(camera, target)
-    arrays = target, np.array(camera.offsets, float), camera.camera_of
-    return _rays_of_rig(camera.rig, *(one.tobytes() for one in arrays))
+    arrays = target, np.array(image.offsets, float), image.camera_of
+    return _rays_of_rig(image.rig, *(one.tobytes() for one in arrays))
 
 
 @lru_cache(maxsize=4)

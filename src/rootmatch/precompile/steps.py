@@ -50,10 +50,10 @@ def in_turn(scene: Sample) -> None:
 
 
 def tracked(scene: Sample) -> None:
-    """Two frames, of which the first predicts the second."""
+    """Three frames, each predicted by those before; the last shows too little to be sure at once."""
     tracker = Tracker(scene.source, scene.problem, noise=scene.noise)
-    for _ in range(2):
-        tracker.update(scene.target)
+    for target in (scene.target, scene.target, scene.target[::2]):
+        tracker.update(target)
 
 
 @cache

@@ -36,8 +36,8 @@ def shares_of_crowds(densities, prior, steps, shares):  # type: ignore[no-untype
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def densities_of_crowds(target, sigma, centres, label, width, about):  # type: ignore[no-untyped-def]
-    """Densities of members of crowds of several widths, each half as wide as the one before, into ``about``.
+def densities_of_crowds(target, sigma, centres, label, width, about, whole):  # type: ignore[no-untyped-def]
+    """Densities of members of crowds of several widths, each half as wide as the one before.
 
     Parameters
     ----------
@@ -50,17 +50,25 @@ def densities_of_crowds(target, sigma, centres, label, width, about):  # type: i
     width : float
         Of the widest, px.
     about : (S, n', c) array
-        Density at each detection about each centre; zero about itself.
+        Density at each detection about each centre; zero about itself. Filled.
+    whole : (S, n') array
+        Mean of those about the others, filled.
     """
-    target, sigma, centres, label, about = borrowed((target, sigma, centres, label, about))
+    target, sigma, centres, label, about, whole = borrowed((target, sigma, centres, label, about, whole))
+    every = centres.shape[0] == target.shape[0]
+    others = centres.shape[0] - 1
     for k in range(about.shape[0]):
         own = width * 0.5**k
         for i in range(target.shape[0]):
+            total = 0.0
             for c in range(centres.shape[0]):
-                j = centres[c]
-                if i == j or label[i] != label[j]:
-                    about[k, i, c] = 0.0
-                    continue
-                x, y = target[i, 0] - target[j, 0], target[i, 1] - target[j, 1]
-                variance = own * own + sigma[i] * sigma[i] + sigma[j] * sigma[j]
-                about[k, i, c] = math.exp(-0.5 * (x * x + y * y) / variance) / (2.0 * math.pi * variance)
+                j, density = centres[c], 0.0
+                if every and c < i:
+                    density = about[k, c, i]
+                elif i != j and label[i] == label[j]:
+                    x, y = target[i, 0] - target[j, 0], target[i, 1] - target[j, 1]
+                    variance = own * own + sigma[i] * sigma[i] + sigma[j] * sigma[j]
+                    density = math.exp(-0.5 * (x * x + y * y) / variance) / (2.0 * math.pi * variance)
+                about[k, i, c] = density
+                total += density
+            whole[k, i] = total / others

@@ -77,14 +77,19 @@ def best_apart(model: Model, starts: State) -> State:
 def reflected(state: State, points: Floats, weight: Floats) -> State:
     """Poses that look alike from afar: the points reflected in their plane and in that across the line of sight."""
     rotation, translation = state
-    share = (weight > 0.0) / np.maximum((weight > 0.0).sum(axis=1), 1)[:, None]
-    centre = (points * share[..., None]).sum(axis=1)
-    away = (points - centre[:, None]) * np.sqrt(share)[..., None]
-    normal = np.linalg.eigh(away.swapaxes(-1, -2) @ away)[1][..., 0]
+    centre, normal = planes(points, weight > 0.0)
     middle = (rotation @ centre[..., None])[..., 0] + translation
     sight = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
     turned = _reflection(sight) @ rotation @ _reflection(normal)
     return turned, middle - (turned @ centre[..., None])[..., 0]
+
+
+def planes(points: Floats, used: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Centres (K, 3) and normals (K, 3) of the planes nearest to the used (K, n) of some points (K, n, 3)."""
+    share = used / np.maximum(used.sum(axis=1), 1)[:, None]
+    centre = (points * share[..., None]).sum(axis=1)
+    away = (points - centre[:, None]) * np.sqrt(share)[..., None]
+    return centre, np.linalg.eigh(away.swapaxes(-1, -2) @ away)[1][..., 0]
 
 
 def _reflection(normal: Floats) -> Floats:

@@ -1,0 +1,66 @@
+"""Poses with their depth reversed, compiled: see `rootmatch.model.depth_reversal`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def reverse_depth(assignments, planes, poses, views, out):  # type: ignore[no-untyped-def]
+    """Poses that look alike from the camera with most matches; in NumPy and of one camera: `starts.reflected`.
+
+    Parameters
+    ----------
+    assignments : (K, C n) int64 array
+        Columns c n to (c + 1) n are sightings by camera c.
+    planes : tuple
+        Centres (K, 3) and normals (K, 3) of the matched points, about the centre of the body.
+    poses : tuple
+        Rotations (K, 3, 3), and positions (K, 3) of the centre.
+    views : tuple
+        Rotations (C, 3, 3) and translations (C, 3) into the frames of the cameras.
+    out : tuple
+        Such poses, filled.
+    """
+    assignments, planes, poses, views, out = borrowed((assignments, planes, poses, views, out))
+    rotations, positions = poses
+    turns, shifts = views
+    turned, moved = out
+    n = assignments.shape[1] // turns.shape[0]
+    half, sight, eye = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for k in range(rotations.shape[0]):
+        centre, normal = planes[0][k], planes[1][k]
+        most, camera = -1, 0
+        for view in range(turns.shape[0]):
+            matches = 0
+            for i in range(view * n, (view + 1) * n):
+                matches += 1 if assignments[k, i] >= 0 else 0
+            if matches > most:
+                most, camera = matches, view
+        length = 0.0
+        for p in range(3):
+            eye[p], middle = 0.0, positions[k, p]
+            for q in range(3):
+                eye[p] -= turns[camera, q, p] * shifts[camera, q]
+                middle += rotations[k, p, q] * centre[q]
+            sight[p] = middle - eye[p]
+            length += sight[p] * sight[p]
+        length = max(length, 1e-300)
+        for p in range(3):  # R (1 − 2 m mᵀ)
+            along = 0.0
+            for q in range(3):
+                along += rotations[k, p, q] * normal[q]
+            for q in range(3):
+                half[p, q] = rotations[k, p, q] - 2.0 * along * normal[q]
+        for q in range(3):  # (1 − 2 s sᵀ) of that
+            along = 2.0 * (sight[0] * half[0, q] + sight[1] * half[1, q] + sight[2] * half[2, q]) / length
+            for p in range(3):
+                turned[k, p, q] = half[p, q] - along * sight[p]
+        for p in range(3):
+            place = sight[p] + eye[p]
+            for q in range(3):
+                place -= turned[k, p, q] * centre[q]
+            moved[k, p] = place

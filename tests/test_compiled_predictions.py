@@ -1,0 +1,125 @@
+"""What a predicted frame has compiled of its own, each against a slow computation in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rootmatch.cameras.base import CameraModel
+from rootmatch.cameras.rig_image import RigImage
+from rootmatch.model.compiled.updates import choose_pairs, update_with_each
+from rootmatch.model.depth_reversal import reversed_in_depth
+from rootmatch.model.detection_model import EXACT, DetectionModel
+from rootmatch.model.prediction import deviations
+from rootmatch.model.proposals import Proposals
+from rootmatch.model.views import rays_of
+from rootmatch.problems.pose_fit.starts import reflected
+from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, rig, scene
+
+Floats = NDArray[np.float64]
+GATE, TRIED = 16.0, 8
+
+
+def covariance_of(kind: str, rng: np.random.Generator) -> Floats:
+    """Of a pose: of full rank, or of rank one and far wider than the noise."""
+    rows = rng.normal(size=(6, 6)) * ([[0.05]] * 3 + [[0.02]] * 3)
+    return np.asarray(rows @ rows.T if kind != "rank one" else 100.0 * np.outer(rows[:, 0], rows[:, 0]))
+
+
+@pytest.mark.parametrize("kind", ["plain", "weights", "source noise", "rank one"])
+@pytest.mark.parametrize("seed", range(1020, 1024))
+def test_updates_with_single_correspondences(kind: str, seed: int) -> None:
+    """By Kalman's formulas with matrices, and densities of all detections."""
+    more = {"log_weights": WEIGHTS, "allowed": WEIGHTS > -1.0} if kind == "weights" else {}
+    model, R, position = scene(PINHOLE, seed=seed, poses=2, **more)
+    rng = np.random.default_rng(seed)
+    at = model.linearised(R[:1], position[:1])
+    pixels, jacobian = at.pixels[0], at.jacobian[0]
+    model = DetectionModel(model.camera, model.points, model.target.copy(), model.sigma, **more)  # type: ignore[arg-type]
+    of_points = np.tile(np.array([[4.0, 1.0], [1.0, 3.0]]), (6, 1, 1)) if kind == "source noise" else EXACT
+    about = rng.normal(0.0, 1e-3, 6), covariance_of(kind, rng)
+    model.target[:6] = pixels + jacobian @ rng.multivariate_normal(*about) + rng.normal(0.0, 0.5, (6, 2))
+    chance, candidates = rng.uniform(0.1, 0.9, 6), rng.random((6, 9)) < 0.7
+    if kind == "weights":
+        candidates &= WEIGHTS > -1.0
+    candidates[3] = False
+    target, sigma, log_weights, *_ = model.image_for_kernels
+    points, image = (pixels, jacobian, of_points, chance), (target, sigma, model.clutter.log_density, log_weights)
+
+    moved = pixels + jacobian @ about[0]
+    spread = jacobian @ about[1] @ jacobian.swapaxes(1, 2) + (of_points if len(of_points) else 0.0)
+    near = candidates & (deviations(model, moved, spread)[0] <= GATE)
+    vague, counts = np.trace(spread, axis1=1, axis2=2), near.sum(axis=1)
+    expected: list[tuple[int, int]] = []
+    for i in np.argsort(counts - vague / vague.max(), kind="stable"):
+        if counts[i] and expected and len(expected) + counts[i] > TRIED:
+            break
+        expected += [(int(i), int(j)) for j in np.flatnonzero(near[i])]
+    pairs = np.empty((9, 2), np.int64)
+    count = choose_pairs(points, about, image, candidates, (GATE, TRIED), pairs)
+    assert [tuple(pair) for pair in pairs[:count].tolist()] == expected
+    assert count > 0
+
+    steps, covariances, scores = np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count)
+    update_with_each(points, about, image, candidates, pairs[:count], (steps, covariances, scores))
+    shown = candidates.any(axis=1)
+    for k, (i, j) in enumerate(expected):
+        total = spread[i] + sigma[j] ** 2 * np.eye(2)
+        gain = about[1] @ jacobian[i].T @ np.linalg.inv(total)
+        np.testing.assert_allclose(steps[k], about[0] + gain @ (target[j] - moved[i]), rtol=1e-6, atol=1e-9)
+        covariance = about[1] - gain @ total @ gain.T
+        np.testing.assert_allclose(covariances[k], covariance, atol=1e-9 * float(np.abs(about[1]).max()))
+        # of the kernel's own covariance: where it is nearly singular a rounding error decides the rest
+        spreads = jacobian @ covariances[k] @ jacobian.swapaxes(1, 2) + (of_points if len(of_points) else 0.0)
+        squared, determinant = deviations(model, pixels + jacobian @ steps[k], spreads)
+        ratio = np.exp(-0.5 * squared - model.clutter.log_density) / (2.0 * np.pi * np.sqrt(determinant))
+        if kind == "weights":
+            ratio[~(WEIGHTS > -1.0)] = 0.0
+        score = np.log(1.0 - chance + chance * ratio.max(axis=1))[shown].sum()
+        assert scores[k] == pytest.approx(score, rel=1e-9)
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+def test_rays_of_a_camera(camera: CameraModel) -> None:
+    target = np.random.default_rng(1030).uniform((-300.0, -300.0), (1600.0, 1300.0), (200, 2))
+    target[0] = 640.0, 480.0  # the principal point
+    shown = camera.shows(target)
+    rays = rays_of(camera, target)
+    np.testing.assert_allclose(rays[shown], camera.bearings(target[shown]), atol=1e-14)
+    assert np.isnan(rays[~shown]).all()
+    assert shown.all() == (camera is PINHOLE)
+
+
+def test_rays_of_a_rig() -> None:
+    image = rig(SIZES)
+    target = (
+        np.random.default_rng(1031).uniform((400.0, 300.0), (900.0, 700.0), (9, 2)) + image.offsets[image.camera_of]
+    )
+    for ray, pixel, camera in zip(rays_of(image, target), target, image.camera_of, strict=True):
+        bearing = image.rig.cameras[camera].bearings(pixel - image.offsets[camera])
+        np.testing.assert_allclose(ray, bearing, atol=1e-14)
+
+
+@pytest.mark.parametrize("flatness", [1.0, 1e-3, 0.0])
+@pytest.mark.parametrize("camera", [PINHOLE, rig()], ids=["camera", "rig"])
+def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
+    """As in NumPy about the centre of the camera with most matches."""
+    model, R, position = scene(camera, seed=1032)
+    rng = np.random.default_rng(1033)
+    turn = Rotation.random(random_state=1034).as_matrix()
+    n, cameras = len(model.points), 2 if isinstance(camera, RigImage) else 1
+    model.points[:] = np.tile(rng.uniform(-0.06, 0.06, (n // cameras, 3)) * (1.0, 1.0, flatness) @ turn, (cameras, 1))
+    assignments = np.where(rng.random((len(R), n)) < 0.8, rng.integers(0, 9, (len(R), n)), -1)
+    found = reversed_in_depth(model, Proposals(assignments, R, position))
+    centre = np.zeros((len(R), 3))
+    if isinstance(camera, RigImage):
+        most = (assignments >= 0).reshape(len(R), cameras, -1).sum(axis=2).argmax(axis=1)
+        centre = camera.rig.centres[most]
+        assert len(set(most.tolist())) == 2
+    points = np.broadcast_to(model.points - model.centre, (len(R), n, 3))
+    rotation, place = reflected((R, position - centre), points, (assignments >= 0).astype(float))
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
+    np.testing.assert_allclose(found.position, place + centre, atol=1e-9)
+    np.testing.assert_array_equal(found.assignments, assignments)
