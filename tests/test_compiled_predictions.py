@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.compiled.updates import choose_pairs, update_with_each
@@ -15,6 +16,7 @@ from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.prediction import deviations
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import rays_of
+from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.pose_fit.starts import reflected
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, rig, scene
 
@@ -123,3 +125,20 @@ def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
     np.testing.assert_allclose(found.position, place + centre, atol=1e-9)
     np.testing.assert_array_equal(found.assignments, assignments)
+
+
+def test_a_pose_about_another_point() -> None:
+    """By a matrix; arrays may be read-only and of any layout."""
+    rng = np.random.default_rng(1038)
+    R, t, point = Rotation.random(random_state=1039).as_matrix().T, rng.normal(size=3), rng.normal(size=3)
+    covariance = np.zeros((7, 7))[:6, :6]
+    covariance[:] = (rows := rng.normal(size=(6, 6))) @ rows.T
+    point.setflags(write=False)
+    place, changed = about_point(R, t, covariance, point)
+    change = np.eye(6)
+    change[3:, :3] = -cross_matrix(R @ point)
+    np.testing.assert_allclose(place, R @ point + t, atol=1e-14)
+    np.testing.assert_allclose(changed, change @ covariance @ change.T, atol=1e-12)
+    back, unchanged = about_point(R, place, changed, -point)
+    np.testing.assert_allclose(back, t, atol=1e-14)
+    np.testing.assert_allclose(unchanged, covariance, atol=1e-12)
