@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +154,30 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     Proposals
         T for each one given, way by way.
     """
+    arrays = np.asarray(first, float), np.asarray(second, float), np.asarray(images, np.int64)
+    own, middle, middles, motions, is_mirror = _motions_between(*(one.tobytes() for one in arrays))
+    rotation = proposals.rotation @ motions.swapaxes(1, 2)[:, None]
+    # the centroids of the corresponding points coincide in both bodies
+    place = proposals.position + middle @ proposals.rotation.swapaxes(1, 2)
+    if is_mirror.any():
+        along = place / np.linalg.norm(place, axis=1, keepdims=True)
+        rotation[is_mirror] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[is_mirror]
+    offset = (rotation @ middles[:, None, :, None])[..., 0]
+    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
+    for row, image in zip(assignments, images, strict=True):
+        row[:, image[own]] = proposals.assignments[:, own]
+    return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
+
+
+@lru_cache(maxsize=64)
+def _motions_between(first_bytes: bytes, second_bytes: bytes, image_bytes: bytes) -> tuple[Any, ...]:
+    """How a second body looks like a first one, by the values of `look_alikes`: the same in every frame.
+
+    The points of the first that correspond to any, their mean about its centre, those (T, 3) of the second's, motions
+    (T, 3, 3), and whether each of these mirrors.
+    """
+    first, second = (np.frombuffer(one).reshape(-1, 3) for one in (first_bytes, second_bytes))
+    images = np.frombuffer(image_bytes, np.int64).reshape(-1, len(first))
     own = np.flatnonzero(images[0] >= 0)
     one, others = first[own], second[images[:, own]]
     middle, middles = one.mean(axis=0), others.mean(axis=1)
@@ -163,14 +188,4 @@ def look_alikes(proposals: Proposals, first: Floats, second: Floats, images: Int
     misfits = [np.linalg.norm(one @ motions.swapaxes(1, 2) - others, axis=(1, 2)) for motions in (turned, reflected)]
     is_mirror = (np.linalg.det(reflected) < 0.0) & (misfits[1] < misfits[0])
     motions = np.where(is_mirror[:, None, None], reflected, turned)
-    rotation = proposals.rotation @ motions.swapaxes(1, 2)[:, None]
-    # the centroids of the corresponding points coincide in both bodies
-    place = proposals.position + (middle - first.mean(axis=0)) @ proposals.rotation.swapaxes(1, 2)
-    if is_mirror.any():
-        along = place / np.linalg.norm(place, axis=1, keepdims=True)
-        rotation[is_mirror] = (np.eye(3) - 2.0 * along[:, :, None] * along[:, None]) @ rotation[is_mirror]
-    offset = (rotation @ (middles - second.mean(axis=0))[:, None, :, None])[..., 0]
-    assignments = np.full((len(images), len(place), len(second)), -1, np.int64)
-    for row, image in zip(assignments, images, strict=True):
-        row[:, image[own]] = proposals.assignments[:, own]
-    return Proposals(assignments.reshape(-1, len(second)), rotation.reshape(-1, 3, 3), (place - offset).reshape(-1, 3))
+    return own, middle - first.mean(axis=0), middles - second.mean(axis=0), motions, is_mirror
