@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rootmatch.algebra.rotation import cross_matrix
 from rootmatch.cameras.base import CameraModel
 from rootmatch.cameras.rig_image import RigImage
 from rootmatch.model.compiled.updates import choose_pairs, update_with_each
@@ -15,7 +16,10 @@ from rootmatch.model.detection_model import EXACT, DetectionModel
 from rootmatch.model.prediction import deviations
 from rootmatch.model.proposals import Proposals
 from rootmatch.model.views import rays_of
+from rootmatch.problems.pose_fit.reference_point import about_point
 from rootmatch.problems.pose_fit.starts import reflected
+from rootmatch.tracking.motion_filter import transition
+from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 from test_compiled_model import FISHEYE, PINHOLE, SIZES, WEIGHTS, rig, scene
 
 Floats = NDArray[np.float64]
@@ -123,3 +127,49 @@ def test_reversed_depth(camera: CameraModel, flatness: float) -> None:
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
     np.testing.assert_allclose(found.position, place + centre, atol=1e-9)
     np.testing.assert_array_equal(found.assignments, assignments)
+
+
+def test_a_motion_ahead_and_a_pose_taken_in() -> None:
+    """By matrices, from a state of full covariance."""
+    rng = np.random.default_rng(1036)
+    for angle in (1.0, 1e-9):
+        rows, F, added = rng.normal(size=(18, 18)), *transition(0.02, 0.1)
+        P, variances, motion = rows @ rows.T, rng.uniform(1.0, 2.0, 6), rng.normal(size=12)
+        motion[[0, 1, 2, 6, 7, 8]] *= angle
+        R, t = Rotation.random(random_state=1037).as_matrix(), rng.normal(size=3)
+        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
+        move_ahead(F, added, (R, t, motion, P, variances), out)
+        whole, change = np.kron(F, np.eye(6)), F[:, 1:] @ motion.reshape(2, 6)
+        whole[:3, :3] = turn = Rotation.from_rotvec(change[0, :3]).as_matrix()
+        ahead = whole @ P @ whole.T + np.kron(added, np.diag(variances))
+        expected = turn @ R, t + change[0, 3:], change[1:].ravel(), ahead
+        for one, other in zip(out, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+        fitted, step = 0.3 * ahead[:6, :6] + 0.01 * np.eye(6), rng.normal(size=6)
+        inverse, taken = np.linalg.inv(ahead[:6, :6]), (np.empty(12), np.empty((18, 18)))
+        left, squared = take_pose((out[2], out[3]), inverse, step, fitted, taken)
+        gain = ahead[6:, :6] @ inverse
+        np.testing.assert_allclose(taken[0], expected[2] + gain @ step, rtol=1e-6)
+        rest = ahead[6:, 6:] - gain @ (ahead[:6, :6] - fitted) @ gain.T
+        updated = np.block([[fitted, fitted @ gain.T], [gain @ fitted, rest]])
+        np.testing.assert_allclose(taken[1], updated, rtol=1e-6, atol=1e-6)
+        assert left == pytest.approx(np.trace(fitted @ inverse), rel=1e-9)
+        assert squared == pytest.approx(step @ inverse @ step, rel=1e-9)
+
+
+def test_a_pose_about_another_point() -> None:
+    """By a matrix; arrays may be read-only and of any layout."""
+    rng = np.random.default_rng(1038)
+    R, t, point = Rotation.random(random_state=1039).as_matrix().T, rng.normal(size=3), rng.normal(size=3)
+    covariance = np.zeros((7, 7))[:6, :6]
+    covariance[:] = (rows := rng.normal(size=(6, 6))) @ rows.T
+    point.setflags(write=False)
+    place, changed = about_point(R, t, covariance, point)
+    change = np.eye(6)
+    change[3:, :3] = -cross_matrix(R @ point)
+    np.testing.assert_allclose(place, R @ point + t, atol=1e-14)
+    np.testing.assert_allclose(changed, change @ covariance @ change.T, atol=1e-12)
+    back, unchanged = about_point(R, place, changed, -point)
+    np.testing.assert_allclose(back, t, atol=1e-14)
+    np.testing.assert_allclose(unchanged, covariance, atol=1e-12)

@@ -108,7 +108,8 @@ def one_rotation_matrix(vector: Floats) -> Floats:
 
 def one_rotation_vector(R: Floats) -> Floats:
     """Rotation vector (3,) of one rotation matrix (3, 3), in less time than `rotation_vector`; exact below 180°."""
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = 0.5 * math.sqrt(float(axis @ axis))
-    angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
-    return 0.5 * axis * (angle / sine if sine > 1e-12 else 1.0)
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    x, y, z = 0.5 * (h - f), 0.5 * (c - g), 0.5 * (d - b)
+    sine = math.sqrt(x * x + y * y + z * z)
+    ratio = math.atan2(sine, 0.5 * (a + e + i - 1.0)) / sine if sine > 1e-12 else 1.0
+    return np.array([ratio * x, ratio * y, ratio * z])

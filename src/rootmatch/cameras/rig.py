@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -78,12 +79,12 @@ class Rig(CameraModel):
         """The cameras, C of them."""
         return tuple(view[0] for view in self.views)
 
-    @property
+    @cached_property
     def rotations(self) -> Floats:
         """R (C, 3, 3) of the cameras in the rig."""
         return np.array([view[1] for view in self.views])
 
-    @property
+    @cached_property
     def translations(self) -> Floats:
         """Translations (C, 3) from the rig to the cameras."""
         return np.array([view[2] for view in self.views])

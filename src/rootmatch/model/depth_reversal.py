@@ -19,7 +19,7 @@ def reversed_in_depth(model: DetectionModel, proposals: Proposals) -> Proposals:
     """The other poses that nearly flat points have from afar, with the same matches, for the camera that has most."""
     assignments = np.array(proposals.assignments, np.int64)
     centre, normal = planes(model.points - model.centre, assignments >= 0)
-    poses = np.array(proposals.rotation), np.array(proposals.position)
-    out = np.empty_like(poses[0]), np.empty_like(poses[1])
+    poses = np.array(proposals.rotation, order="C"), np.array(proposals.position, order="C")
+    out = np.empty(poses[0].shape), np.empty(poses[1].shape)
     reverse_depth(assignments, (centre, np.array(normal)), poses, frames_of(model.camera), out)
     return Proposals(proposals.assignments, *out)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
 from rootmatch.model.compiled.updates import choose_pairs, update_with_each
@@ -115,9 +115,7 @@ def proposals_about(
     if start is None or not start.is_convincing(options):
         with suppress(OutOfTime):  # what is known by then is handed on
             for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
-                moved = model.linearised(
-                    rotation_from_vector(step[None, :3]) @ first.rotation, first.position + step[None, 3:]
-                )
+                moved = model.linearised(one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:])
                 settle(model, moved, narrowed, options=options, known=known)
     ranked = sorted(known.values(), key=lambda one: -one.log_odds)
     ranked = [one for one in ranked if math.isfinite(one.log_odds)]

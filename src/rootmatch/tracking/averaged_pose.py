@@ -46,10 +46,7 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
         Of the points as they were given, with its covariance.
     """
     R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
-    unit = np.repeat([1.0, max(float(np.linalg.norm(position)), 1e-300)], 3)
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    weak = np.flatnonzero(values >= WEAK**2)[::-1]
-    lines = np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak]
+    lines = _weak(covariance, max(float(np.linalg.norm(position)), 1e-300))
     for line in lines.T:
         moments = _along(model, modes.assignments[k], (R, position), line, lines=lines)
         if moments is not None:
@@ -57,6 +54,17 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
             R, position = one_rotation_matrix(mean[:3]) @ R, position + mean[3:]
             covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
     return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+
+
+def _weak(covariance: Floats, distance: float) -> Floats:
+    """Directions (6, w) in which a covariance is large, as long as its standard deviation there, the largest first."""
+    variances = covariance.diagonal()
+    if float(variances[:3].sum() + variances[3:].sum() / distance**2) < WEAK**2:
+        return np.empty((6, 0))  # no eigenvalue is larger than the sum of all
+    unit = np.repeat([1.0, distance], 3)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    weak = np.flatnonzero(values >= WEAK**2)[::-1]
+    return np.asarray(np.sqrt(values[weak]) * unit[:, None] * vectors[:, weak])
 
 
 def _along(

@@ -14,6 +14,7 @@ from rootmatch.explain.near_symmetries import body_radius
 from rootmatch.options import Options, option
 from rootmatch.problems.pose_fit.pose import Pose
 from rootmatch.problems.pose_fit.reference_point import about_point
+from rootmatch.tracking.motion_kernels import move_ahead, take_pose
 
 Floats = NDArray[np.float64]
 State = tuple[Floats, Floats, Floats, Floats]
@@ -51,7 +52,6 @@ class MotionOptions(Options):
 
 
 DEFAULT_MOTION = MotionOptions()
-SIX = np.arange(6)
 
 
 def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
@@ -62,13 +62,12 @@ def transition(time: float, persistence: float) -> tuple[Floats, Floats]:
     x = time / persistence
     e = math.exp(-x)
     e2 = e * e
-    a = 1.0 - e2 + 2.0 * x + 2.0 * x**3 / 3.0 - 2.0 * x * x - 4.0 * x * e
-    b = e2 + 1.0 - 2.0 * e + 2.0 * x * e - 2.0 * x + x * x
-    c, d, f = 1.0 - e2 - 2.0 * x * e, 4.0 * e - 3.0 - e2 + 2.0 * x, e2 + 1.0 - 2.0 * e
-    unit = persistence ** np.array([2.0, 1.0, 0.0])  # of position, velocity and acceleration, by that of acceleration
-    F = np.array([[1.0, x, e + x - 1.0], [0.0, 1.0, 1.0 - e], [0.0, 0.0, e]])
-    noise = np.array([[a, b, c], [b, d, f], [c, f, 1.0 - e2]])
-    return F * unit[:, None] / unit, noise * np.outer(unit, unit)
+    v, p = persistence, persistence**2  # units of velocity and position, by that of acceleration
+    a = p * p * (1.0 - e2 + 2.0 * x + 2.0 * x**3 / 3.0 - 2.0 * x * x - 4.0 * x * e)
+    b = p * v * (e2 + 1.0 - 2.0 * e + 2.0 * x * e - 2.0 * x + x * x)
+    c, d, f = p * (1.0 - e2 - 2.0 * x * e), v * v * (4.0 * e - 3.0 - e2 + 2.0 * x), v * (e2 + 1.0 - 2.0 * e)
+    F = np.array([[1.0, time, p * (e + x - 1.0)], [0.0, 1.0, v * (1.0 - e)], [0.0, 0.0, e]])
+    return F, np.array([[a, b, c], [b, d, f], [c, f, 1.0 - e2]])
 
 
 class MotionFilter:
@@ -100,10 +99,8 @@ class MotionFilter:
         self._ahead: tuple[float, State] | None = None
 
     def copy(self) -> MotionFilter:
-        """An independent copy."""
-        other = copy(self)
-        other.P = self.P.copy()  # the only array that an update writes into
-        return other
+        """An independent copy: no array of a filter is ever written into."""
+        return copy(self)
 
     def turned(self, R: Floats, t: Floats) -> MotionFilter:
         """A filter with the same motion, for the body after a motion x' = R x + t of its points."""
@@ -129,22 +126,14 @@ class MotionFilter:
             Probability that the detections belong to the body; otherwise the prediction holds. The update has the mean
             and covariance of both together (probabilistic data association, Bar-Shalom and Tse 1975).
         """
-        R, t, self.motion, P = before = self._at(time)
+        R, t, motion, P = before = self._at(time)
         self.R, self.t, covariance = self._centred(pose)
         step = np.concatenate([one_rotation_vector(self.R @ R.T), self.t - t])
-        prior = P[:6, :6]
-        inverse = np.linalg.inv(prior)
-        gain = P[6:, :6] @ inverse
-        self.motion = self.motion + gain @ step
-        self.P[:6, :6] = covariance
-        self.P[6:, :6] = gain @ covariance
-        self.P[:6, 6:] = self.P[6:, :6].T
-        rest = P[6:, 6:] - gain @ (prior - covariance) @ gain.T
-        self.P[6:, 6:] = 0.5 * (rest + rest.T)
+        self.motion, self.P = np.empty(12), np.empty((18, 18))
+        left, squared = take_pose((motion, P), np.linalg.inv(P[:6, :6]), step, covariance, (self.motion, self.P))
         self.time, self._ahead = time, None
         # expected size of a step: the part of the prior's covariance that the detections removed
-        expected = max(6.0 - float(np.trace(covariance @ inverse)), 0.1)
-        ratio = min(float(step @ inverse @ step) / expected, 10.0)
+        ratio = min(squared / max(6.0 - left, 0.1), 10.0)
         options = self.options
         scale = self.scale * math.sqrt(1.0 + weight * options.memory * (ratio - 1.0))
         self.scale = min(max(scale, options.least_scale), options.most_scale)
@@ -172,28 +161,19 @@ class MotionFilter:
         return self.options.angular_acceleration, self.options.acceleration * self.radius
 
     def _ahead_by(self, dt: float) -> State:
-        F, noise = transition(dt, self.options.persistence)
-        ahead = F[:, 1:] @ self.motion.reshape(2, 6)
-        turn = one_rotation_matrix(ahead[0, :3])
-        whole = _each(F, np.ones(6))
-        whole[:3, :3] = turn
-        P = whole @ self.P @ whole.T
-        P += _each(noise, np.repeat((self.scale * np.array(self._accelerations)) ** 2, 3))
-        return turn @ self.R, self.t + ahead[0, 3:], ahead[1:].ravel(), P
+        angular, linear = self._accelerations
+        variances = np.repeat([(self.scale * angular) ** 2, (self.scale * linear) ** 2], 3)
+        out = np.empty((3, 3)), np.empty(3), np.empty(12), np.empty((18, 18))
+        state = self.R, self.t, self.motion, self.P, variances
+        move_ahead(*transition(dt, self.options.persistence), state, out)
+        return out
 
     def _centred(self, pose: Pose) -> tuple[Floats, Floats, Floats]:
         """Rotation, position of the centre, and their covariance."""
         assert pose.covariance is not None
-        return (pose.R, *about_point(pose.R, pose.t, pose.covariance, self.centre))
+        return (np.array(pose.R, order="C"), *about_point(pose.R, pose.t, pose.covariance, self.centre))
 
     def _given(self, R: Floats, t: Floats, covariance: Floats) -> Pose:
         """The pose of the body's own frame."""
         t, covariance = about_point(R, t, covariance, -self.centre)
         return Pose.unchecked(R.copy(), t, 0.5 * (covariance + covariance.T))
-
-
-def _each(matrix: Floats, factors: Floats) -> Floats:
-    """The matrix (18, 18) of a matrix (3, 3) for each of six coordinates, times a factor (6,): a Kronecker product."""
-    out = np.zeros((3, 6, 3, 6))
-    out[:, SIX, :, SIX] = matrix * factors[:, None, None]
-    return out.reshape(18, 18)

@@ -1,0 +1,125 @@
+"""Steps of the filter of a motion, compiled: see `rootmatch.tracking.motion_filter`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+
+SMALL = 1e-6
+"""Angle in radians below which the series of sine and cosine are cut after the first term."""
+
+
+@part
+def carried(matrix, F, turn, out):  # type: ignore[no-untyped-def]
+    """Transpose of the transition times a matrix (18, 18), into ``out``; twice, that of a covariance."""
+    for column in range(18):
+        for i in range(6):
+            now = matrix[i, column]
+            if i < 3:
+                now = turn[i, 0] * matrix[0, column] + turn[i, 1] * matrix[1, column] + turn[i, 2] * matrix[2, column]
+            for p in range(3):
+                change = F[p, 1] * matrix[6 + i, column] + F[p, 2] * matrix[12 + i, column]
+                out[column, 6 * p + i] = F[p, 0] * now + change
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def move_ahead(transition, added, state, out):  # type: ignore[no-untyped-def]
+    """A later state.
+
+    Parameters
+    ----------
+    transition, added : (3, 3) arrays
+        Of position, velocity and acceleration, and the covariance that an acceleration of unit variance adds.
+    state : tuple
+        Rotation (3, 3), position (3,), velocity with acceleration (12,), their covariance (18, 18), and the variances
+        (6,) of the acceleration.
+    out : tuple
+        The first four of these, filled.
+    """
+    F, added, state, out = borrowed((transition, added, state, out))
+    R, t, motion, P, variances = state
+    turned, moved, faster, covariance = out
+    turn, half = np.empty((3, 3)), np.empty((18, 18))
+    for i in range(6):
+        velocity, acceleration = motion[i], motion[6 + i]
+        faster[i] = F[1, 1] * velocity + F[1, 2] * acceleration
+        faster[6 + i] = F[2, 1] * velocity + F[2, 2] * acceleration
+        if i >= 3:
+            moved[i - 3] = t[i - 3] + F[0, 1] * velocity + F[0, 2] * acceleration
+    x = F[0, 1] * motion[0] + F[0, 2] * motion[6]
+    y = F[0, 1] * motion[1] + F[0, 2] * motion[7]
+    z = F[0, 1] * motion[2] + F[0, 2] * motion[8]
+    angle = math.sqrt(x * x + y * y + z * z)
+    s, c = 1.0, 0.5
+    if angle > SMALL:
+        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    turn[1, 0], turn[1, 1], turn[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+    turn[2, 0], turn[2, 1], turn[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
+    for i in range(3):
+        for j in range(3):
+            turned[i, j] = turn[i, 0] * R[0, j] + turn[i, 1] * R[1, j] + turn[i, 2] * R[2, j]
+    carried(P, F, turn, half)
+    carried(half, F, turn, covariance)
+    for p in range(3):
+        for q in range(3):
+            for i in range(6):
+                covariance[6 * p + i, 6 * q + i] += added[p, q] * variances[i]
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def take_pose(before, inverse, step, fitted, out):  # type: ignore[no-untyped-def]
+    """The motion and its covariance after a pose whose fit includes its prediction.
+
+    Parameters
+    ----------
+    before : tuple
+        Velocity with acceleration (12,), and the covariance (18, 18) of pose and motion.
+    inverse : (6, 6) array
+        Of the covariance of the predicted pose.
+    step : (6,) array
+        From the predicted pose to the fitted one.
+    fitted : (6, 6) array
+        Covariance of that.
+    out : tuple
+        As ``before``, filled.
+
+    Returns
+    -------
+    left, squared : float
+        How many of the six variances are left, and the χ² of the step.
+    """
+    before, inverse, step, fitted, out = borrowed((before, inverse, step, fitted, out))
+    motion, P = before
+    faster, covariance = out
+    gain, removed = np.empty((12, 6)), np.empty((12, 6))
+    left, squared = 0.0, 0.0
+    for p in range(6):
+        for q in range(6):
+            left += fitted[p, q] * inverse[q, p]
+            squared += step[p] * inverse[p, q] * step[q]
+            covariance[p, q] = fitted[p, q]
+    for i in range(12):
+        faster[i] = motion[i]
+        for p in range(6):
+            gain[i, p] = 0.0
+            for q in range(6):
+                gain[i, p] += P[6 + i, q] * inverse[q, p]
+            faster[i] += gain[i, p] * step[p]
+    for i in range(12):
+        for p in range(6):
+            of_pose, removed[i, p] = 0.0, 0.0
+            for q in range(6):
+                of_pose += gain[i, q] * fitted[q, p]
+                removed[i, p] += gain[i, q] * (P[q, p] - fitted[q, p])
+            covariance[6 + i, p] = covariance[p, 6 + i] = of_pose
+        for j in range(i + 1):
+            rest = 0.5 * (P[6 + i, 6 + j] + P[6 + j, 6 + i])
+            for p in range(6):
+                rest -= 0.5 * (removed[i, p] * gain[j, p] + removed[j, p] * gain[i, p])
+            covariance[6 + i, 6 + j] = covariance[6 + j, 6 + i] = rest
+    return left, squared
