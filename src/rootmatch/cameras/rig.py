@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -160,14 +160,7 @@ class Rig(CameraModel):
 
     def offsets(self, pixels: Floats) -> Floats:
         """Offset (C, 2) of each camera's image in a common plane on which the images do not overlap."""
-        offsets, edge = np.zeros((len(self.views), 2)), 0.0
-        for k in range(len(self.views)):
-            own = pixels[pixels[:, 2] == k, :2]
-            if len(own):
-                low, high = own.min(axis=0), own.max(axis=0)
-                offsets[k] = edge - low[0], -low[1]
-                edge += high[0] - low[0]
-        return offsets
+        return _offsets(len(self.views), np.asarray(pixels, float).tobytes())
 
     def expects(self, k: int, pixels: Floats) -> Floats:
         """How far pixels (…, 2) of camera k are expected in its image: 1 well within, 0 well outside, ½ on the rim."""
@@ -202,6 +195,19 @@ class Rig(CameraModel):
             own = rows[:, 2] == k
             out[own] = of(camera, rows[own, :2]) @ rotation
         return out
+
+
+@lru_cache(maxsize=4)
+def _offsets(count: int, rows: bytes) -> Floats:
+    """`Rig.offsets` by the values of the rows, found once for all bodies of a frame."""
+    pixels, offsets, edge = np.frombuffer(rows).reshape(-1, 3), np.zeros((count, 2)), 0.0
+    for k in range(count):
+        own = pixels[pixels[:, 2] == k, :2]
+        if len(own):
+            low, high = own.min(axis=0), own.max(axis=0)
+            offsets[k] = edge - low[0], -low[1]
+            edge += high[0] - low[0]
+    return offsets
 
 
 def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Floats:

@@ -21,6 +21,8 @@ SCALES = 6
 """Widths of crowds, each half as wide as the one before; the first is a quarter of the image. A round value."""
 PSEUDO = 1.0
 """Pseudo-count of each crowd's share of the mixture; the uniform share has as many as all crowds together."""
+PRIOR = np.array([PSEUDO, *[PSEUDO / SCALES] * SCALES])
+"""Pseudo-counts of all shares, that of the uniform one first."""
 MOST = 256
 """Largest number of detections about which others may crowd, drawn at random if there are more. A round value; it
 bounds time and memory."""
@@ -141,12 +143,10 @@ def _of_values(target_bytes: bytes, sigma_bytes: bytes, areas_bytes: bytes, labe
         centres = np.sort(np.random.default_rng(0).choice(count, MOST, replace=False))
     kernels, densities = np.empty((SCALES, count, len(centres))), np.empty((SCALES + 1, count))
     densities[0] = uniform
-    width = math.sqrt(float(areas.mean())) / 4.0
+    width = math.sqrt(float(areas.sum()) / len(areas)) / 4.0
     # copies: what is read-only is another type to a kernel
     densities_of_crowds(target.copy(), sigma.copy(), centres, label.copy(), width, kernels, densities[1:])
-    prior = np.full(len(densities), PSEUDO / SCALES)
-    prior[0] = PSEUDO
-    shares = prior / prior.sum()
-    shares_of_crowds(densities, prior, STEPS, shares)
+    shares = PRIOR / PRIOR.sum()
+    shares_of_crowds(densities, PRIOR, STEPS, shares)
     about = (shares[1:] @ kernels.reshape(SCALES, -1)).reshape(kernels.shape[1:])
     return Clutter(about, centres, uniform, float(shares[0]))

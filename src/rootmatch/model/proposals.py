@@ -59,7 +59,7 @@ def poses_of_few(model: DetectionModel, assignments: Integers) -> Proposals:
 
     Four points in an image may have two poses, three have up to four, and each fits; one fit ends in one of them.
     """
-    in_camera = np.count_nonzero(assignments.reshape(len(assignments), max(len(model.images), 1), -1) >= 0, axis=2)
+    in_camera = (assignments.reshape(len(assignments), max(len(model.images), 1), -1) >= 0).sum(axis=2)
     if not ((in_camera >= LEAST) & (in_camera <= FEW)).any():
         return no_proposals(assignments.shape[1])  # rays of a lens take longer than all the rest
     return poses_of_sets(model, assignments, FEW).proposals
