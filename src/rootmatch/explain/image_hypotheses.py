@@ -103,7 +103,8 @@ class Candidate:
         searched = len(proposals.assignments) > 0
         if predicted is not None:
             proposals = joined([proposals, predicted]) if searched else predicted
-        return replace(self, modes=self._with_twins(modes_of(self.model, proposals), searched))
+        modes = modes_of(self.model, proposals, best_about=not searched)
+        return replace(self, modes=self._with_twins(modes, searched))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
         """The candidate of one of several bodies by further assignments and the twins of the best poses."""

@@ -43,6 +43,7 @@ def modes_of(
     options: PosteriorOptions = DEFAULT_POSTERIOR,
     *,
     of_several: bool = False,
+    best_about: bool = False,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
 
@@ -55,6 +56,9 @@ def modes_of(
     options : PosteriorOptions
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
+    best_about : bool
+        Whether each assignment is the best one about its pose. If that is far behind clutter alone, the pose is wrong,
+        and the assignment does not grow.
     """
     proposals = proposals.take(np.count_nonzero(proposals.assignments >= 0, axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -78,7 +82,11 @@ def modes_of(
             break
         if behind and not apart_from(mode.assignment[None], kept[0].assignment)[0]:
             continue
-        kept = _with(kept, mode, model, (at, k), enough=enough, options=options)
+        if kept:
+            least = min(kept[0].log_mass - options.negligible, enough)
+        else:
+            least = -options.hopeless if best_about else -math.inf
+        kept = _with(kept, mode, model, (at, k), least=least, options=options)
     return _as_arrays(kept, model.shape[0])
 
 
@@ -88,17 +96,16 @@ def _with(
     model: DetectionModel,
     place: tuple[Linearised, int],
     *,
-    enough: float,
+    least: float,
     options: PosteriorOptions,
 ) -> list[_Mode]:
-    """Modes with another one, grown if it may count beside the best and beside clutter alone, unless it is one of them.
+    """Modes with another one, grown if it may count, unless it is one of them.
 
-    ``place``: images in several poses, and which of them is its own.
+    ``place``: images in several poses, and which of them is its own; ``least``: log-odds from which it may count.
     """
     if _is_known(mode, kept, options):
         return kept
-    least = min(kept[0].log_mass - options.negligible, enough) if kept else -math.inf
-    if len(kept) < options.grown and mode.log_odds > max(least, -options.hopeless):
+    if len(kept) < options.grown and mode.log_odds > least:
         at, k = place
         return _joined(kept, _grown(model, mode, at.one(k), options), options)
     return _beside(kept, mode, options)
