@@ -48,7 +48,7 @@ def test_the_pipeline_fits_on_a_screen() -> None:
 def test_one_function_decides_and_one_reports() -> None:
     """Stages state facts: nobody else makes a status of them, or a match of what was found."""
     assert callers("Match") == {"result.py"}
-    assert callers("decide") == {"explain/finding.py"}
+    assert callers("decide") == {"explain/decide.py"}  # `Facts.status`
     made = {
         path.relative_to(SOURCES).as_posix()
         for path in SOURCES.rglob("*.py")

@@ -106,6 +106,11 @@ class Facts:
     sure_of_its_detections: bool = False
     """Whether a search among its own detections alone found it again, without a rival."""
 
+    @property
+    def status(self) -> Status:
+        """The status that follows."""
+        return decide(self)
+
 
 def decide(facts: Facts) -> Status:
     """The status of an assignment: could it be a false alarm, and is it the only good one."""

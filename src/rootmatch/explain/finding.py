@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.body_labels import Label
-from rootmatch.explain.decide import TRUST, Facts, Status, decide, least_trusted
+from rootmatch.explain.decide import TRUST, Facts, Status, least_trusted
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.assignment import margin, one_hot
 from rootmatch.hypergraph.support import scores_of
@@ -111,7 +111,7 @@ class Finding:
         """Status from the facts; with several bodies, that of the least trusted one."""
         if self.parts is not None:
             return least_trusted(part.status for part in self.parts.values())
-        return decide(self.facts)
+        return self.facts.status
 
     def with_facts(self, **facts: Any) -> Self:
         """A copy with some facts changed, from which another status may follow."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.deadline import NEVER, OutOfTime
-from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status, decide
+from rootmatch.explain.decide import MIN_PROBABILITY, TRUST, Facts, Status
 from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_hypotheses import Candidate
@@ -126,8 +126,7 @@ def told_by(
         confirmed=points >= LEAST,
         false_alarms=math.inf if does_not_fit(fault) else -math.inf,
     )
-    status = decide(facts)
-    if status is Status.MATCHED and sure is not None and kept < matched:
+    if (status := facts.status) is Status.MATCHED and sure is not None and kept < matched:
         pose, each = float(told.probabilities[0]), confidence[sure >= 0]
         probability = min(pose * float(np.prod(each / each.max())), float(each.min()))
         confidence = np.where((sure < 0) & (first >= 0), told.unmatched, confidence)

@@ -179,9 +179,7 @@ class DetectionModel:
         By Jeffreys' prior of the rate in each.
         """
         counts = np.bincount(self.image_of, minlength=max(len(self.images), 1))
-        left = [[math.lgamma(max(count - k, 0) + 0.5) for k in range(self.shape[1] + 1)] for count in counts.tolist()]
-        every = np.array(left)
-        return np.asarray(every - every[:, :1])
+        return log_odds_of_counts(tuple(counts.tolist()), self.shape[1]).copy()
 
     def log_counts(self, assignments: Integers) -> Floats:
         """Logarithm (K,) of the odds of as many clutter points as assignments (K, n) leave in the images."""
@@ -294,3 +292,11 @@ def beta_quadrature(first: float, second: float, nodes: int) -> tuple[Floats, Fl
     places, weights = roots_jacobi(nodes, second - 1.0, first - 1.0)
     places, weights = 0.5 * (1.0 + places), np.log(weights / weights.sum())
     return places, weights
+
+
+@lru_cache(maxsize=256)
+def log_odds_of_counts(counts: tuple[int, ...], most: int) -> Floats:
+    """Logarithm (C, most + 1) of the odds of 0, 1, 2 … clutter points fewer than images have detections (C,)."""
+    left = [[math.lgamma(max(count - k, 0) + 0.5) for k in range(most + 1)] for count in counts]
+    every = np.array(left)
+    return np.asarray(every - every[:, :1])

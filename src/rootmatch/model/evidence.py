@@ -215,18 +215,20 @@ def squared_deviations(model: DetectionModel, assignments: Integers, at: Lineari
     """Squared deviations (K,) of the detections of assignments (K, n) from poses, in units of their noise."""
     used, image = assignments >= 0, np.maximum(assignments, 0)
     offset = np.where(used[..., None], model.target[image] - at.pixels, 0.0)
+    if model.source_covariance is None:
+        return np.asarray(((offset / model.noise_of(at, image)[..., None]) ** 2).sum(axis=(1, 2)))
     return np.asarray((_whitened(model, at, used, image, offset)[1] ** 2).sum(axis=(1, 2)))
 
 
 def _whitened(
     model: DetectionModel, at: Linearised, used: NDArray[np.bool_], image: Integers, offset: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched."""
-    sigma = model.noise_of(at, image)
-    if model.source_covariance is None:
-        weight = np.where(used, 1.0 / sigma, 0.0)
-        return at.jacobian * weight[..., None, None], offset * weight[..., None], 2.0 * np.log(sigma)
-    images = max(len(model.images), 1)
+    """Jacobians (K, n, 2, 6) and residuals (K, n, 2) in units of the noise, and ½ log |S| (K, n); zero if unmatched.
+
+    Of points with a covariance, which their sightings share.
+    """
+    assert model.source_covariance is not None
+    sigma, images = model.noise_of(at, image), max(len(model.images), 1)
     by_point = np.where(used[..., None, None], at.by_position @ at.rotation[:, None], 0.0)
     spread = shared_spread(by_point, model.source_covariance, np.where(used, sigma**2, 1.0), images)
     root = np.linalg.cholesky(spread)
