@@ -103,7 +103,7 @@ class Candidate:
         searched = len(proposals.assignments) > 0
         if predicted is not None:
             proposals = joined([proposals, predicted]) if searched else predicted
-        modes = modes_of(self.model, proposals, best_about=not searched)
+        modes = modes_of(self.model, proposals, damaged=searched)
         return replace(self, modes=self._with_twins(modes, searched))
 
     def also(self, assignments: Sequence[Integers]) -> Candidate:
@@ -143,7 +143,10 @@ def competing(bodies: Sequence[Candidate]) -> list[Posterior]:
             if twin is not None and len(other.modes.log_odds):
                 image = body.task.sightings_of(twin)
                 more.append(look_alikes(_best(other.modes), other.model.points, body.model.points, image[None]))
-        every.append(modes_of(body.model, joined(more), body.modes, of_several=True) if more else body.modes)
+        modes = body.modes
+        if more:
+            modes = modes_of(body.model, joined(more), modes, of_several=True, damaged=False)
+        every.append(modes)
     models = [body.model for body in bodies]
     told = joint_posterior(models, every)
     for _ in range(SUMMED):

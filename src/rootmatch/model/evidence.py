@@ -96,7 +96,7 @@ def evidence(
     assignments = np.array(assignments, np.int64)
     prior = prior or model.prior
     if model.scene_for_kernels is not None and prior.for_kernels is not None:
-        return _settled_at_once(model, assignments, at, prior.for_kernels, IMAGES, 0)
+        return _settled_at_once(model, assignments, at, prior.for_kernels, given=IMAGES)
     if len(at.seen) == 1 < len(assignments):
         at = at.take(np.zeros(len(assignments), np.int64))
     white = NOT_WHITE
@@ -120,9 +120,14 @@ def evidence(
 def _unfilled(count: int, n: int) -> Evidence:
     """Room for the evidence of so many hypotheses of n points."""
     return Evidence(
-        np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)), np.empty(count), np.empty(count),
-        np.empty((count, n)), np.empty(count),
-    )  # fmt: skip
+        log_odds=np.empty(count),
+        step=np.empty((count, 6)),
+        covariance=np.empty((count, 6, 6)),
+        squared=np.empty(count),
+        freedom=np.empty(count),
+        visible=np.empty((count, n)),
+        decrement=np.empty(count),
+    )
 
 
 def _settled_at_once(
@@ -130,8 +135,9 @@ def _settled_at_once(
     assignments: Integers,
     at: Linearised,
     prior: Mixture,
+    *,
     given: int,
-    most: int,
+    most: int = 0,
     found: Evidence | None = None,
 ) -> Evidence:
     """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
@@ -154,7 +160,7 @@ def about(
         at = model.linearised(rotation, position)
         return evidence(model, assignments, at, prior), at
     at = unfilled(model.shape[0], model.normals is not None, rotation, position)
-    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, POSES, 0), at
+    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, given=POSES), at
 
 
 def settled_about(
@@ -165,7 +171,8 @@ def settled_about(
     if model.scene_for_kernels is None or mixture is None:
         return settled(model, assignments, *about(model, assignments, rotation, position, prior), prior)
     at = unfilled(model.shape[0], model.normals is not None, rotation, position)
-    return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, POSES, MOST_STEPS), at
+    rows = np.array(assignments, np.int64)
+    return _settled_at_once(model, rows, at, mixture, given=POSES, most=MOST_STEPS), at
 
 
 def settled(
@@ -180,7 +187,8 @@ def settled(
     if model.scene_for_kernels is not None and mixture is not None:
         at = Linearised._make(None if one is None else one.copy() for one in at)
         found = Evidence._make(one.copy() for one in found)
-        return _settled_at_once(model, np.array(assignments, np.int64), at, mixture, EVIDENCE, MOST_STEPS, found), at
+        rows = np.array(assignments, np.int64)
+        return _settled_at_once(model, rows, at, mixture, given=EVIDENCE, most=MOST_STEPS, found=found), at
     for turn in range(MOST_STEPS):
         going = found.decrement >= (NO_CHANGE if turn < STEPS else FAR)
         if turn >= STEPS:

@@ -115,9 +115,15 @@ def unfilled(n: int, with_normals: bool, rotation: Floats, position: Floats) -> 
     """Room for the images of n points in poses (K, 3, 3) and (K, 3), which are in it."""
     shape = len(rotation), n
     return Linearised(
-        np.empty((*shape, 2)), np.empty((*shape, 2, 6)), np.empty((*shape, 2, 3)), np.empty(shape, np.bool_),
-        np.empty(shape) if with_normals else None, np.empty(shape), np.array(rotation, float), np.array(position, float)
-    )  # fmt: skip
+        pixels=np.empty((*shape, 2)),
+        jacobian=np.empty((*shape, 2, 6)),
+        by_position=np.empty((*shape, 2, 3)),
+        seen=np.empty(shape, np.bool_),
+        cosine=np.empty(shape) if with_normals else None,
+        expected=np.empty(shape),
+        rotation=np.array(rotation, float),
+        position=np.array(position, float),
+    )
 
 
 def _by_numpy(points: Floats, normals: Floats, camera: CameraModel, rotation: Floats, position: Floats) -> Linearised:

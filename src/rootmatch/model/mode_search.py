@@ -43,7 +43,7 @@ def modes_of(
     options: PosteriorOptions = DEFAULT_POSTERIOR,
     *,
     of_several: bool = False,
-    best_about: bool = False,
+    damaged: bool = True,
 ) -> Modes:
     """The distinct poses among some proposals, grown, with the sums over their changes.
 
@@ -56,9 +56,8 @@ def modes_of(
     options : PosteriorOptions
     of_several : bool
         Whether other bodies may take the detections of better modes: whatever is better than clutter is kept then.
-    best_about : bool
-        Whether each assignment is the best one about its pose. If that is far behind clutter alone, the pose is wrong,
-        and the assignment does not grow.
+    damaged : bool
+        Whether assignments may be right in part, as a solver's: those far behind clutter alone grow as well.
     """
     proposals = proposals.take(np.count_nonzero(proposals.assignments >= 0, axis=1) >= model.prior.least)
     if not len(proposals.assignments):
@@ -85,7 +84,7 @@ def modes_of(
         if kept:
             least = min(kept[0].log_mass - options.negligible, enough)
         else:
-            least = -options.hopeless if best_about else -math.inf
+            least = -math.inf if damaged else -options.hopeless
         kept = _with(kept, mode, model, (at, k), least=least, options=options)
     return _as_arrays(kept, model.shape[0])
 

@@ -35,9 +35,10 @@ class PosteriorOptions(Options):
     negligible: float = option(9.0, above=0.0)
     """Log-odds against a change or a mode at which it is left out: e⁻⁹ is a tenth of `wrong_model`."""
     hopeless: float = option(30.0, above=0.0)
-    """Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which the best
-    assignment about a pose does not grow, against clutter alone: of 181 such modes one grew to be more probable than
-    clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round value."""
+    """Log-odds against a proposal at which it is not fitted, to first order about its given pose, and at which what a
+    prediction or another body's pose proposes does not grow, against clutter alone: of 181 such modes two grew to be
+    more probable than clutter, by .2 (benchmarks/flights.py, rooms and rigs, 3 flights each from 1100). A round
+    value."""
     same_pose: float = option(2.0, above=0.0)
     """Difference in standard deviations up to which two poses count as one. With 5, the two poses of a board that faces
     the camera were one, and a tracker kept to the wrong one; 1 finds the same as 2.5 (benchmarks/flights.py, board).
