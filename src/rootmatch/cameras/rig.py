@@ -199,7 +199,7 @@ class Rig(CameraModel):
 
 @lru_cache(maxsize=4)
 def _offsets(count: int, rows: bytes) -> Floats:
-    """`Rig.offsets` by the values of the rows, found once for all bodies of a frame."""
+    """`Rig.offsets` by the values of the rows, found once for all bodies of a frame; not to be written into."""
     pixels, offsets, edge = np.frombuffer(rows).reshape(-1, 3), np.zeros((count, 2)), 0.0
     for k in range(count):
         own = pixels[pixels[:, 2] == k, :2]

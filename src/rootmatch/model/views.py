@@ -59,7 +59,7 @@ def frames_of(camera: CameraModel) -> tuple[Floats, Floats]:
 
 
 def rays_of(camera: CameraModel, target: Floats) -> Floats:
-    """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras, found once for all bodies of an image."""
+    """Unit rays (n', 3) of detections (n', 2) in the frames of their cameras; NaN where a lens shows nothing."""
     target = np.array(target, float)
     image, views = camera if isinstance(camera, RigImage) else None, views_of(camera)
     if views is not None and INVERTED.issuperset(views.kinds.tolist()):

@@ -23,7 +23,7 @@ from rootmatch.explain.image_hypotheses import DOUBT
 from rootmatch.explain.task import Rivals
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import about, log_detected, settled, stepped
+from rootmatch.model.evidence import log_detected, settled_about, stepped
 from rootmatch.model.modes import Modes
 from rootmatch.model.pose_density import LEAST, Doubted
 from rootmatch.model.proposals import Proposals, joined, poses_of_few
@@ -134,7 +134,7 @@ class Belief:
         modes = told.modes.take(slice(1))
         first = Proposals(modes.assignments, modes.rotation, modes.position)
         few = joined([first, poses_of_few(model, modes.assignments), reversed_in_depth(model, first)])
-        of_few, at = settled(model, few.assignments, *about(model, *few, prior), prior)
+        of_few, at = settled_about(model, *few, prior)
         rotation, position = stepped(of_few, at)
         if not math.isfinite(of_few.log_odds[0]):
             return

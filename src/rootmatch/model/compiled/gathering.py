@@ -8,8 +8,8 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver
-from rootmatch.model.compiled.evidence import inverted
-from rootmatch.model.compiled.gating import LOG_2PI, deviation
+from rootmatch.model.compiled.evidence import LOG_2PI, inverted
+from rootmatch.model.compiled.gating import deviation
 
 
 @driver(nogil=True, fastmath=FASTMATH, error_model="numpy")

@@ -8,8 +8,22 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.evidence import LOG_2PI
 
-LOG_2PI = math.log(2.0 * math.pi)
+
+@part
+def spread_by_pose(jacobian, covariance, i):  # type: ignore[no-untyped-def]
+    """Covariance (a, b; b, c) of the pixel of point i by that of the pose (6, 6)."""
+    a, b, c = 0.0, 0.0, 0.0
+    for p in range(6):
+        first, second = 0.0, 0.0
+        for q in range(6):
+            first += covariance[p, q] * jacobian[i, 0, q]
+            second += covariance[p, q] * jacobian[i, 1, q]
+        a += jacobian[i, 0, p] * first
+        b += jacobian[i, 0, p] * second
+        c += jacobian[i, 1, p] * second
+    return a, b, c
 
 
 @part
@@ -54,15 +68,7 @@ def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def
     owner = np.full(target.shape[0], -1, np.int64)
     for i in range(pixels.shape[0]):
         assignment[i] = -1
-        a, b, c = 0.0, 0.0, 0.0
-        for p in range(6):
-            first, second = 0.0, 0.0
-            for q in range(6):
-                first += covariance[p, q] * jacobian[i, 0, q]
-                second += covariance[p, q] * jacobian[i, 1, q]
-            a += jacobian[i, 0, p] * first
-            b += jacobian[i, 0, p] * second
-            c += jacobian[i, 1, p] * second
+        a, b, c = spread_by_pose(jacobian, covariance, i)
         if of_points.shape[0] > 0:
             a, b, c = a + of_points[i, 0, 0], b + of_points[i, 0, 1], c + of_points[i, 1, 1]
         a, c = max(a, 0.0), max(c, 0.0)

@@ -6,6 +6,7 @@ import math
 
 from rootmatch.jit.decorators import part
 from rootmatch.model.compiled.evidence import LOG_2PI
+from rootmatch.model.compiled.gating import spread_by_pose
 
 NOT_SINGULAR = 1e-9
 """Added to the diagonal of I − H, so that a match which alone determines its prediction has an inverse."""
@@ -37,15 +38,7 @@ def gains_of_matches(assignment, points, covariance, image, rate, gains):  # typ
     pixels, jacobian, of_points, visible, seen = points
     target, sigma, log_clutter, log_weights, log_count = image
     for i in range(pixels.shape[0]):
-        a, b, c = 0.0, 0.0, 0.0
-        for p in range(6):
-            first, second = 0.0, 0.0
-            for q in range(6):
-                first += covariance[p, q] * jacobian[i, 0, q]
-                second += covariance[p, q] * jacobian[i, 1, q]
-            a += jacobian[i, 0, p] * first
-            b += jacobian[i, 0, p] * second
-            c += jacobian[i, 1, p] * second
+        a, b, c = spread_by_pose(jacobian, covariance, i)
         u, v, d, e, f = pixels[i, 0], pixels[i, 1], 0.0, 0.0, 0.0
         if of_points.shape[0] > 0:
             d, e, f = of_points[i, 0, 0], of_points[i, 0, 1], of_points[i, 1, 1]

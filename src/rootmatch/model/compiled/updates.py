@@ -8,7 +8,8 @@ import numpy as np
 
 from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import FASTMATH, driver, part
-from rootmatch.model.compiled.gating import LOG_2PI, deviation
+from rootmatch.model.compiled.evidence import LOG_2PI
+from rootmatch.model.compiled.gating import deviation, spread_by_pose
 
 HIGHEST = 700.0
 """Logarithm of the largest ratio of densities: that of what is far beyond any doubt, and still a number."""
@@ -18,17 +19,11 @@ HIGHEST = 700.0
 def seen_by(jacobian, of_points, about, i):  # type: ignore[no-untyped-def]
     """Shift of the pixel of point i by a step, and its covariance (a, b; b, c) by that of the pose and the point's."""
     step, covariance = about
-    u, v, a, b, c = 0.0, 0.0, 0.0, 0.0, 0.0
+    u, v = 0.0, 0.0
     for p in range(6):
-        first, second = 0.0, 0.0
-        for q in range(6):
-            first += covariance[p, q] * jacobian[i, 0, q]
-            second += covariance[p, q] * jacobian[i, 1, q]
-        a += jacobian[i, 0, p] * first
-        b += jacobian[i, 0, p] * second
-        c += jacobian[i, 1, p] * second
         u += jacobian[i, 0, p] * step[p]
         v += jacobian[i, 1, p] * step[p]
+    a, b, c = spread_by_pose(jacobian, covariance, i)
     if of_points.shape[0] > 0:
         a, b, c = a + of_points[i, 0, 0], b + of_points[i, 0, 1], c + of_points[i, 1, 1]
     return u, v, a, b, c
