@@ -75,8 +75,8 @@ def poses_by_rotation(task: MatchingTask, known: PosePrior, model: DetectionMode
         return None
     settled: dict[bytes, Settled] = {}
     for guess in _ranked(model, Known(known, model.centre), pairs, origin + turn[0] @ model.centre):
-        at = model.linearised(guess.rotation[None], guess.position[None])
-        settle(model, at, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
+        pose = guess.rotation[None], guess.position[None]
+        settle(model, pose, guess.covariance, options=DEFAULT_PREDICTION, known=settled)
     every = [one for one in settled.values() if math.isfinite(one.log_odds)]
     if not every:
         return None

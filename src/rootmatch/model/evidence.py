@@ -103,7 +103,7 @@ def evidence(
     if model.source_covariance is not None:
         used, image = assignments >= 0, np.maximum(assignments, 0)
         white = _whitened(model, at, used, image, np.where(used[..., None], model.target[image] - at.pixels, 0.0))
-    found = _unfilled(*assignments.shape)
+    found = unweighed(*assignments.shape)
     weigh(
         assignments,
         (at.pixels, at.jacobian, at.seen, at.expected, *at.for_kernels),
@@ -117,7 +117,7 @@ def evidence(
     return found
 
 
-def _unfilled(count: int, n: int) -> Evidence:
+def unweighed(count: int, n: int) -> Evidence:
     """Room for the evidence of so many hypotheses of n points."""
     return Evidence(
         log_odds=np.empty(count),
@@ -141,7 +141,7 @@ def _settled_at_once(
     found: Evidence | None = None,
 ) -> Evidence:
     """What the compiled `settle` makes of hypotheses, in place: their evidence, and the images about their poses."""
-    found = _unfilled(*assignments.shape) if found is None else found
+    found = unweighed(*assignments.shape) if found is None else found
     cosine = at.for_kernels[0]
     poses = at.rotation, at.position
     settle(

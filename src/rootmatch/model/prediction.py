@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from rootmatch.algebra.rotation import one_rotation_matrix
 from rootmatch.deadline import OutOfTime, checkpoint
 from rootmatch.model.compiled.gating import gate
+from rootmatch.model.compiled.looking import TORN, look
 from rootmatch.model.compiled.updates import choose_pairs, update_with_each
 from rootmatch.model.detection_model import EXACT, DetectionModel
-from rootmatch.model.evidence import Evidence, evidence, stepped
-from rootmatch.model.linearised import Linearised
+from rootmatch.model.evidence import STEEP, Evidence, evidence, stepped, unweighed
+from rootmatch.model.linearised import Linearised, unfilled
 from rootmatch.model.pose_density import Gaussian
 from rootmatch.model.proposals import Proposals, joined
 from rootmatch.options import Options, option
@@ -103,19 +104,18 @@ def proposals_about(
     Proposals or None
         None if the prediction has no candidates, or too many.
     """
-    first = model.linearised(prediction.rotation[None], prediction.position[None])
-    covariance = prediction.bounded
-    visible = model.visibility(first, np.array([_tilt(covariance)]))[0]
-    gated = _gated(model, first, covariance, visible, options)
-    candidates = gated.candidates
-    if not 0 < np.count_nonzero(candidates) <= options.most_pairs * max(len(model.images), 1):
+    pose, covariance = (prediction.rotation[None], prediction.position[None]), prediction.bounded
+    most = options.most_pairs * max(len(model.images), 1)
+    looked = _looked(model, pose, covariance, options, rounds=options.rounds, most=most)
+    if not 0 < np.count_nonzero(looked.candidates) <= most:
         return None
     known: dict[bytes, Settled] = {}
-    start = settle(model, first, covariance, options=options, known=known, gated=gated)
+    start = settle(model, pose, covariance, options=options, known=known, looked=looked)
     if start is None or not start.is_convincing(options):
+        first = looked.first
         with suppress(OutOfTime):  # what is known by then is handed on
-            for step, narrowed in _narrowed(model, first, visible, covariance, candidates=candidates, options=options):
-                moved = model.linearised(one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:])
+            for step, narrowed in _narrowed(model, looked, covariance, options):
+                moved = one_rotation_matrix(step[:3]) @ first.rotation, first.position + step[3:]
                 settle(model, moved, narrowed, options=options, known=known)
     ranked = sorted(known.values(), key=lambda one: -one.log_odds)
     ranked = [one for one in ranked if math.isfinite(one.log_odds)]
@@ -126,35 +126,41 @@ def proposals_about(
 
 def settle(
     model: DetectionModel,
-    at: Linearised,
+    pose: tuple[Floats, Floats],
     covariance: Floats,
     *,
     options: PredictionOptions,
     known: dict[bytes, Settled],
-    gated: _Gated | None = None,
+    looked: _Looked | None = None,
 ) -> Settled | None:
     """Assignment and step in turn until the assignment stays; all of them are added to ``known``.
 
-    ``gated``: the candidates about the first pose, if they are known.
+    ``pose``: rotation (1, 3, 3) and position (1, 3); ``looked``: what is seen about it, if that is known.
     """
-    best = None
-    for _ in range(options.rounds):
+    best, rounds = None, options.rounds
+    while rounds > 0:
         checkpoint()
-        if gated is None:
-            gated = _gated(model, at, covariance, model.visibility(at, np.array([_tilt(covariance)]))[0], options)
-        assignment, gated = _assigned(gated), None
+        if looked is None:
+            looked = _looked(model, pose, covariance, options, rounds=rounds)
+        for one in looked.settled:
+            key = one.assignment.tobytes()
+            if key in known:
+                return known[key]
+            best = known[key] = one
+        if looked.torn is None:
+            return known.get(looked.last.tobytes(), best)
+        rounds -= len(looked.settled) + 1
+        (at, covariance, gated), looked = looked.torn, None
+        assignment = _assigned(gated)
         if not (assignment >= 0).any():
             break
         key = assignment.tobytes()
-        if best is not None and np.array_equal(assignment, best.assignment):
-            break
-        best = known.get(key)
-        if best is not None:
-            break
+        if key in known:
+            return known[key]
         best = known[key] = Settled(assignment, evidence(model, assignment[None], at), at)
         if np.count_nonzero(assignment >= 0) >= float(best.found.visible.sum()):
             break  # nothing is left to assign
-        at, covariance = model.linearised(*stepped(best.found, at)), best.found.covariance[0]
+        pose, covariance = stepped(best.found, at), best.found.covariance[0]
     return best
 
 
@@ -184,15 +190,52 @@ class _Gated(NamedTuple):
     """Whether that is the best."""
 
 
-def _gated(
-    model: DetectionModel, at: Linearised, covariance: Floats, visible: Floats, options: PredictionOptions
-) -> _Gated:
-    """Candidates about one pose with a covariance, and what each gains as a match."""
-    shape = model.shape
-    out = np.empty(shape, np.bool_), np.empty(shape), np.empty(shape[0], np.int64)
+class _Looked(NamedTuple):
+    """What is seen about a pose, and about those that it leads to while each gate leaves one detection."""
+
+    first: Linearised
+    """Images about the pose itself; with the visibility (n,) of the points and the candidates (n, n') there."""
+    visible: Floats
+    candidates: Bools
+    settled: list[Settled]
+    last: Integers
+    """The last assignment (n,) of single candidates."""
+    torn: tuple[Linearised, Floats, _Gated] | None
+    """Images about the pose where several detections are possible, its covariance, and what is near; None if none
+    is."""
+
+
+def _looked(
+    model: DetectionModel,
+    pose: tuple[Floats, Floats],
+    covariance: Floats,
+    options: PredictionOptions,
+    *,
+    rounds: int,
+    most: float = math.inf,
+) -> _Looked:
+    """What is seen about a pose; nothing follows from it with more than ``most`` candidates."""
+    n, _ = shape = model.shape
+    gated = np.empty(shape, np.bool_), np.empty(shape), np.empty(n, np.int64)
     limits = options.gate**2, model.rate or options.usual_rate, HIDDEN
-    unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, out)
-    return _Gated(*out, unique)
+    prior = model.prior.for_kernels
+    if model.scene_for_kernels is None or prior is None:
+        at = model.linearised(*pose)
+        visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
+        unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
+        torn = at, covariance, _Gated(*gated, unique)
+        return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=torn)
+    at = unfilled(n, model.normals is not None, *(np.repeat(one, rounds, axis=0) for one in pose))
+    found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
+    covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)
+    count, why = look(
+        covariance, model.scene_for_kernels, prior, (*limits, float(most), STEEP),
+        (*at[:4], at.for_kernels[0], at.expected, at.rotation, at.position), (rows, tuple(found)),
+        (candidates, visible, *gated),
+    )  # fmt: skip
+    settled = [Settled(rows[k], Evidence._make(one[k : k + 1] for one in found), at.one(k)) for k in range(count)]
+    torn = (at.one(count), covariance, _Gated(*gated, False)) if why == TORN else None
+    return _Looked(at.one(0), visible, candidates, settled=settled, last=gated[2], torn=torn)
 
 
 def _images_of(model: DetectionModel, at: Linearised) -> tuple[Floats, Floats, Floats]:
@@ -208,19 +251,13 @@ def _image_of(model: DetectionModel) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _narrowed(
-    model: DetectionModel,
-    first: Linearised,
-    visible: Floats,
-    covariance: Floats,
-    *,
-    candidates: Bools,
-    options: PredictionOptions,
+    model: DetectionModel, looked: _Looked, covariance: Floats, options: PredictionOptions
 ) -> list[tuple[Floats, Floats]]:
     """Steps and covariances after two correspondences each, those that explain most."""
-    points = *_images_of(model, first), (model.rate or options.usual_rate) * visible
+    points = *_images_of(model, looked.first), (model.rate or options.usual_rate) * looked.visible
     beams = [(np.zeros(6), np.array(covariance))]
     for _ in range(2):
-        every = [_updates(points, about, _image_of(model), candidates, options) for about in beams]
+        every = [_updates(points, about, _image_of(model), looked.candidates, options) for about in beams]
         steps, spreads, scores = (np.concatenate(part) for part in zip(*every, strict=True))
         if not len(scores):
             break

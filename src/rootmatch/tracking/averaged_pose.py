@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.algebra.rotation import one_rotation_matrix, rotation_from_vector, rotation_vector
+from rootmatch.model.compiled.averaging import average
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.evidence import evidence, squared_deviations
 from rootmatch.model.modes import Modes
@@ -47,13 +48,30 @@ def averaged_pose(model: DetectionModel, modes: Modes, k: int) -> Pose:
     """
     R, position, covariance = modes.rotation[k], modes.position[k], modes.covariance[k]
     lines = _weak(covariance, max(float(np.linalg.norm(position)), 1e-300))
+    if lines.shape[1]:
+        about = np.array(R[None], float), np.array(position[None], float), np.array(covariance, float)
+        prior = model.prior.for_kernels
+        if model.scene_for_kernels is None or prior is None:
+            R, position, covariance = _averaged(model, modes.assignments[k], about, lines)
+        else:
+            row = np.array(modes.assignments[k][None], np.int64)
+            average(row, np.array(lines), PLACES, model.scene_for_kernels, prior, LEAST, about)
+            R, position, covariance = about[0][0], about[1][0], about[2]
+    return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+
+
+def _averaged(
+    model: DetectionModel, assignment: NDArray[np.int64], about: tuple[Floats, Floats, Floats], lines: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Rotation (3, 3), position (3,) and covariance (6, 6) of an average, from those of a fit, (1, …) but the last."""
+    (R,), (position,), covariance = about
     for line in lines.T:
-        moments = _along(model, modes.assignments[k], (R, position), line, lines=lines)
+        moments = _along(model, assignment, (R, position), line, lines=lines)
         if moments is not None:
             mean, spread = moments
             R, position = one_rotation_matrix(mean[:3]) @ R, position + mean[3:]
             covariance = covariance - np.outer(line, line) + spread + LEAST * np.outer(line, line)
-    return Pose.unchecked(R, *about_point(R, position, 0.5 * (covariance + covariance.T), -model.centre))
+    return R, position, covariance
 
 
 def _weak(covariance: Floats, distance: float) -> Floats:

@@ -34,32 +34,9 @@ def deviation(a, b, c, variance, x, y):  # type: ignore[no-untyped-def]
     return (across + variance * (x * x + y * y)) / determinant, determinant
 
 
-@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
-def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
-    """Candidates about one pose, and what each gains as a match.
-
-    Parameters
-    ----------
-    points : tuple
-        Pixels (n, 2), jacobian (n, 2, 6), their covariances (n, 2, 2) by the model points, empty if exact, and
-        visibility (n,).
-    covariance : (6, 6) array
-        Of the pose.
-    image : tuple
-        Detections (n', 2), their σ (n',), log-density (n',) of clutter, and logarithms of the weights of matches
-        (n, n'), −∞ where one is not allowed, empty if not given.
-    limits : tuple of float
-        Squared gate, the detection rate, and the least visibility of a point with candidates.
-    out : tuple
-        Candidates (n, n') bool, gains (n, n'), and an assignment (n,) of the points that have one candidate of a
-        positive gain, which no other has; filled.
-
-    Returns
-    -------
-    bool
-        Whether each point and detection has at most one such candidate: then the assignment is the best.
-    """
-    points, image, out, covariance = borrowed((points, image, out, covariance))
+@part
+def gate_about(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
+    """As `gate`."""
     pixels, jacobian, of_points, visible = points
     target, sigma, log_clutter, log_weights = image
     squared_gate, rate, hidden = limits
@@ -89,3 +66,32 @@ def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def
                     unique = False
                 assignment[i], owner[j] = j, i
     return unique
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def gate(points, covariance, image, limits, out):  # type: ignore[no-untyped-def]
+    """Candidates about one pose, and what each gains as a match.
+
+    Parameters
+    ----------
+    points : tuple
+        Pixels (n, 2), jacobian (n, 2, 6), their covariances (n, 2, 2) by the model points, empty if exact, and
+        visibility (n,).
+    covariance : (6, 6) array
+        Of the pose.
+    image : tuple
+        Detections (n', 2), their σ (n',), log-density (n',) of clutter, and logarithms of the weights of matches
+        (n, n'), −∞ where one is not allowed, empty if not given.
+    limits : tuple of float
+        Squared gate, the detection rate, and the least visibility of a point with candidates.
+    out : tuple
+        Candidates (n, n') bool, gains (n, n'), and an assignment (n,) of the points that have one candidate of a
+        positive gain, which no other has; filled.
+
+    Returns
+    -------
+    bool
+        Whether each point and detection has at most one such candidate: then the assignment is the best.
+    """
+    points, image, out, covariance = borrowed((points, image, out, covariance))
+    return gate_about(points, covariance, image, limits, out)

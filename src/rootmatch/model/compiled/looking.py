@@ -1,0 +1,127 @@
+"""Assignments about a predicted pose while each gate leaves one detection, compiled: a good prediction in one call.
+
+It is what `rootmatch.model.prediction` does step by step, for what `rootmatch.model.compiled.settling` is for.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rootmatch.jit.borrowed_arrays import borrowed
+from rootmatch.jit.decorators import FASTMATH, driver, part
+from rootmatch.model.compiled.evidence import scratch_for, weigh_one
+from rootmatch.model.compiled.gating import gate_about
+from rootmatch.model.compiled.prior_terms import terms_about
+from rootmatch.model.compiled.projection import linearise_one
+from rootmatch.model.compiled.steps import step_of_one
+from rootmatch.model.compiled.visibility import edge_of, shown_of
+from rootmatch.model.visibility import EDGES
+
+ENDED, TORN, BEYOND = range(3)
+"""Why it came to an end: nothing changes any more, several detections are possible, or nothing or too much is near."""
+
+
+@part
+def is_same(first, second):  # type: ignore[no-untyped-def]
+    """Whether two assignments (n,) are the same."""
+    same = True
+    for i in range(first.shape[0]):
+        same = same and first[i] == second[i]
+    return same
+
+
+@driver(nogil=True, fastmath=FASTMATH, error_model="numpy")
+def look(covariance, scene, known, limits, at, out, near):  # type: ignore[no-untyped-def]
+    """Assignment and step in turn, from a predicted pose, until the assignment stays.
+
+    Parameters
+    ----------
+    covariance : (6, 6) array
+        Of the prediction, and in the end that about the last pose that was looked about; changed.
+    scene, known : tuple
+        As for `rootmatch.model.compiled.settling.settle`.
+    limits : tuple of float
+        Squared gate, the detection rate, the least visibility of a point with candidates, most candidates about the
+        first pose, and the longest step.
+    at : tuple
+        Images about T poses, as for `settle`, the predicted pose the first; filled.
+    out : tuple
+        Assignments (T, n), and their evidence about these poses; filled.
+    near : tuple
+        Candidates (n, n') about the first pose and visibility (n,) there; candidates (n, n') about the last one, their
+        gains (n, n'), and the assignment (n,) of single ones; filled.
+
+    Returns
+    -------
+    int, int
+        How many assignments were made, and why it ended. Where it is torn, the next pose is looked about.
+    """
+    covariance, scene, known, at, out, near = borrowed((covariance, scene, known, at, out, near))
+    pixels, jacobian, by_position, seen, cosine, expected, rotation, position = at
+    body, views, image, clutter, rates = scene
+    predictions, broad = known
+    assignments, weighed = out
+    first, first_visible, candidates, gains, row = near
+    squared_gate, rate, hidden, most, longest = limits
+    target, sigma, log_weights, view_cosine = image[0], image[1], image[2], image[3]
+    n, poses = assignments.shape[1], (rotation, position)
+    images = pixels, jacobian, by_position, seen, cosine, expected
+    whole = pixels, jacobian, seen, expected, cosine, np.empty((0, 0), np.int64), np.empty((0, 0))
+    white = np.empty((0, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0))
+    exact, visible, shown = np.empty((0, 2, 2)), np.empty(n), np.empty(n)
+    terms = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty(1), np.empty(1)
+    which, corner = np.empty(1, np.int64), (np.empty((3, 3)), np.empty((2, 6)))
+    scratch = scratch_for(n, image[4].shape[0], target.shape[0])
+    edges = 1 if view_cosine.shape[0] > 0 or cosine.shape[0] == 0 else EDGES
+    for turn in range(assignments.shape[0]):
+        linearise_one(turn, body, poses, views, images)
+        tilt = 0.5 * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+        tilt = min(math.sqrt(max(tilt, 0.0)), 1.0)
+        visible[:] = 0.0
+        for edge in range(edges):
+            shown_of(expected[turn], cosine, view_cosine, tilt, edge_of(edge), turn, shown)
+            for i in range(n):
+                visible[i] += shown[i] / edges
+        unique = gate_about(
+            (pixels[turn], jacobian[turn], exact, visible),
+            covariance,
+            (target, sigma, clutter[0], log_weights),
+            (squared_gate, rate, hidden),
+            (candidates, gains, row),
+        )
+        if turn == 0:
+            count = 0
+            for i in range(n):
+                first_visible[i] = visible[i]
+                for j in range(target.shape[0]):
+                    first[i, j] = candidates[i, j]
+                    count += candidates[i, j]
+            if not 0 < count <= most:
+                return 0, BEYOND
+        if not unique:
+            return turn, TORN
+        matched = 0
+        for i in range(n):
+            assignments[turn, i] = row[i]
+            matched += row[i] >= 0
+        if matched == 0:
+            return turn, ENDED
+        for before in range(turn):
+            if is_same(assignments[before], row):
+                return turn, ENDED
+        terms_about(turn, 0, poses, predictions, broad, corner, terms, which)
+        weigh_one(turn, turn, 0, assignments, whole, white, terms, image, clutter, rates, scratch, weighed)
+        total = 0.0
+        for i in range(n):
+            total += weighed[5][turn, i]
+        if matched >= total:  # nothing is left to assign
+            return turn + 1, ENDED
+        if turn + 1 < assignments.shape[0]:
+            for p in range(6):
+                for q in range(6):
+                    covariance[p, q] = weighed[2][turn, p, q]
+            # from this pose into the place of the next one
+            step_of_one(turn, weighed[1], rotation, position, longest, rotation[1:], position[1:])
+    return assignments.shape[0], ENDED

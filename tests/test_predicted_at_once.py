@@ -1,0 +1,133 @@
+"""What a tracker does with a prediction in one compiled call, against the same step by step in NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rootmatch.cameras.base import CameraModel
+from rootmatch.model import prediction
+from rootmatch.model.compiled.averaging import leave_out
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.mode_search import modes_of
+from rootmatch.model.pose_density import Broad, Doubted, Gaussian
+from rootmatch.model.proposals import Proposals
+from rootmatch.tracking.averaged_pose import averaged_pose
+from test_compiled_model import FISHEYE, PINHOLE, SIZES, Floats, rig, scene
+from test_settled import by_numpy
+
+CAMERAS = {"normals": PINHOLE, "bare": FISHEYE, "rig": rig(SIZES)}
+
+
+def predicted(name: str, seed: int, spread: float, shown: int) -> tuple[DetectionModel, Gaussian]:
+    """A model whose first detections are some of the body's sightings, about a prediction that is off by its σ."""
+    camera: CameraModel = CAMERAS[name]
+    bare = {"normals": None, "view_cosine": None} if name == "bare" else {}
+    model, R, position = scene(camera, seed=seed, poses=2, **bare)
+    rng = np.random.default_rng(seed)
+    deviations = spread * np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
+    off = deviations * rng.normal(size=6)
+    truth = Rotation.from_rotvec(off[:3]).as_matrix() @ R[:1], position[:1] + off[3:]
+    guess = Gaussian(R[0], position[0], np.diag(deviations**2))
+    model = replace(model, prior=Doubted([guess], [np.log(0.99)], Broad(), 0.01))
+    pixels, own = model.linearised(*truth).pixels[0], rng.permutation(model.shape[0])
+    left = np.arange(model.shape[1])
+    for i in own[:shown].tolist():
+        image = i // 6 if name == "rig" else 0
+        free = left[model.image_of[left] == image]
+        if not len(free):
+            continue
+        model.target[free[0]] = pixels[i] + rng.normal(0.0, model.sigma[free[0]], 2)
+        left = left[left != free[0]]
+    return replace(model), guess
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("spread", [0.003, 0.08])
+def test_assignments_about_a_prediction(name: str, spread: float) -> None:
+    made, torn = 0, 0
+    for seed in range(1030, 1050):
+        model, guess = predicted(name, seed, spread, shown=6)
+        slow = by_numpy(model)
+        assert model.scene_for_kernels is not None
+        fast, oracle = prediction.proposals_about(model, guess), prediction.proposals_about(slow, guess)
+        assert (fast is None) == (oracle is None)
+        if fast is None or oracle is None:
+            continue
+        made += 1
+        torn += len(fast.assignments) > 2
+        np.testing.assert_array_equal(fast.assignments, oracle.assignments)
+        np.testing.assert_allclose(fast.rotation, oracle.rotation, atol=1e-9)
+        np.testing.assert_allclose(fast.position, oracle.position, atol=1e-9)
+    assert made >= 12
+    assert torn >= (1 if spread > 0.01 else 0)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_poses_averaged_along_weak_directions(name: str) -> None:
+    averaged = 0
+    for seed in range(1030, 1050):
+        model, guess = predicted(name, seed, 0.1, shown=3)
+        start = prediction.proposals_about(model, guess)
+        if start is None:
+            continue
+        modes = modes_of(model, start.take(np.arange(1)))
+        if not len(modes.log_odds):
+            continue
+        fast, oracle = averaged_pose(model, modes, 0), averaged_pose(by_numpy(model), modes, 0)
+        assert fast.covariance is not None
+        assert oracle.covariance is not None
+        averaged += not np.allclose(fast.R, modes.rotation[0], atol=1e-6)
+        np.testing.assert_allclose(fast.R, oracle.R, atol=1e-7)
+        np.testing.assert_allclose(fast.t, oracle.t, atol=1e-7)
+        scale = np.sqrt(np.outer(np.diag(oracle.covariance), np.diag(oracle.covariance)))
+        np.testing.assert_allclose(fast.covariance / scale, oracle.covariance / scale, atol=1e-6)
+    assert averaged >= 5
+
+
+@pytest.mark.parametrize("weak", range(1, 7))
+def test_a_step_without_its_part_along_lines(weak: int) -> None:
+    """What is left is orthogonal to each line in the metric of the precision."""
+    rng = np.random.default_rng(weak)
+    rows = rng.normal(size=(8, 6))
+    precision: Floats = rows.T @ rows
+    lines, step = rng.normal(size=(6, weak)), rng.normal(size=6)
+    across = step.copy()
+    leave_out.py_func(lines, precision, across, (np.empty((6, 6)), np.empty((6, 6))))  # type: ignore[attr-defined]
+    np.testing.assert_allclose(lines.T @ precision @ across, 0.0, atol=1e-8)
+    taken = np.linalg.lstsq(lines, step - across, rcond=None)[0]
+    np.testing.assert_allclose(lines @ taken, step - across, atol=1e-8)
+
+
+def test_a_prediction_with_nothing_near() -> None:
+    model, guess = predicted("normals", 1031, 0.003, shown=0)
+    far = replace(model, target=model.target + 5000.0)
+    for one in (far, by_numpy(far)):
+        assert prediction.proposals_about(one, guess) is None
+    for one in (model, by_numpy(model)):
+        assert prediction.proposals_about(one, guess, replace(prediction.DEFAULT_PREDICTION, most_pairs=1)) is None
+
+
+def test_a_pose_with_nothing_possible_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit of matches behind the camera has no average: it is handed on as it is."""
+    model, guess = predicted("normals", 1033, 0.1, shown=3)
+    start = prediction.proposals_about(model, guess)
+    assert start is not None
+    modes = modes_of(model, start.take(np.arange(1)))
+    unseen = modes._replace(position=modes.position * (1.0, 1.0, -1.0))
+    for one in (model, by_numpy(model)):
+        pose = averaged_pose(one, unseen, 0)
+        assert np.isfinite(pose.R).all()
+
+
+def test_proposals_are_of_their_own() -> None:
+    """Two looks about one prediction share no memory."""
+    model, guess = predicted("normals", 1035, 0.003, shown=6)
+    first = prediction.proposals_about(model, guess)
+    assert isinstance(first, Proposals)
+    before = first.assignments.copy()
+    prediction.proposals_about(model, guess)
+    np.testing.assert_array_equal(first.assignments, before)
