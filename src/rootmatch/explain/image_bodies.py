@@ -158,8 +158,10 @@ def match_bodies_in_image(
             predicted = _finding(task, bodies)
             if (part := choice(predicted)) is None or bodies[part.body].settled:
                 return predicted
-            bodies[part.body].search(replace(task, search_camera=part.camera), solve, budgets_of(task, options)[0])
-            _weigh(bodies, options)
+            body, before = bodies[part.body], bodies[part.body].candidate
+            body.search(replace(task, search_camera=part.camera), solve, budgets_of(task, options)[0])
+            if body.candidate is not before:
+                _weigh(bodies, options)
     return _finding(task, bodies)
 
 

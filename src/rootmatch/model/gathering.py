@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rootmatch.deadline import OutOfTime
 from rootmatch.jit.threads import in_pieces
-from rootmatch.model.compiled.gathering import gather
+from rootmatch.model.compiled.gathering import gather, gather_about
 from rootmatch.model.detection_model import DetectionModel
 from rootmatch.model.proposals import Proposals
 from rootmatch.problems.limits import GATE
@@ -49,22 +49,23 @@ def gathered_by_each(model: DetectionModel, proposals: Proposals) -> tuple[Integ
 
     −∞ for a pose from which a point of its own would not be seen, and for one that a deadline leaves out.
     """
-    at = model.linearised(proposals.rotation, proposals.position)
-    visible = model.visibility(at, np.zeros(len(at.seen)))
-    assignments, gains = np.full_like(proposals.assignments, -1), np.full(len(at.seen), -np.inf)
-    target, sigma, log_weights, *_ = model.image_for_kernels
-    image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_of)
+    assignments, gains = np.full_like(proposals.assignments, -1), np.full(len(proposals.rotation), -np.inf)
+    limits = max(len(model.images), 1), GATE**2, RATE, HIDDEN
+    scene = model.scene_for_kernels
 
     def work(first: int, last: int) -> None:
         some = slice(first, last)
-        gather(
-            (at.pixels[some], at.jacobian[some], visible[some]),
-            proposals.assignments[some],
-            image,
-            (max(len(model.images), 1), GATE**2, RATE, HIDDEN),
-            (assignments[some], gains[some]),
-        )
+        rotation, position, sources = proposals.rotation[some], proposals.position[some], proposals.assignments[some]
+        out = assignments[some], gains[some]
+        if scene is not None:
+            gather_about((rotation, position), sources, scene, limits, out)
+            return
+        at = model.linearised(rotation, position)
+        visible = model.visibility(at, np.zeros(last - first))
+        gather((at.pixels, at.jacobian, visible), sources, image, limits, out)
 
+    target, sigma, log_weights, *_ = model.image_for_kernels
+    image = target, sigma, np.array(model.clutter.log_density), log_weights, np.array(model.image_of)
     with suppress(OutOfTime):
         in_pieces(work, len(gains))
     return assignments, gains

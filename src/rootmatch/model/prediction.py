@@ -223,8 +223,8 @@ def _looked(
         at = model.linearised(*pose)
         visible = model.visibility(at, np.array([_tilt(covariance)]))[0]
         unique = gate((*_images_of(model, at), visible), np.array(covariance), _image_of(model), limits, gated)
-        torn = at, covariance, _Gated(*gated, unique)
-        return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=torn)
+        every = at, covariance, _Gated(*gated, unique)
+        return _Looked(at, visible, gated[0], settled=[], last=gated[2], torn=every)
     at = unfilled(n, model.normals is not None, *(np.repeat(one, rounds, axis=0) for one in pose))
     found, rows = unweighed(rounds, n), np.empty((rounds, n), np.int64)
     covariance, candidates, visible = np.array(covariance), np.empty(shape, np.bool_), np.empty(n)

@@ -21,7 +21,7 @@ from rootmatch.samplers.guided.rivals import SAME, fewest
 from rootmatch.samplers.guided.search import Search
 from rootmatch.samplers.guided.sequential_test import SequentialTest, sequential_test
 from rootmatch.samplers.guided.survivors import Survivors
-from rootmatch.samplers.guided.triangle_shapes import image_cells
+from rootmatch.samplers.guided.triangle_shapes import CELLS, image_cells
 from rootmatch.samplers.guided.visibility import DETECTED, FACING, MISSED
 from rootmatch.samplers.guided.visible_triples import VisibleSets, run_visible_tests
 
@@ -61,6 +61,10 @@ class VisibleSearch(Search):
             self.views.prepare(self.tables)
         self.least_cosine = FACING if self.view_cosine is None else 0.0
         self.cells = image_cells(np.ascontiguousarray(self.grid.rays))
+        same, met = np.eye(self.n_target, dtype=np.bool_), np.zeros(CELLS, np.bool_)
+        met[self.cells[~(same | same[:, None] | same[:, :, None])]] = True
+        self.met = np.flatnonzero(met)
+        """The shapes that any image triple has."""
 
     def _steps(self) -> Iterator[None]:
         """See `Search`: triples of points that are visible together, with all images of a shape that they can have."""
@@ -138,6 +142,9 @@ class VisibleSearch(Search):
         triples = math.perm(len(images), self.minimal)
         checkpoint(SECONDS_PER_TRIPLE * triples)
         tasks = (last - first) * triples
+        if not sets.shapes[first:last, self.met].any():
+            self.evaluated += tasks // SHAPES_PER_SOLVED
+            return
         most = batches.verified_of_listed(tasks)
         survivors, ratios, counts = run_visible_tests(
             self.tables, self.grid, self._test(0), sets, self.cells,
