@@ -23,17 +23,22 @@ EDGES = [0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0]
 BINS = np.linspace(0.0, 1.0, 11)
 """Bounds of the bins of the confidence."""
 WITHIN = 0.03
-"""Of the bin the share that is right is to be."""
+"""Of the bin the share that is right is to be, or else the mean in its interval."""
 LEAST = [0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99]
 """Thresholds of "matched" that are compared."""
 
 
-def interval(right: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
+def interval(right: float, count: float) -> tuple[float, float]:
+    """95 % interval of a share (Wilson 1927); ``count`` may be effective, see `effective`."""
     z = 1.96
     middle = (right + z * z / 2) / (count + z * z)
-    half = z / (count + z * z) * math.sqrt(right * (count - right) / count + z * z / 4)
+    half = z / (count + z * z) * math.sqrt(max(right * (count - right) / count, 0.0) + z * z / 4)
     return middle - half, middle + half
+
+
+def effective(counts: np.ndarray) -> float:
+    """As many independent points as groups of so many tell that are right or wrong together (Kish 1965)."""
+    return float(counts.sum() ** 2 / (counts**2).sum())
 
 
 def main() -> None:
@@ -87,23 +92,28 @@ def is_as_told(row: dict[str, str]) -> bool:
 
 
 def confidences(rows: list[dict[str, str]]) -> np.ndarray:
-    """Table of the points of all scenes by confidence; mean, share that is right and its interval, (B, 4)."""
-    pairs = [pair.split("/") for row in rows for pair in row.get("points", "").split()]
-    known = np.array([(float(c), float(good)) for c, good in pairs if c != "nan"]).reshape(-1, 2)
-    print(f"{len(known)} points with a confidence, of {len(pairs)} in {len(rows)} scenes of any status\n")
-    print("| confidence | points | mean | right | 95 % interval | within the bin ± .03 |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    """Table of the points of all scenes by confidence; mean, share that is right and its interval, (B, 4).
+
+    Points of one scene are right or wrong together where its pose is, so the interval is that of the scenes.
+    """
+    every = [(scene, pair.split("/")) for scene, row in enumerate(rows) for pair in row.get("points", "").split()]
+    known = np.array([(float(c), float(good), scene) for scene, (c, good) in every if c != "nan"]).reshape(-1, 3)
+    print(f"{len(known)} points with a confidence, of {len(every)} in {len(rows)} scenes of any status\n")
+    print("| confidence | points | scenes | mean | right | 95 % interval | as told |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     drawn = []
     for low, high in itertools.pairwise(BINS):
         inside = known[(known[:, 0] >= low) & ((known[:, 0] < high) | (high == BINS[-1]))]
         if len(inside):
-            mean, good = inside.mean(axis=0)
-            least, most = interval(int(inside[:, 1].sum()), len(inside))
+            mean, good, _ = inside.mean(axis=0)
+            scenes = np.unique(inside[:, 2], return_counts=True)[1]
+            count = effective(scenes)
+            least, most = interval(good * count, count)
             drawn.append((mean, good, least, most))
-            held = low - WITHIN <= good <= high + WITHIN
+            held = low - WITHIN <= good <= high + WITHIN or least <= mean <= most
             print(
-                f"| {low:.1f} – {high:.1f} | {len(inside)} | {mean:.4f} | {good:.4f} | {least:.3f} – {most:.3f} |"
-                f" {'yes' if held else 'no'} |"
+                f"| {low:.1f} – {high:.1f} | {len(inside)} | {len(scenes)} | {mean:.4f} | {good:.4f} |"
+                f" {least:.3f} – {most:.3f} | {'yes' if held else 'no'} |"
             )
     print()
     return np.array(drawn)

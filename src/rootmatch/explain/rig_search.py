@@ -105,8 +105,8 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified = None if task.budget is None else _verified(model, hypotheses, options)
-    if task.search_camera is None and (verified is None or not _is_enough(task, model, verified, evaluated)):
+    verified: Integers | None = _verified(model, hypotheses, options)
+    if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
                 hypotheses += _by_triples(replace(part, deadline=searching), model, k, own, guided) or []
@@ -143,14 +143,14 @@ def _by_triples(
 
 
 def _is_enough(task: MatchingTask, model: DetectionModel, verified: Integers, evaluated: int) -> bool:
-    """Whether a body of several was met, so that no pose of which each camera shows three explains as much.
+    """Whether the body was met, so that no pose of which each camera shows three explains as much.
 
     Triples take four times as long as all else (benchmarks/rigs.py, bodies).
     """
     told = Candidate.of(task, list(verified)).alone()
     level = false_alarm_level(evaluated, StoppingOptions())
     beyond_chance = len(told.probabilities) > 0 and float(told.modes.log_mass[0]) > level
-    return beyond_chance and is_enough(model, told, task.minimal, of_several=True)
+    return beyond_chance and is_enough(model, told, task.minimal, of_several=task.budget is not None)
 
 
 def _verified(model: DetectionModel, hypotheses: list[Integers], options: RigOptions) -> Integers:
