@@ -19,6 +19,7 @@ from rootmatch.explain.finding import Finding, unjudged
 from rootmatch.explain.goodness_of_fit import Misfit, does_not_fit
 from rootmatch.explain.image_hypotheses import Candidate
 from rootmatch.explain.predicted_poses import about_prediction, polished_pose
+from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import NOISE_KINDS
 from rootmatch.model.blob_labels import of_surest, surest_points
@@ -115,7 +116,8 @@ def told_by(
     sure = told.believed(least, lit) if k == 0 and missed <= TRUST.missed else None
     kept = 0 if sure is None else int(np.count_nonzero(sure >= 0))
     # otherwise no other pose with as few matches in each image would have been met
-    met = sure is not None and model.is_met(sure, minimal := base.task.minimal, minimal + 1)
+    minimal, triples = base.task.minimal, most_triples(base.task)
+    met = sure is not None and model.is_met(sure, minimal, minimal + 1, triples=triples)
     points = int((first.reshape(-1, base.task.shape[0]) >= 0).any(axis=0).sum())  # a rig sees one several times
     of_the_rest = (met or (holds and kept >= LEAST)) and kept >= KEPT * matched
     facts = Facts(

@@ -89,8 +89,8 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
         part = replace(part, deadline=searching.part(1.0 / (len(parts) - number)))
         if task.search_camera is not None:
             by_triples = _by_triples(part, model, k, own, guided)
-            hypotheses += by_triples or []
             if by_triples is not None:
+                hypotheses += by_triples[0]
                 continue  # triples tell all: a search for four there meets nothing else
         if len(own) < LEAST:
             continue
@@ -105,13 +105,13 @@ def _searched(task: MatchingTask, model: DetectionModel, options: RigOptions) ->
                 one = np.full(task.rows, -1, np.int64)
                 one[k * n : (k + 1) * n] = np.where(assignment >= 0, own[assignment], -1)
                 hypotheses.append(one)
-    verified: Integers | None = _verified(model, hypotheses, options)
+    verified = _verified(model, hypotheses, options)
     if task.search_camera is None and not _is_enough(task, model, verified, evaluated):
         for k, own, part in parts:
             if len(own) >= task.minimal and not searching.passed():
-                hypotheses += _by_triples(replace(part, deadline=searching), model, k, own, guided) or []
-        verified = None
-    if verified is None:
+                more, all_triples = _by_triples(replace(part, deadline=searching), model, k, own, guided) or ([], False)
+                hypotheses += more
+                missed = 0.0 if all_triples else missed
         verified = _verified(model, hypotheses, options)
     joined = np.concatenate(indices) if indices else np.empty((0, task.problem.order), np.int32)
     values = np.concatenate(weights) if weights else np.empty(0)
@@ -135,7 +135,7 @@ def _of_camera(task: MatchingTask, k: int, guided: Guided) -> tuple[int, Integer
 
 def _by_triples(
     part: MatchingTask, model: DetectionModel, k: int, own: Integers, guided: Guided
-) -> list[Integers] | None:
+) -> tuple[list[Integers], bool] | None:
     """See `assignments_of_triples`; a measured vertical has its say in the model."""
     camera = part.problem.camera  # type: ignore[attr-defined]
     of_triples = part if type(part.problem) is P3P else replace(part, problem=P3P(camera))

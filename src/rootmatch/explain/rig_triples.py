@@ -6,11 +6,13 @@ to each of several cameras, and together they tell.
 
 from __future__ import annotations
 
+from itertools import combinations, permutations
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.explain.task import MatchingTask
-from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel
+from rootmatch.model.detection_model import MORE_SIGHTINGS, DetectionModel, triples_of
 from rootmatch.model.gathering import gathered
 from rootmatch.model.proposals import poses_of_sets
 from rootmatch.samplers.guided.options import GuidedOptions
@@ -25,10 +27,13 @@ scenes are right with 256, 4 with 1,024, 20 with 4,096 (tests/test_rig_triples.p
 camera are detected, 128 find the same as 256, alone and among eight more clutter points in each image: 376 of 390
 bodies, 495 of 503 (benchmarks/flights.py, rig, 3 flights from 1100; 1000, 1100 and 1101)."""
 
+FEW = 1024
+"""Triples without normals that a bounded search looks at: some ten milliseconds. A round value."""
+
 
 def assignments_of_triples(
     part: MatchingTask, model: DetectionModel, camera: int, own: Integers, options: GuidedOptions
-) -> list[Integers] | None:
+) -> tuple[list[Integers], bool] | None:
     """Assignments of sightings that triples of one camera lead to in all cameras, the most likely first.
 
     Parameters
@@ -44,15 +49,47 @@ def assignments_of_triples(
 
     Returns
     -------
-    list of (n,) int64 arrays, or None
-        None if triples cannot be searched: without normals, or among too many detections.
+    list of (n,) int64 arrays, and bool; or None
+        Those, and whether all triples were looked at.
+        None if triples cannot be searched: among too many detections, or, without normals, of too many points.
+    """
+    found = _every(part) if part.points.normals is None else _visible(part, options)
+    if found is None:
+        return None
+    points, images, whole = found
+    n = model.shape[0] // len(model.images)
+    rows = np.full((len(points), model.shape[0]), -1, np.int64)
+    np.put_along_axis(rows, camera * n + points, own[images], axis=1)
+    kept = gathered(model, poses_of_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
+    return list(kept.assignments), whole
+
+
+def most_triples(task: MatchingTask) -> int:
+    """How many triples of a camera are all looked at where no normals rank them; if there are more, none is."""
+    return TRIPLES if task.budget is None else FEW
+
+
+def _visible(part: MatchingTask, options: GuidedOptions) -> tuple[Integers, Integers, bool] | None:
+    """Triples of points (T, 3) that may be visible together, with images (T, 3), and whether these are all.
+
+    None among too many detections.
     """
     search = search_of(part.sampling_task, options, part.deadline)
     if not isinstance(search, VisibleSearch):
-        return None  # no normals say what is visible together
-    points, images = search.triples(TRIPLES if part.budget is None else FEW_TRIPLES)
-    n = model.shape[0] // len(model.images)
-    rows = np.full((len(points), model.shape[0]), -1, np.int64)
-    np.put_along_axis(rows, camera * n + part.permutation[points], own[images], axis=1)
-    found = gathered(model, poses_of_sets(model, rows, 3).alone, least=3 + MORE_SIGHTINGS, most=KEPT)
-    return list(found.assignments)
+        return None
+    points, images, whole = search.triples(TRIPLES if part.budget is None else FEW_TRIPLES)
+    return part.permutation[points], images, whole
+
+
+def _every(part: MatchingTask) -> tuple[Integers, Integers, bool] | None:
+    """All triples of points (T, 3) with all images (T, 3); None if they are too many."""
+    n, n_target = part.shape
+    if triples_of(n, n_target) > most_triples(part):
+        return None
+    points = np.array(list(combinations(range(n), 3)), np.int64).reshape(-1, 3)
+    images = np.array(list(permutations(range(n_target), 3)), np.int64).reshape(-1, 3)
+    points, images = np.repeat(points, len(images), axis=0), np.tile(images, (len(points), 1))
+    if part.allowed is None:
+        return points, images, True
+    possible = part.allowed[points, images].all(axis=1)
+    return points[possible], images[possible], True

@@ -152,18 +152,24 @@ class DetectionModel:
             out[own] = k
         return out
 
-    def is_met(self, assignment: Integers, minimal: int, points: int = 0) -> bool:
+    def is_met(self, assignment: Integers, minimal: int, points: int = 0, *, triples: int = 0) -> bool:
         """Whether a search meets poses with as many matches as an assignment (n,) has in each image.
 
-        It needs more than a minimal set in one image; where normals tell what several cameras see, a minimal set in one
-        and more in others, in all of so many ``points`` at least.
+        It needs more than a minimal set in one image; where normals tell what several cameras see, or the triples of
+        an image are no more than so many ``triples``, a minimal set in one and more in others, in all of so many
+        ``points`` at least.
         """
         used = assignment >= 0
         if not used.any():
             return False
-        most = int(np.bincount(self.image_of[assignment[used]]).max())
-        if most != minimal or len(self.images) < 2 or self.normals is None:
+        counts = np.bincount(self.image_of[assignment[used]])
+        most = int(counts.max())
+        if most != minimal or len(self.images) < 2:
             return most > minimal
+        if self.normals is None:
+            n, shown = len(self.points) // len(self.images), np.bincount(self.image_of)[np.flatnonzero(counts == most)]
+            if triples_of(n, int(shown.min())) > triples:
+                return False
         enough = len(np.unique(self.points[used], axis=0)) >= points
         return bool(enough and np.count_nonzero(used) >= minimal + MORE_SIGHTINGS)
 
@@ -282,6 +288,11 @@ class DetectionModel:
         # copies: what is read-only is another type to a kernel, which would be compiled once more
         target, sigma = np.array(self.target, float), np.array(self.sigma, float)
         return target, sigma, self.weights_of_pairs, self._view_cosine, self._log_counts, self.image_of
+
+
+def triples_of(n: int, n_target: int) -> int:
+    """How many matches of three of n points with three of n' detections there are."""
+    return math.comb(n, 3) * math.perm(n_target, 3)
 
 
 @lru_cache(maxsize=16)

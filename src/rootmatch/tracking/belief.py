@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import DOUBT
+from rootmatch.explain.rig_triples import most_triples
 from rootmatch.explain.task import Rivals
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import DetectionModel
@@ -180,7 +181,7 @@ class Belief:
         is_shown = present is not None and present >= found.facts.min_probability
         for k, of in enumerate(origin.tolist()):
             if of < 0:
-                many = model.is_met(modes.assignments[k], found.task.minimal)
+                many = model.is_met(modes.assignments[k], found.task.minimal, triples=most_triples(found.task))
                 told_of = k == 0 and bool(found.prior_holds)  # by the caller
                 # the best one may be a prediction that does not fit: what a search met beside it is followed
                 shows = found.status is not Status.UNTRUSTED or (k > 0 and is_shown)

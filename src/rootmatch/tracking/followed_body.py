@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rootmatch.explain.decide import Status
 from rootmatch.explain.finding import Finding
 from rootmatch.explain.image_hypotheses import is_enough
+from rootmatch.explain.rig_triples import most_triples
 from rootmatch.model.point_set_model import PRESENT
 from rootmatch.options import Options, option
 from rootmatch.tracking.belief import Belief
@@ -196,7 +197,9 @@ class FollowedBody:
 def _is_met(found: Finding) -> bool:
     """Whether a search would have met other poses of as many matches; two point sets need none."""
     minimal = found.task.minimal
-    many = found.model is None or found.model.is_met(found.assignment, minimal, minimal + 1)
+    many = found.model is None or found.model.is_met(
+        found.assignment, minimal, minimal + 1, triples=most_triples(found.task)
+    )
     return found.task.problem.takes_motion_prior or many
 
 

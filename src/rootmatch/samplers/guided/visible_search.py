@@ -100,10 +100,10 @@ class VisibleSearch(Search):
                 return missed
         return 0.0
 
-    def triples(self, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def triples(self, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64], bool]:
         """Triples of points (T, 3) that may be visible together, with images (T, 3) of a shape that they can have.
 
-        Those first whose poses explain most of the other detections.
+        Those first whose poses explain most of the other detections; and whether these are all.
         """
         test = self._test(0)._replace(floor=-math.inf, least=self.minimal)
         sets = self.views.whole(self.tables)
@@ -116,8 +116,9 @@ class VisibleSearch(Search):
         found = Survivors.of(sets.prepared.points, survivors, ratios, ratios.size)
         images = found.images[:, 1:]
         same = found.sets * self.n_target**3 + images @ self.n_target ** np.arange(3)  # but for the root
-        first = np.sort(np.unique(same, return_index=True)[1])[:most]
-        return found.points[first], images[first]
+        first = np.sort(np.unique(same, return_index=True)[1])
+        whole = len(first) <= most and bool((ratios.min(axis=1) == -np.inf).all())
+        return found.points[first[:most]], images[first[:most]], whole
 
     def _none_missed_of(self, matched: int, waves: int) -> bool:
         """Whether the first waves would have met a pose that explains this many points."""
