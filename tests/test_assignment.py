@@ -2,9 +2,12 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
-from rootmatch.hypergraph.assignment import discretise, margin
+from rootmatch.hypergraph.assignment import apart_from, discretise, margin
+from rootmatch.hypergraph.clear_assignment import CLEAR, INVALID, UNCLEAR, assign_clear
 
 
 @pytest.mark.parametrize(("n", "n_target"), [(4, 4), (3, 5), (5, 3), (1, 4)])
@@ -72,3 +75,26 @@ def expected_by_scipy(soft):
     rows, columns = linear_sum_assignment(soft, maximize=True)
     assignment[rows] = columns
     return assignment
+
+
+def test_what_is_clear_and_what_is_not():
+    def verdict(soft):
+        value = np.array(soft, float)
+        return assign_clear(value, np.empty(len(value), np.int64), np.zeros(max(value.shape), np.bool_))
+
+    assert verdict([[1.0, 2.0], [3.0, 1.0]]) == CLEAR
+    assert verdict([[1.0, 2.0], [1.0, 3.0]]) == UNCLEAR  # both like the second
+    assert verdict([[2.0, 2.0, 1.0]]) == UNCLEAR  # a tie
+    assert verdict([[2.0], [2.0]]) == UNCLEAR
+    assert verdict([[0.0, 0.0]]) == UNCLEAR
+    assert verdict([[1.0, -1e-300], [0.0, 2.0]]) == INVALID
+    assert verdict([[1.0, np.inf]]) == verdict([[np.nan, 1.0]]) == INVALID
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=50, deadline=None)
+def test_assignments_apart_share_no_target(seed):
+    rng = np.random.default_rng(seed)
+    every, other = rng.integers(-1, 6, (4, 3)), rng.integers(-1, 6, 3)
+    expected = [not (set(one[one >= 0]) & set(other[other >= 0])) for one in every]
+    assert apart_from(every, other).tolist() == expected

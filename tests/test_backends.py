@@ -152,6 +152,21 @@ class TestExhaustive:
             assert len(expected) <= evaluated <= enumeration.exhaustive_count(n, n_target, order)
 
 
+def test_codes_name_minimal_set_arrangement_and_last_correspondence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cpu, "DECODED", 7)  # several pieces
+    n, n_target = 6, 5
+    bases, arrangements = enumeration.source_bases(n, 4), enumeration.target_arrangements(n_target, 3)
+    rng = np.random.default_rng(0)
+    codes, expected = [], []
+    for base, order, last, target in rng.integers(0, (len(bases), len(arrangements), n, n_target), (40, 4)).tolist():
+        codes.append(((base * len(arrangements) + order) * n + last) * n_target + target)
+        pairs = [*zip(bases[base], arrangements[order], strict=True), (last, target)]
+        expected.append([i * n_target + j for i, j in pairs])
+    decoded = cpu.decode(np.array(codes), bases, arrangements, n_target, n)
+    assert decoded.dtype == np.int32
+    np.testing.assert_array_equal(decoded, expected)
+
+
 def test_an_infinite_gate_keeps_hyperedges_only() -> None:
     """Entries of a row whose target is taken already are no hyper-edges, however wide the gate."""
     tables = scene("up2p", 5, 5)

@@ -23,7 +23,7 @@ from rootmatch.explain.match_options import MatchOptions
 from rootmatch.explain.task import MatchingTask
 from rootmatch.hypergraph.affinity import affinity
 from rootmatch.hypergraph.tensor import AffinityTensor
-from rootmatch.jit.threads import chunk_bounds, in_chunks, in_threads
+from rootmatch.jit.threads import chunk_bounds, in_chunks, in_pieces, in_threads
 from rootmatch.model.gathering import gathered_by_each
 from rootmatch.model.proposals import poses_of_sets
 from rootmatch.problems.points import distances
@@ -183,6 +183,22 @@ def test_pieces_make_up_the_whole_and_end_at_a_deadline(threads: int) -> None:
 
     with pytest.raises(ValueError, match="0"):
         in_threads(wrong, 1000, threads)
+
+
+def test_a_single_task_is_begun_before_the_deadline_alone() -> None:
+    clock, begun = Clock(), []
+    deadline = Deadline(1.0, clock=clock)
+    with deadline.enforced():
+        in_pieces(lambda first, last: begun.append((first, last)), 1)
+        in_pieces(lambda first, last: begun.append((first, last)), 0)
+        assert begun == [(0, 1)]
+        clock.now += 2.0
+        in_pieces(lambda first, last: begun.append((first, last)), 0)
+        assert not deadline.stopped_early
+        with pytest.raises(OutOfTime):
+            in_pieces(lambda first, last: begun.append((first, last)), 1)
+    assert begun == [(0, 1)]
+    assert deadline.stopped_early
 
 
 @pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "1", True])

@@ -171,3 +171,22 @@ class TestPrepareRefuses:
         arguments: dict[str, object] = {"source": self.source, "target": self.target, "noise": 1.0} | change
         with pytest.raises(InputError, match=text):
             self.problem.prepare(**arguments)  # type: ignore[arg-type]
+
+
+def test_tables_of_points_that_came_before_are_those_of_new_ones() -> None:
+    rng = np.random.default_rng(0)
+    problem, pixels = P3P(Camera(800.0, 800.0, 320.0, 240.0)), rng.uniform(0, 400, (2, 9, 2))
+    for count in (8, 80):  # kept, and too many for that
+        source, other = rng.uniform(-1.0, 1.0, (2, count, 3))
+        first = problem.prepare(source, pixels[0])
+        problem.prepare(other, pixels[0])
+        again = problem.prepare(source, pixels[1])
+        distances = ((source[:, None] - source) ** 2).sum(axis=2)
+        spread = ((source - source.mean(axis=0)) ** 2).mean()
+        for tables in (first, again):
+            np.testing.assert_allclose(tables.distance2, distances / spread, atol=1e-12)
+            np.testing.assert_array_equal(tables.points, first.points)
+    line = np.arange(5.0)[:, None] * [1.0, 2.0, 3.0]
+    for _ in range(2):
+        with pytest.raises(InputError, match="collinear"):
+            problem.prepare(line, pixels[0])

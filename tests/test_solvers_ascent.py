@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers import MultiStartAscent
 from rootmatch.solvers.alternatives import best_neighbours
@@ -294,6 +295,33 @@ def test_scored_neighbours_are_scored_exactly(order):
     few_images, few = zip(*best_neighbours(tensor, X, 5), strict=True)
     np.testing.assert_allclose(few, values[:5])
     assert len(few_images) == 5
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+@pytest.mark.parametrize("seed", range(4))
+def test_neighbours_of_equal_scores_come_in_the_order_in_which_they_are_listed(order, seed):
+    rng = np.random.default_rng(seed)
+    n, n_target = 5, int(rng.integers(5, 8))
+    indices = random_edges(rng, n, n_target, order, 300)
+    tensor = AffinityTensor(indices, rng.integers(0, 2, len(indices)) * 1.0, (n, n_target))
+    image = np.where(rng.random(n) < 0.8, rng.permutation(n_target)[:n], -1)
+    assert (image >= 0).any()
+    every = one_change_neighbours(image, n_target).applied_to(image)
+    scores = np.array([objective(tensor.indices, tensor.weights, one, n_target, None, 0.0) for one in every])
+    best = np.argsort(-scores, kind="stable")
+    for keep in (3, 1000):
+        images, values = zip(*best_neighbours(tensor, image, keep), strict=True)
+        np.testing.assert_array_equal(images, every[best[:keep]])
+        np.testing.assert_allclose(values, scores[best[:keep]], atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_a_state_that_is_reached_at_once_is_the_one_by_pieces(order):
+    index = build_index(random_tensor(order, 6, 7, order, 2000, unary=True))
+    for image in ([2, 0, -1, 6, 4, 5], [-1] * 6, [0, 1, 2, 3, 4, 5]):
+        at_once, by_pieces = (state_of(index, np.array(image), at_once=one) for one in (True, False))
+        for name in ("image", "owner", "inside", "size", "gains", "pairs", "total", "reads"):
+            np.testing.assert_array_equal(getattr(at_once, name), getattr(by_pieces, name))
 
 
 def same(a, b):

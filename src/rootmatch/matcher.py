@@ -239,7 +239,7 @@ max_hyperedges, max_evaluations
         if budget is not None and options.scheduler is None:
             told["budget"] = budget
         try:
-            return explain(replace(task, **told), searching)
+            return explain(replace(task, **told) if told else task, searching)
         except UnseenPixelError as error:
             return self._nothing(detections, str(error))
 

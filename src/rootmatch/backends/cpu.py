@@ -41,8 +41,8 @@ FIRST_CAPACITY = 1 << 14
 """Hyper-edges below the gate in a chunk that there is room for at first."""
 PIECE = 1024
 """Given hyper-edges that a thread evaluates in a row, a whole number of blocks."""
-DECODED = 1 << 16
-"""Hyper-edges that are decoded at once."""
+DECODED = 1 << 20
+"""Hyper-edges that are decoded between two looks for signals: some hundredths of a second."""
 FIRST_BLOCK = 50_000
 """Hyper-edges of the first block where there is a deadline: a millisecond or two."""
 PARTS = 4
@@ -198,15 +198,24 @@ def decode(
 ) -> NDArray[np.int32]:
     """Flat correspondences (E, d) int32 of the codes that `sweep` returns."""
     indices = np.empty((codes.size, bases.shape[1] + 1), np.int32)
-    # piece by piece: what is in between takes twice as much as the result
     for first in range(0, codes.size, DECODED):
-        part = indices[first : first + DECODED]
-        rest, last_target = np.divmod(codes[first : first + DECODED], targets)
-        rank, last = np.divmod(rest, points)
-        base, order = np.divmod(rank, len(arrangements))
-        part[:, :-1] = bases[base] * targets + arrangements[order]
-        part[:, -1] = last * targets + last_target
+        last = min(first + DECODED, codes.size)
+        _decode(codes, bases, arrangements, targets, points, first, last, indices)
     return indices
+
+
+@driver(nogil=True)
+def _decode(codes, bases, arrangements, targets, points, first, last, indices):  # type: ignore[no-untyped-def]
+    """Fill in rows ``first … last − 1`` of `decode`."""
+    d = indices.shape[1]
+    for e in range(first, last):
+        rest = codes[e] // targets
+        rank = rest // points
+        base = rank // arrangements.shape[0]
+        order = rank - base * arrangements.shape[0]
+        for p in range(d - 1):
+            indices[e, p] = bases[base, p] * targets + arrangements[order, p]
+        indices[e, d - 1] = (rest - rank * points) * targets + codes[e] - rest * targets
 
 
 def residuals(

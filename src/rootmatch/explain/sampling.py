@@ -53,11 +53,11 @@ def sample(task: MatchingTask) -> SampledTensor:
     tensor = sampled.tensor
     if task.problem.small_baseline > 0.0:
         tensor = _with_baseline_prior(task, tensor)
-    assignments, consensus, place = sampled.assignments, sampled.consensus, np.argsort(task.permutation)
-    if assignments is not None:
-        assignments = np.ascontiguousarray(assignments[:, place])
-    if consensus is not None:
-        consensus = consensus[place]
+    assignments, consensus = sampled.assignments, sampled.consensus
+    if assignments is not None or consensus is not None:
+        place = np.argsort(task.permutation)
+        assignments = None if assignments is None else np.ascontiguousarray(assignments[:, place])
+        consensus = None if consensus is None else consensus[place]
     if isinstance(tensor, DeferredTensor) and not selection.is_device(backend):
         made = tensor
         tensor = DeferredTensor.of(lambda: _in_given_order(task, made), task.shape, task.weights)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rootmatch.deadline import checkpoint
 from rootmatch.errors import InputError
+from rootmatch.hypergraph.clear_assignment import INVALID, UNCLEAR, assign_clear
 
 SECONDS_PER_ENTRY = 2e-8
 """Time that one entry takes when it is checked whether a soft assignment is clear."""
@@ -16,7 +17,10 @@ SECONDS_PER_STEP = 1e-8
 
 def apart_from(assignments: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which assignments (K, n) share no target with another one (n,)."""
-    return np.asarray(~np.isin(assignments, other[other >= 0]).any(axis=1))
+    taken = np.zeros(max(int(assignments.max(initial=-1)), int(other.max(initial=-1))) + 2, np.bool_)
+    taken[other] = True
+    taken[-1] = False  # the place of −1
+    return np.asarray(~taken[assignments].any(axis=1))
 
 
 def discretise(soft: ArrayLike) -> NDArray[np.int64]:
@@ -39,31 +43,27 @@ def discretise(soft: ArrayLike) -> NDArray[np.int64]:
     """
     value = np.asarray(soft, dtype=np.float64)
     checkpoint(SECONDS_PER_ENTRY * value.size)
-    if value.ndim != 2 or not np.all((value >= 0) & np.isfinite(value)):
+    assignment = np.full(len(value) if value.ndim else 0, -1, np.int64)
+    found = INVALID
+    if value.ndim == 2:
+        found = assign_clear(np.ascontiguousarray(value), assignment, np.zeros(max(value.shape), np.bool_))
+    if found == INVALID:
         raise InputError(f"soft: expected a matrix of finite values ≥ 0, got shape {value.shape} or other values")
-    # A common scale changes nothing, and keeps sums of huge values finite.
-    largest = value.max(initial=0.0)
-    source, target = _largest_total(value / largest if largest > 0 else value)
-    assignment = np.full(value.shape[0], -1, np.int64)
-    evident = value[source, target] > 0
-    assignment[source[evident]] = target[evident]
+    if found == UNCLEAR:
+        # A common scale changes nothing, and keeps sums of huge values finite.
+        largest = value.max(initial=0.0)
+        source, target = _largest_total(value / largest if largest > 0 else value)
+        evident = value[source, target] > 0
+        assignment[:] = -1
+        assignment[source[evident]] = target[evident]
     return assignment
 
 
 def _largest_total(value: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the one-to-one selection with the largest total."""
-    wide = value.shape[0] <= value.shape[1]
-    lines = value if wide else value.T
-    if value.size:
-        best = lines.argmax(axis=1)
-        # Where the largest entries of all lines are unique and do not collide, there is nothing to solve.
-        alone = np.count_nonzero(lines == lines.max(axis=1, keepdims=True)) == len(lines)
-        if alone and np.unique(best).size == best.size:
-            every = np.arange(len(lines))
-            return (every, best) if wide else (best, every)
     from scipy.optimize import linear_sum_assignment  # slow to import, and a clear case has no need of it
 
-    checkpoint(SECONDS_PER_STEP * lines.size * len(lines))
+    checkpoint(SECONDS_PER_STEP * value.size * min(value.shape))
     rows, columns = linear_sum_assignment(value, maximize=True)
     return rows, columns
 

@@ -34,6 +34,9 @@ def contract(indices: NDArray[np.int32], weights: NDArray[np.float64], x: NDArra
     """Contraction v (n n',) of the hyper-edges (E, d) by x (n n',)."""
     chunks = chunks_of(weights.size, x.size)
     tables = np.zeros((chunks, 2, x.size))
+    if chunks == 1:
+        _scatter(indices, weights, x, 0, weights.size, tables[0])
+        return np.asarray(tables[0, 0] + tables[0, 1])
 
     def add(first: int, last: int) -> None:
         for chunk in range(first, last):

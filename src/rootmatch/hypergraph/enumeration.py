@@ -43,6 +43,8 @@ SECONDS_PER_ENTRY = 4e-9
 """Time that an index of a list of subsets or arrangements takes."""
 MOST_BYTES = 3 << 30
 """Memory of such a list, at most. A round value."""
+KEPT_POINTS = 1024
+"""Points up to which their order is kept for the next frame. A round value."""
 KEPT_SUBSETS = 16_384
 """Subsets, or arrangements, up to which they are kept for the next frame: 400 kB of triples."""
 
@@ -145,14 +147,28 @@ def wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
     The first points of a hyper-edge are its minimal set: solved from points far apart, it predicts best.
     """
+    places = np.ascontiguousarray(points, np.float64)
+    if len(places) <= KEPT_POINTS:
+        return _kept_order(places.tobytes(), places.shape[1]).copy()
+    return _wide_first(places)
+
+
+@lru_cache(maxsize=16)
+def _kept_order(places: bytes, dimension: int) -> NDArray[np.int64]:
+    """The order of few points, for frame after frame of the same ones."""
+    return _wide_first(np.frombuffer(places).reshape(-1, dimension).copy())
+
+
+def _wide_first(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """See `wide_first`."""
     from rootmatch.hypergraph.farthest_first import farthest_first  # takes Numba
     from rootmatch.jit.threads import in_pieces
 
     order = np.empty(len(points), dtype=np.int64)
     distance = ((points - points.sum(axis=0) / len(points)) ** 2).sum(axis=1)
     order[0] = distance.argmax()
-    places, nearest = np.ascontiguousarray(points, np.float64), np.full(len(points), np.inf)
-    in_pieces(lambda first, last: farthest_first(places, first, last, order, nearest), len(points))
+    nearest = np.full(len(points), np.inf)
+    in_pieces(lambda first, last: farthest_first(points, first, last, order, nearest), len(points))
     return order
 
 

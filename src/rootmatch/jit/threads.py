@@ -13,7 +13,7 @@ from types import CodeType, FunctionType
 
 import numba
 
-from rootmatch.deadline import Deadline, OutOfTime, in_force
+from rootmatch.deadline import Deadline, OutOfTime, checkpoint, in_force
 
 LONGEST = 0.05
 """Seconds of compiled code between two looks for signals, a tenth of what one may wait for. A round value."""
@@ -81,8 +81,8 @@ class Ranges:
     ) -> None:
         self.work, self.last, self.largest = work, last, largest
         self.deadline = in_force() if deadline is None else deadline
-        self.stopped = Event() if stopped is None else stopped
-        self.next, self.size, self.lock = first, min(begin, largest), Lock()
+        self.stopped, self.lock = stopped, Lock()
+        self.next, self.size = first, min(begin, largest)
         self.slowest = _SLOWEST.get(work.__code__, 0.0) if isinstance(work, FunctionType) else 0.0
 
     def run(self) -> None:
@@ -104,7 +104,7 @@ class Ranges:
     def _taken(self) -> tuple[int, int] | None:
         with self.lock:
             first = self.next
-            if first >= self.last or self.stopped.is_set():
+            if first >= self.last or (self.stopped is not None and self.stopped.is_set()):
                 return None
             if self.deadline.passed():
                 raise OutOfTime
@@ -128,7 +128,11 @@ def in_pieces(work: Callable[[int, int], None], count: int) -> None:
     OutOfTime
         If the deadline in force passes before all tasks are begun.
     """
-    Ranges(work, 0, count, largest=count).run()
+    if count == 1:
+        checkpoint()
+        work(0, 1)
+    elif count > 1:
+        Ranges(work, 0, count, largest=count).run()
 
 
 def in_threads(

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.model.compiled.few_poses import poses_of_minimal_sets
+from rootmatch.model.compiled.steps import take_steps
 from rootmatch.model.detection_model import DetectionModel
-from rootmatch.model.evidence import Evidence, about, settled_about, stepped
+from rootmatch.model.evidence import STEEP, Evidence, about, settled_about
 from rootmatch.model.linearised import Linearised
 from rootmatch.model.pose_density import LEAST
 from rootmatch.model.views import frames_of
@@ -78,9 +79,9 @@ class MinimalSets(NamedTuple):
     @property
     def alone(self) -> Proposals:
         """The minimal sets' own matches with their poses."""
-        every = self.proposals.assignments
-        own = np.full_like(every, -1)
-        np.put_along_axis(own, self.members, np.take_along_axis(every, self.members, axis=1), axis=1)
+        every, sets = self.proposals.assignments, np.arange(len(self.members))[:, None]
+        own = np.full(every.shape, -1)
+        own[sets, self.members] = every[sets, self.members]
         return self.proposals._replace(assignments=own)
 
 
@@ -123,7 +124,9 @@ def rough_fits(model: DetectionModel, assignments: Integers) -> Proposals:
     found, at = about(model, *sets.proposals)
     order = np.lexsort((-found.log_odds, sets.of))
     best = order[np.unique(sets.of[order], return_index=True)[1]]
-    return Proposals(sets.proposals.assignments[best], *stepped(found.take(best), at.take(best)))
+    poses = np.empty((len(best), 3, 3)), np.empty((len(best), 3))
+    take_steps(found.step[best], at.rotation[best], at.position[best], STEEP, poses)
+    return Proposals(sets.proposals.assignments[best], *poses)
 
 
 def refitted(model: DetectionModel, proposals: Proposals) -> tuple[Proposals, Evidence, Linearised]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rootmatch.hypergraph.assignment import one_hot
-from rootmatch.hypergraph.neighbourhood import one_change_neighbours
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.jit.decorators import driver
+from rootmatch.jit.internal import internal
 from rootmatch.solvers.base import Alternatives
 
 
@@ -24,29 +22,74 @@ def best_neighbours(tensor: AffinityTensor, assignment: NDArray[np.int64], keep:
     n, n_target = tensor.shape
     if keep == 0 or not (assignment >= 0).any():
         return []
-    x = one_hot(assignment, n_target)
-    v = tensor.contract(x)
-    old = np.where(assignment >= 0, v[np.arange(n), assignment], 0.0)
-    order = tensor.order
-    score = float((old if tensor.unary is None else old + (order - 1) * (tensor.unary * x).sum(axis=1)).sum()) / order
-
-    changes = one_change_neighbours(assignment, n_target)
-    i, k, j, l = changes  # noqa: E741
-    second = j >= 0
-    change = np.where(k >= 0, v[i, k], 0.0)
-    change[second] += v[j, l][second]
-    change -= old[i]
-    change[second] -= old[j][second]
-    change[second] += _pair_weights(tensor.indices, tensor.weights, assignment, n_target)[i, j][second]
-    chosen = np.argsort(-change, kind="stable")[:keep]
-    return list(zip(changes.take(chosen).applied_to(assignment), (score + change[chosen]).tolist(), strict=True))
+    x, most = one_hot(assignment, n_target), min(keep, n * (n + n_target))
+    v, own, images, changes = tensor.contract(x), np.empty(n), np.empty((most, n), np.int64), np.empty(most)
+    scratch = np.ones(n_target, np.bool_), np.empty(most, np.int64), np.zeros((n, n))
+    count = _best_changes(tensor.indices, tensor.weights, assignment, v, own, images, changes, *scratch)
+    if tensor.unary is not None:
+        own += (tensor.order - 1) * (tensor.unary * x).sum(axis=1)
+    score = float(own.sum()) / tensor.order
+    return list(zip(images[:count], (score + changes[:count]).tolist(), strict=True))
 
 
-@driver()
-def _pair_weights(indices: NDArray[Any], weights: NDArray[Any], image: NDArray[Any], n_target: int) -> NDArray[Any]:
-    """P + Q of each pair of points (n, n): hyper-edges inside with both, and those with their targets exchanged."""
-    n, order = image.size, indices.shape[1]
-    total = np.zeros((n, n))
+@driver(nogil=True)
+def _best_changes(indices, weights, image, v, own, images, changes, free, moves, pairs):  # type: ignore[no-untyped-def]
+    """Fill in the best one-change neighbours (K, n), best first, and how each changes the score; their number.
+
+    Among equals those come first that `one_change_neighbours` lists first. ``v`` (n, n') is the contraction; ``own``
+    (n,) becomes the part of each matched point in it. The rest is scratch: ``free`` (n',), true at first, ``moves``
+    (K,), and ``pairs`` (n, n), zero at first.
+    """
+    n, n_target = v.shape
+    count = 0
+    for i in range(n):
+        own[i] = 0.0
+        if image[i] >= 0:
+            own[i] = v[i, image[i]]
+            free[image[i]] = False
+    for i in range(n):
+        for k in range(n_target):
+            if image[i] >= 0 and free[k]:
+                count = _entered(changes, moves, count, v[i, k] - own[i], i * n_target + k)
+    _add_pair_weights(indices, weights, image, n_target, pairs)
+    for i in range(n):
+        for j in range(n):
+            if image[i] >= 0 and (image[j] < 0 or j > i):
+                change = v[j, image[i]]
+                if image[j] >= 0:
+                    change += v[i, image[j]]
+                change = change - own[i] - own[j] + pairs[i, j]
+                count = _entered(changes, moves, count, change, n * n_target + i * n + j)
+    for place in range(count):
+        for i in range(n):
+            images[place, i] = image[i]
+        i, k = moves[place] // n_target, moves[place] % n_target
+        if i < n:
+            images[place, i] = k
+        else:
+            i, j = (moves[place] - n * n_target) // n, (moves[place] - n * n_target) % n
+            images[place, i], images[place, j] = image[j], image[i]
+    return count
+
+
+@internal()
+def _entered(changes, moves, count, change, move):  # type: ignore[no-untyped-def]
+    """Put a move in its place among the best so far, behind its equals; their number with it."""
+    keep = changes.size
+    if count == keep and not change > changes[keep - 1]:
+        return count
+    place = min(count, keep - 1)
+    while place > 0 and changes[place - 1] < change:
+        changes[place], moves[place] = changes[place - 1], moves[place - 1]
+        place -= 1
+    changes[place], moves[place] = change, move
+    return min(count + 1, keep)
+
+
+@internal()
+def _add_pair_weights(indices, weights, image, n_target, total):  # type: ignore[no-untyped-def]
+    """Add P + Q of each pair of points (n, n): hyper-edges inside with both, and those with their targets exchanged."""
+    order = indices.shape[1]
     for e in range(weights.size):
         inside, first, second = 0, -1, -1
         for p in range(order):
@@ -65,4 +108,3 @@ def _pair_weights(indices: NDArray[Any], weights: NDArray[Any], image: NDArray[A
             if image[i] == second % n_target and image[j] == first % n_target:
                 total[i, j] += weights[e]
                 total[j, i] += weights[e]
-    return total

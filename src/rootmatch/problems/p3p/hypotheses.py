@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rootmatch.algebra.rotation import cross as cross_products
 from rootmatch.algebra.vector import column, column4, cross, scaled
 from rootmatch.jit.decorators import part, scalar
 from rootmatch.problems.limits import VAGUE2
@@ -27,7 +28,7 @@ def coordinates(t, sets, others):  # type: ignore[no-untyped-def]
     points, normals, cosines = t.points.T, t.normals[:3].T, t.normals[3, :, None]
     origin = points[sets[:, 0]]
     e, f = points[sets[:, 1]] - origin, points[sets[:, 2]] - origin
-    across = np.cross(e, f)
+    across = cross_products(e, f)
     with np.errstate(divide="ignore", invalid="ignore"):  # points on one line: nothing is found at infinity
         across2 = 1.0 / (across * across).sum(axis=1)
         ee, ff, ef = (e * e).sum(axis=1) * across2, (f * f).sum(axis=1) * across2, (e * f).sum(axis=1) * across2

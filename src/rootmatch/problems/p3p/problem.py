@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -19,6 +20,9 @@ from rootmatch.problems.pose_fit.rig_fit import rig_poses
 
 if TYPE_CHECKING:
     from rootmatch.problems.p3p.tables import P3PTables
+
+KEPT_POINTS = 64
+"""Points up to which their distances are kept for the next frame: 32 kB. A round value."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +72,15 @@ class P3P(Problem):
         """Tables for the kernels; see `Problem.tables`."""
         from rootmatch.problems.p3p.tables import P3PTables  # takes Numba, which a bad file should not wait for
 
-        check_not_collinear(points.source, "source")
-        # a common unit keeps polynomials of kilometres and of millimetres alike
-        places = points.source - points.source.mean(axis=0)
-        places /= np.sqrt((places**2).mean())
+        source = points.source
+        few = len(source) <= KEPT_POINTS
+        distance2, places = _kept_distances(source.tobytes()) if few else _distances(source)
         rays = self.camera.bearings(points.target)
         versine = squared_distances(rays)
         versine *= 0.5
         return P3PTables(
-            distance2=squared_distances(places),
-            points=np.ascontiguousarray(places.T),
+            distance2=distance2,
+            points=places,
             versine=versine,
             rays=np.ascontiguousarray(rays.T),
             variance=self.camera.angular_noise(points.target, points.target_noise) ** 2,
@@ -104,3 +107,20 @@ class P3P(Problem):
         versine = [0.5 * ((rays[:, (k + 1) % 3] - rays[:, k]) ** 2).sum(axis=1) for k in range(3)]
         # the scalar kernel is plain arithmetic, so its Python form takes whole arrays
         return np.array([quartic_in_ratio(*values) for values in zip(*side, *versine, strict=True)])
+
+
+def _distances(source: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Squared distances (n, n) of source points in a common unit, and the points (3, n) in it.
+
+    The unit keeps polynomials of kilometres and of millimetres alike.
+    """
+    check_not_collinear(source, "source")
+    places = source - source.mean(axis=0)
+    places /= np.sqrt((places**2).mean())
+    return squared_distances(places), np.ascontiguousarray(places.T)
+
+
+@lru_cache(maxsize=16)
+def _kept_distances(source: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`_distances` of few points, for frame after frame of the same ones; nobody writes to the arrays."""
+    return _distances(np.frombuffer(source).reshape(-1, 3))

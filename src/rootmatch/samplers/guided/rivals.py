@@ -52,7 +52,9 @@ def try_rivals(search: Search) -> None:
     own = np.sort(best[best >= 0])
     search.missed = search._missed_among(own, len(own), known=best)
     search.budget = min(search.budget, 2 * search.evaluated + LITTLE)
-    rest = np.setdiff1d(np.arange(search.n_target), best)
+    free = np.ones(search.n_target, np.bool_)
+    free[own] = False
+    (rest,) = np.nonzero(free)
     if max(fewest(len(own), SAME), search.minimal + 1) <= len(rest) <= CROWD and not search._spent():
         missed = search._missed_among(rest, len(own))
         if not search._spent():

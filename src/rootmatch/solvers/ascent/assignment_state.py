@@ -55,6 +55,24 @@ def empty_state(index: SubsetIndex) -> State:
     )
 
 
+def room_for_state(index: SubsetIndex) -> State:
+    """A state that is filled in before it is read, but for its ``reads``, which begin at 0."""
+    order, size = index.indices.shape[1], index.n * index.n_target
+    return State(
+        image=np.empty(index.n, np.int64),
+        owner=np.empty(index.n_target, np.int64),
+        inside=np.empty(size, np.bool_),
+        members=np.empty(index.n, np.int64),
+        size=np.empty(1, np.int64),
+        gains=np.empty(size),
+        pairs=np.empty((index.n, index.n)),
+        total=np.empty(1),
+        reads=np.zeros(1, np.int64),
+        pick=np.empty(order, np.int64),
+        subset=np.empty(order, np.int64),
+    )
+
+
 def objective(index: SubsetIndex, state: State, penalty: float) -> float:
     """Objective f(X) of the state's assignment."""
     return float(state.total[0]) - penalty * math.comb(int(state.size[0]), index.indices.shape[1])

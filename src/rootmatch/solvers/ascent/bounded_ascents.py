@@ -63,12 +63,16 @@ class BoundedAscents:
 
     def state_at(self, image: NDArray[np.int64]) -> State:
         """The state of an assignment; the last one is kept."""
-        if not np.array_equal(self.state.image, image):
+        if self.state.image.tobytes() != image.tobytes():
             # What most of it has in common with the last one need not be looked up again.
-            shared = np.sum((image >= 0) & (image == self.state.image))
-            near = self.dear and 2 * shared > max((image >= 0).sum(), (self.state.image >= 0).sum())
-            self.state = state_of(self.index, image, self.state if near else None)
+            near = self.dear and self._is_near(image)
+            self.state = state_of(self.index, image, self.state if near else None, at_once=not self.dear)
         return self.state
+
+    def _is_near(self, image: NDArray[np.int64]) -> bool:
+        """Whether an assignment has most in common with that of the state."""
+        shared = np.sum((image >= 0) & (image == self.state.image))
+        return bool(2 * shared > max((image >= 0).sum(), (self.state.image >= 0).sum()))
 
     def affordable(self, wanted: int, stage: str) -> int:
         """How many ascents of a stage may follow, by what those of it have read, or else the dearest one."""
@@ -127,13 +131,13 @@ class BoundedAscents:
 
     def count(self, found: Ascended, stage: str) -> None:
         """Take note of what some ascents of a stage took."""
-        most = float(found.reads.max())
-        self.dearest = max(most, self.dearest) if self.made else most
-        self.mean_reads[stage] = float(found.reads.mean())
-        self.made += len(found.reads)
-        self.reads += int(found.reads.sum())
-        self.moves += int(found.moves.sum())
-        self.cut += int(np.sum(found.moves >= self.options.limit))
+        reads, moves = found.reads.tolist(), found.moves.tolist()  # few numbers, which NumPy adds up no quicker
+        self.dearest = float(max(*reads, self.dearest) if self.made else max(reads))
+        self.mean_reads[stage] = sum(reads) / len(reads)
+        self.made += len(reads)
+        self.reads += sum(reads)
+        self.moves += sum(moves)
+        self.cut += sum(one >= self.options.limit for one in moves)
 
     def several_in_steps(
         self, root: State, bases: NDArray[np.int64], penalty: float, *, exchanges: bool, threads: int

@@ -27,7 +27,7 @@ from rootmatch.jit.borrowed_arrays import borrowed
 from rootmatch.jit.decorators import driver
 from rootmatch.jit.internal import internal
 from rootmatch.jit.threads import in_pieces, in_threads
-from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight
+from rootmatch.solvers.ascent.assignment_state import State, change, empty_state, joint_weight, room_for_state
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 
 LEAST_STEP = 1e-10
@@ -238,12 +238,18 @@ def climb(
     return int(found.moves[0])
 
 
-def state_of(index: SubsetIndex, image: NDArray[np.int64], root: State | None = None) -> State:
-    """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them.
+def state_of(
+    index: SubsetIndex, image: NDArray[np.int64], root: State | None = None, *, at_once: bool = False
+) -> State:
+    """The state of an assignment (n,), reached by pieces: an interrupt is seen between two of them, unless ``at_once``.
 
     It is reached from the empty one, or from the state ``root``, which stays as it is.
     """
     state, begins = empty_state(index), np.ones(1, np.int64)
+    if at_once:
+        with NEVER.enforced():
+            _climb(index, state if root is None else root, state, image[None].copy(), begins, penalty=0.0, limit=0)
+        return state
     base = (state if root is None else root).image[None].copy()
     changed = np.flatnonzero(image != base[0])
     base[0, changed] = -1
@@ -276,15 +282,21 @@ def _climb(
     count, n, order = len(bases), index.n, index.indices.shape[1]
     images, totals = np.empty((count, n), np.int64), np.empty(count)
     sizes, moves, reads = np.empty((3, count), np.int64)
-    dues = np.array([penalty * math.comb(size, order - 1) for size in range(n + 1)])
+    dues = _penalties(penalty, n, order - 1)
 
     def ascend(first: int, last: int) -> None:
-        own = empty_state(index) if state is None else state
+        own = room_for_state(index) if state is None else state
         _ascend(
             index, root, own, bases, first, last, dues, limit, exchanges, tidy,
             images, totals, sizes, moves, reads, begins,
         )  # fmt: skip
 
     in_threads(ascend, count, threads, PARTS)
-    penalties = np.array([penalty * math.comb(size, order) for size in range(n + 1)])
-    return Ascended(images, totals - penalties[sizes], moves, reads)
+    return Ascended(images, totals - _penalties(penalty, n, order)[sizes], moves, reads)
+
+
+def _penalties(penalty: float, n: int, order: int) -> NDArray[np.float64]:
+    """``penalty`` for each subset of so many correspondences of assignments of each size, (n + 1,)."""
+    if penalty == 0.0:
+        return np.zeros(n + 1)
+    return np.array([penalty * math.comb(size, order) for size in range(n + 1)])

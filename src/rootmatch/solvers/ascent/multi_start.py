@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from rootmatch.deadline import NEVER, Deadline, checkpoint
 from rootmatch.hypergraph.tensor import AffinityTensor
 from rootmatch.solvers.alternatives import best_neighbours
-from rootmatch.solvers.ascent.assignment_state import State, empty_state
+from rootmatch.solvers.ascent.assignment_state import State
 from rootmatch.solvers.ascent.bounded_ascents import SECONDS_PER_GAIN, BoundedAscents
 from rootmatch.solvers.ascent.options import AscentOptions
-from rootmatch.solvers.ascent.random_walk_start import random_walk_start
+from rootmatch.solvers.ascent.random_walk_start import WALK, random_walk_start
 from rootmatch.solvers.ascent.start_ranking import candidates
 from rootmatch.solvers.ascent.start_selection import covered, forced, next_starts, packed
 from rootmatch.solvers.ascent.stopping import PATIENCE_AFTER_WALK, patience, stands_out
 from rootmatch.solvers.ascent.subset_index import SubsetIndex
 from rootmatch.solvers.base import Alternatives, Solution
-from rootmatch.solvers.rrwhm import ReweightedWalk
 
 POOL = 4
 """Best supported hyper-edges that are candidates, for each start."""
@@ -64,7 +63,7 @@ class MultiStart:
         self.reached: dict[bytes, int] = {}
         self.polished: set[bytes] = set()
         self.cores, self.core_values = np.empty((0, n), np.int64), np.empty(0)
-        self.empty = empty_state(index)
+        self.empty = self.ascents.state
         self.best, self.value = self.empty.image, 0.0
         self.patience = patience(n * n_target, self.ascents.usual_reads)
 
@@ -119,7 +118,7 @@ class MultiStart:
     def from_walk(self) -> None:
         """Step 1; without a walk from nothing, of which unary weights alone may make something."""
         steps = self.options.walk
-        balancing = ReweightedWalk().balancing * SECONDS_PER_GAIN
+        balancing = WALK.balancing * SECONDS_PER_GAIN
         checkpoint(2.0 * steps * balancing * self.index.n * self.index.n_target)
         start = random_walk_start(self.index, steps) if steps else self.empty.image
         self.climb(self.empty, start[None], "walk")
@@ -217,9 +216,9 @@ class MultiStart:
         index, best, ascents = self.index, self.best, self.ascents
         gains = np.maximum(self.state_of_best().gains + index.unary, 0.0).reshape(index.n, index.n_target)
         total = gains.sum(axis=1, keepdims=True)
-        soft = gains / np.where(total > 0, total, 1.0)
-        matched = np.flatnonzero(best >= 0)
-        own = np.zeros(index.n)
+        total[total <= 0.0] = 1.0
+        soft = gains / total
+        (matched,), own = np.nonzero(best >= 0), np.zeros(index.n)
         own[matched] = gains[matched, best[matched]]
         statistics = {
             "starts": float(ascents.made),
@@ -229,7 +228,7 @@ class MultiStart:
             "matched": float(matched.size),
         }
         wanted = matched.size > 0 and self.options.keep > 0
-        alternatives = self._alternatives(own >= CLAIMED * np.median(own[matched])) if wanted else []
+        alternatives = self._alternatives(own >= CLAIMED * _median(own[matched])) if wanted else []
         return Solution(
             soft,
             best,
@@ -252,19 +251,25 @@ class MultiStart:
         for core, value in zip(self.cores, self.core_values.tolist(), strict=True):
             self.found.setdefault(core.tobytes(), (core, value))
         ranked = _ranked(self.found)
-        images = np.array([image for image, _ in ranked])
+        images = np.concatenate([image for image, _ in ranked]).reshape(len(ranked), -1)
         moved = (images >= 0) & (images != self.best)
         matters = (moved & (self.best >= 0) & claimed).any(axis=1)
-        similar = np.flatnonzero(moved.any(axis=1) & ~matters)
+        (similar,) = np.nonzero(moved.any(axis=1) & ~matters)
         doubtful = int(DOUBTFUL_PART * keep)
-        chosen = np.flatnonzero(matters)[: keep - min(doubtful, len(similar))]
-        chosen = np.sort(np.append(chosen, similar[: keep - len(chosen)]))
-        return [ranked[number] for number in chosen.tolist()]
+        chosen = np.nonzero(matters)[0][: keep - min(doubtful, len(similar))].tolist()
+        chosen += similar[: keep - len(chosen)].tolist()
+        return [ranked[number] for number in sorted(chosen)]
 
 
 def _ranked(kept: dict[bytes, tuple[NDArray[np.int64], float]]) -> Alternatives:
     """Assignments and values, best first; equal ones in an order of their own."""
-    return [kept[key] for key in sorted(kept, key=lambda key: (-kept[key][1], key))]
+    return [pair for _, pair in sorted(kept.items(), key=lambda item: (-item[1][1], item[0]))]
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """The median of at least one value; that of NumPy takes longer than the ascent of a few points."""
+    ordered, half = np.sort(values), len(values) // 2
+    return float(0.5 * (ordered[half] + ordered[(len(values) - 1) // 2]))
 
 
 def _choose(m: NDArray[np.float64], r: int) -> NDArray[np.float64]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +20,15 @@ HEAVIEST, HEAVIEST_PART = 128, 8
 of so many. 127.65 against 127.65 and 80.4 against 80.3 of the full walk on 80 instances
 (docs/notebook/performance.md)."""
 
+WALK = ReweightedWalk()
+"""The walk, but for the number of its steps."""
+
+
+@lru_cache(maxsize=16)
+def _walk_of(steps: int) -> ReweightedWalk:
+    """The walk of so many steps: match after match the same, and checking its options takes longer than the walk."""
+    return replace(WALK, iterations=steps)
+
 
 def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     """Assignment (n,) after some steps of `ReweightedWalk`.
@@ -27,8 +39,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     shape = (index.n, index.n_target)
     if not index.paired:
         tensor = AffinityTensor.unchecked(index.indices, index.weights, shape, index.unary.reshape(shape))
-        return discretise(ReweightedWalk(iterations=steps).walked(tensor)[0])
-    usual = ReweightedWalk()
+        return discretise(_walk_of(steps).walked(tensor)[0])
     count = index.unary.size
     most = max(HEAVIEST, count // HEAVIEST_PART)
     x = np.full(count, 1.0 / count)
@@ -36,7 +47,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
     v = index.marginals / count**2
     for _ in range(steps):
         w = v + index.unary
-        moved = usual.stepped(w, x.reshape(shape))
+        moved = WALK.stepped(w, x.reshape(shape))
         if moved is None:
             break
         new = moved[0].ravel()
@@ -48,7 +59,7 @@ def random_walk_start(index: SubsetIndex, steps: int) -> NDArray[np.int64]:
             new = kept / kept.sum()
         change = float(((new - x) ** 2).sum())
         x = new
-        if change < usual.tolerance:
+        if change < WALK.tolerance:
             break
         v = np.zeros(count)
         _contract_among(index, x, chosen, v)

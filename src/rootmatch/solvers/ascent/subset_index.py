@@ -13,6 +13,7 @@ Memory beside the tensor: 4 d + (2 d to 4 d) bytes a hyper-edge, 24 to 32 at ord
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ PART_BITS = 17
 
 CHUNK = 1 << 19
 """Hyper-edges that are counted, or moved to their parts, between two looks for signals: some hundredths of a second."""
+
+KEPT_KEYS = 4096
+"""Correspondences up to which their keys are kept for the next problem of as many. A round value."""
 
 FEW, LONG = 4, 32
 """Buckets with more than FEW entries mostly hold one subset; those with more than LONG are sorted to find theirs."""
@@ -93,7 +97,7 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
     bits = max(1, (count // 2).bit_length()) if bucket_bits is None else bucket_bits
     edge_bits = max(1, (tensor.size - 1).bit_length())
     tag_bits = min(32 - edge_bits, 64 - bits)
-    keys = _random_keys(size)
+    keys = _kept_keys(size) if size <= KEPT_KEYS else _random_keys(size)
     shifts = (64 - bits, 64 - bits - tag_bits)
     if bits <= PART_BITS + 2:
         start, entries, marginals = _index_at_once(tensor.indices, tensor.weights, keys, bits, *shifts, edge_bits)
@@ -106,6 +110,12 @@ def build_index(tensor: AffinityTensor, bucket_bits: int | None = None) -> Subse
         others=np.empty(0, np.uint16), held=np.empty(0), sums=np.empty(0),
         bucket_shift=shifts[0], tag_shift=shifts[1], edge_bits=edge_bits, n=tensor.shape[0], n_target=tensor.shape[1],
     )  # fmt: skip
+
+
+@lru_cache(maxsize=16)
+def _kept_keys(count: int) -> NDArray[np.uint64]:
+    """The keys of a small problem, which the next one of its size shares; nobody writes to them."""
+    return _random_keys(count)
 
 
 def _random_keys(count: int) -> NDArray[np.uint64]:
