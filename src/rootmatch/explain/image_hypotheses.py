@@ -27,6 +27,7 @@ from rootmatch.model.competition import joint_posterior
 from rootmatch.model.depth_reversal import reversed_in_depth
 from rootmatch.model.detection_model import ANY_POSE, DetectionModel
 from rootmatch.model.gathering import gathered
+from rootmatch.model.line_readings import line_readings
 from rootmatch.model.mode_search import modes_of, with_sums
 from rootmatch.model.modes import Modes, no_modes
 from rootmatch.model.pose_density import Doubted, Gaussian, Known, PoseDensity
@@ -255,6 +256,7 @@ def twins_of(task: MatchingTask, model: DetectionModel, modes: Modes) -> Proposa
     """Poses in which the body looks as in its best modes, whether the search met them or not."""
     first = _best(modes)
     parts = [reversed_in_depth(model, first), *_twins_of_few(task, model, first)]
+    parts.append(line_readings(model, first.assignments))
     for image in _symmetries(task):
         parts.append(look_alikes(first, model.points, model.points, image[None]))
     return joined(parts)

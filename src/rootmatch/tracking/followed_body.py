@@ -30,6 +30,10 @@ LONGEST = 8
 """Times `TrackingOptions.search_every` that may lie between two searches for a followed body. A round value: bodies are
 right and trusted as often as with 1 (benchmarks/flights.py, all families, 3 flights from 1100 and 1300)."""
 
+BRIEF = 0.05
+"""Seconds between frames beyond which none is waited for: a prediction so far ahead may well miss by itself. A round
+value."""
+
 
 class TrackingState(Enum):
     """Whether a body is being followed."""
@@ -51,8 +55,8 @@ class TrackingOptions(Options):
     coasting: float = option(0.5, least=0.0)
     """Seconds without a match after which a body is lost."""
     patience: int = option(1, least=0)
-    """Number of frames in which a prediction may fail before one is searched without it: occlusions often end by
-    themselves."""
+    """Number of frames in which a prediction may fail before one is searched without it, of frames that follow within
+    `BRIEF`: occlusions often end by themselves."""
     present: float = option(0.7, least=0.0)
     """Number of detections, relative to the last matched frame, from which a frame is searched: with fewer, the body is
     hidden. A round value."""
@@ -124,13 +128,16 @@ class FollowedBody:
         wait = min(1 << min(self.failures - 1, 30), self.options.search_every) if self.failures else 0
         return frame - self.searched >= wait
 
-    def wants_search(self, found: Finding, frame: int) -> bool:
-        """Whether to search for the body in a frame, judged by the finding about its predicted poses."""
+    def wants_search(self, found: Finding, frame: int, gap: float = 0.0) -> bool:
+        """Whether to search for the body in a frame, judged by the finding about its predicted poses.
+
+        ``gap``: seconds since the frame before.
+        """
         if not self.belief:
             return found.status is not Status.MATCHED  # what the caller knows may have found it
         if found.status is Status.UNTRUSTED:
             shown = found.task.shape[1] >= self.options.present * self.detections
-            return self.missed >= self.options.patience and shown
+            return (self.missed >= self.options.patience or gap > BRIEF) and shown
         return frame - self.searched >= self._interval and not _is_enough(found)
 
     @property
@@ -138,10 +145,10 @@ class FollowedBody:
         """Frames between searches for poses that may explain more; it doubles with each that found none."""
         return self.options.search_every * min(1 << min(self.agreements, 30), LONGEST)
 
-    def wants_search_of_several(self, found: Finding, frame: int) -> bool:
+    def wants_search_of_several(self, found: Finding, frame: int, gap: float = 0.0) -> bool:
         """Whether a search for the body is due among those for several bodies."""
         due = found.status is not Status.UNTRUSTED or self.is_due(frame)
-        return due and self.wants_search(found, frame)
+        return due and self.wants_search(found, frame, gap)
 
     def ends_search(self, frame: int) -> bool:
         """Whether a search for the body came to its last image in this frame."""

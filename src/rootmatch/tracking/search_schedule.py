@@ -13,16 +13,16 @@ from rootmatch.tracking.followed_body import FollowedBody
 
 
 def next_part(
-    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int
+    bodies: Mapping[Label | None, FollowedBody], parts: Mapping[Label | None, Finding], frame: int, gap: float = 0.0
 ) -> SearchPart | None:
     """What a frame searches, judged by the findings about predicted poses; None for nothing.
 
     A frame searches one image for one body. The search for a body goes on in the next frames until it has come to all
-    images; bodies take turns.
+    images; bodies take turns. ``gap``: seconds since the frame before.
     """
     each = list(bodies.values())
     for body, part in zip(each, parts.values(), strict=True):
-        if not body.waiting and body.wants_search_of_several(part, frame):
+        if not body.waiting and body.wants_search_of_several(part, frame, gap):
             body.waiting = images_of(part)
     waiting = [number for number, body in enumerate(each) if body.waiting]
     if not waiting:

@@ -282,6 +282,8 @@ max_evaluations
         if factor > 1.0:
             noise = np.asarray(self.matcher.noise if noise is None else noise, float) * factor
 
+        gap = 0.0 if self.time is None else when - self.time
+
         def explained(searching: bool | Choice) -> Finding:
             prior = poses.get(None) if self.labels is None else {k: one for k, one in poses.items() if k is not None}
             return self.matcher.explained(
@@ -293,7 +295,7 @@ max_evaluations
         if not of_images or (not poses and self.time is None):
             found = explained(True)
         elif self.labels is not None:
-            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame))
+            found = explained(lambda found: next_part(self._bodies, self._parts(found), self._frame, gap))
             searched = {label for label, body in self._bodies.items() if body.ends_search(self._frame)}
         elif not poses:
             found = explained(True)
@@ -301,7 +303,7 @@ max_evaluations
             searched = set()
 
             def choice(near: Finding) -> SearchPart | None:
-                if not self._bodies[None].wants_search(near, self._frame):
+                if not self._bodies[None].wants_search(near, self._frame, gap):
                     return None
                 searched.add(None)
                 return SearchPart(0)

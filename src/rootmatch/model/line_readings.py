@@ -1,0 +1,163 @@
+"""Poses of a body that shows only points on a line: seen from either end, and turned about the line.
+
+Four points on a line and their images have the same cross-ratio from either end, so both readings fit. No minimal set
+of three determines a pose there, so a search meets one of them by chance, or matches points beside the line with it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rootmatch.algebra.rotation import rotation_from_vector
+from rootmatch.model.detection_model import DetectionModel
+from rootmatch.model.proposals import Proposals, joined, no_proposals
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FLAT = 0.02
+"""Width of matched points over their length up to which they are on a line: of a wand of 20 cm whose line is bent by
+.5 mm some readings are still lost, by 4 mm none. A round value."""
+TURNS = 8
+"""Poses about the line. A round value."""
+LEAST = 3
+"""Points on a line that determine it."""
+FOUR, MOST_POINTS = 4, 64
+"""Points on a line of a body that are looked for beside those that were matched, and the largest body in which any
+are. Round values."""
+MOST, KEPT = 40, 4
+"""Choices of so many points and detections of a line that are tried, and readings kept, those that fit best. Round
+values."""
+
+
+def line_readings(model: DetectionModel, assignments: Integers) -> Proposals:
+    """Poses in which points on a line have the detections of assignments (K, n) of one image, if these are on one.
+
+    From either end, and turned about the line.
+    """
+    parts = [no_proposals(model.shape[0])]
+    if len(model.images) > 1 or not lines_of(model.points.tobytes()):
+        return parts[0]  # several cameras tell the depth of each end
+    for row in assignments:
+        detections = row[row >= 0]
+        if len(detections) < LEAST or not _is_flat(model.rays[detections], 1):
+            continue
+        for reading in _readings(model, row):
+            (used,) = np.nonzero(reading >= 0)
+            origin, axis = _line_through(model.points[used])
+            found, _ = _line_of(model.rays[reading[used]], (model.points[used] - origin) @ axis)
+            if found is not None:
+                parts.append(_about(model, reading, (origin, axis), found))
+    return joined(parts)
+
+
+def _readings(model: DetectionModel, row: Integers) -> list[Integers]:
+    """Assignments of the detections of another (n,), which are on a line, to points on one."""
+    (used,) = np.nonzero(row >= 0)
+    if _is_flat(model.points[used] - model.points[used].mean(axis=0), 0):
+        return [row, _reversed(model, row)]
+    detections, found = row[used], list[tuple[float, Integers]]()
+    rays = model.rays[detections]
+    in_order = detections[np.argsort(rays @ np.linalg.svd(rays)[2][1])]
+    for line in lines_of(model.points.tobytes()):
+        if len(line) < FOUR:
+            continue  # three are often nearly on one
+        count = min(len(line), len(detections))
+        if math.comb(len(line), count) * math.comb(len(detections), count) > MOST:
+            continue
+        for points in combinations(line.tolist(), count):
+            for images in combinations(in_order.tolist(), count):
+                reading = np.full_like(row, -1)
+                reading[list(points)] = images
+                for one in (reading, _reversed(model, reading)):
+                    own = np.array(points)
+                    along = (model.points[own] - model.points[own].mean(axis=0)) @ _line_through(model.points[own])[1]
+                    at, misfit = _line_of(model.rays[one[own]], along)
+                    if at is not None:
+                        found.append((misfit, one))
+    return [one for _, one in sorted(found, key=lambda each: each[0])[:KEPT]]
+
+
+def _reversed(model: DetectionModel, row: Integers) -> Integers:
+    """An assignment (n,) of points on a line, read from the other end."""
+    (used,) = np.nonzero(row >= 0)
+    order = used[np.argsort((model.points[used] - model.points[used[0]]) @ _line_through(model.points[used])[1])]
+    other = row.copy()
+    other[order] = row[order[::-1]]
+    return other
+
+
+def _line_through(points: Floats) -> tuple[Floats, Floats]:
+    """Mean (3,) and direction (3,) of points (k, 3)."""
+    origin = points.mean(axis=0)
+    return origin, np.linalg.svd(points - origin, full_matrices=False)[2][0]
+
+
+def _is_flat(vectors: Floats, after: int) -> bool:
+    """Whether vectors (k, 3) hardly extend in a further direction than the first ones."""
+    lengths = np.linalg.svd(vectors, compute_uv=False)
+    return bool(lengths[after + 1 :].max(initial=0.0) <= FLAT * lengths[after])
+
+
+@lru_cache(maxsize=64)
+def lines_of(point_bytes: bytes) -> list[Integers]:
+    """The sets of three points or more of a body (n, 3) that are on a line, in their order on it."""
+    points, found = np.frombuffer(point_bytes).reshape(-1, 3), dict[bytes, Integers]()
+    if len(points) > MOST_POINTS:
+        return []
+    for i, j in combinations(range(len(points)), 2):
+        across = points[j] - points[i]
+        length = float(np.linalg.norm(across))
+        off = np.linalg.norm(np.cross(points - points[i], across / length), axis=1)
+        along = (points - points[i]) @ across / length
+        (near,) = np.nonzero(off <= FLAT * max(float(along.max() - along.min()), length))
+        if len(near) >= LEAST and _is_flat(points[near] - points[near].mean(axis=0), 0):
+            own = near[np.argsort(along[near])]
+            own = own if own[0] < own[-1] else own[::-1]
+            found[own.tobytes()] = own
+    return list(found.values())
+
+
+def _line_of(rays: Floats, along: Floats) -> tuple[tuple[Floats, Floats] | None, float]:
+    """Place (3,) of the origin of a line and its direction (3,) from rays (k, 3) to points at known places on it.
+
+    The least squares of r × (c + s d) over unit vectors (c, d), brought to the length of d. None behind the camera.
+    The second value is the root of these squares.
+    """
+    zero = np.zeros(len(rays))
+    x, y, z = rays.T
+    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+    rows = np.concatenate([cross, along[:, None, None] * cross], axis=2).reshape(-1, 6)
+    _, sizes, vectors = np.linalg.svd(rows)
+    solution, misfit = vectors[-1], float(sizes[-1])
+    size = float(np.linalg.norm(solution[3:]))
+    if not size > 0.0 or not np.isfinite(solution).all():
+        return None, misfit
+    place, direction = solution[:3] / size, solution[3:] / size
+    depths = ((place + along[:, None] * direction) * rays).sum(axis=1)
+    if (depths < 0.0).all():
+        return (-place, -direction), misfit
+    return ((place, direction) if (depths > 0.0).all() else None), misfit
+
+
+def _about(
+    model: DetectionModel, reading: Integers, line: tuple[Floats, Floats], found: tuple[Floats, Floats]
+) -> Proposals:
+    """Poses of a body with a line of its own (origin, direction) on one in the camera frame, turned about that."""
+    (origin, axis), (place, direction) = line, found
+    turn = np.cross(axis, direction)
+    sine, cosine = float(np.linalg.norm(turn)), float(axis @ direction)
+    if sine > 1e-9:
+        turn *= np.arctan2(sine, cosine) / sine
+    elif cosine < 0.0:
+        turn = np.pi * np.linalg.svd(axis[None])[2][1]  # half a turn about anything across
+    onto = rotation_from_vector(turn[None])[0]
+    angles = 2.0 * np.pi * np.arange(TURNS) / TURNS
+    rotation = rotation_from_vector(angles[:, None] * direction) @ onto
+    position = place + rotation @ (model.centre - origin)
+    return Proposals(np.tile(reading, (TURNS, 1)), rotation, position)
