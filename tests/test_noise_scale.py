@@ -57,11 +57,22 @@ def test_a_doubtful_pose_says_nothing_of_the_noise(found: Finding) -> None:
     assert scale.factor == 1.0
 
 
+@pytest.mark.parametrize("of_rig", [False, True])
+def test_more_than_twice_the_noise_is_believed_of_a_rig_alone(of_rig: bool) -> None:
+    """One image that asks for it is not trusted, so neither is a sequence; between cameras it may be calibration."""
+    found, scale = told(3.0, 50), NoiseScale()
+    if of_rig:
+        points, rows = np.random.default_rng(1).uniform(-1.0, 1.0, (4, 3)), frame(11, 0, headset(), hands=2).rows
+        found = replace(found, task=MatchingTask.of(rm.P3P(headset()), points, rows))
+    scale.take(found, 1.0)
+    assert (scale.factor > 1.0) == of_rig
+
+
 def test_what_was_long_ago_is_forgotten() -> None:
     scale = NoiseScale()
     for _ in range(100):
-        scale.take(told(1.0 / scale.factor * 3.0, 50), scale.factor)
-    assert scale.factor == pytest.approx(3.0, rel=0.02)
+        scale.take(told(1.0 / scale.factor * 1.9, 50), scale.factor)
+    assert scale.factor == pytest.approx(1.9, rel=0.02)
     assert scale.freedom == pytest.approx(MOST_FREEDOM)
     for _ in range(200):
         scale.take(told(1.0 / scale.factor, 50), scale.factor)
