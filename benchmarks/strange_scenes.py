@@ -10,7 +10,9 @@ without two corners, which tell its halves apart. ``cube``: eight corners with n
 ``stray``: twelve points, one of them detected 6 to 40 px off. ``two-scales``: six points within 2 cm and six within
 40 cm. ``unnamed-copy``: two of the same object, of which one is asked for, so it must not be trusted. ``reflection``:
 ten points over a glossy table that shows them once more, upside down. ``near-board``: 9 by 7 dots of which the image
-shows a part, so that rows and columns may be counted from anywhere, and it must not be trusted.
+shows a part, so that rows and columns may be counted from anywhere, and it must not be trusted. ``hidden-wand``: four
+or five LEDs on a line and one beside it, which is hidden: both readings of the line fit. ``markers``: a tool of four to
+six markers without normals before two to four cameras, each of which shows three of them.
 
 "Right": no match wrong and nine tenths of the visible points matched. The two tools may change places. A stray point
 may be matched with its own detection or be left out. Defaults were chosen on seeds below 2000.
@@ -178,6 +180,36 @@ def near_board(rng: np.random.Generator) -> Scene:
     return Scene({"source": source, "target": target, "problem": rm.P3P(CAMERA)}, [np.full(63, -1)])
 
 
+def hidden_wand(rng: np.random.Generator) -> Scene:
+    """Points on a line; the one beside it has no image."""
+    places = np.sort(rng.uniform(-0.1, 0.1, int(rng.integers(4, 6))))
+    source = np.concatenate([np.column_stack([places, np.zeros((len(places), 2))]), [[0.01, 0.04, 0.02]]])
+    R, t = pose(rng, 0.6, 2.0)
+    shown = np.arange(len(source)) < len(places)
+    target, truth = detected(rng, source @ R.T + t, shown, int(rng.choice([0, 2])))
+    return Scene({"source": source, "target": target, "problem": rm.P3P(CAMERA)}, [truth])
+
+
+def markers(rng: np.random.Generator) -> Scene:
+    """Three of a few markers in each camera of a rig."""
+    n, count = int(rng.integers(4, 7)), int(rng.integers(2, 5))
+    source, views, parts, shift = rng.uniform(-0.08, 0.08, (n, 3)), [], list[tuple[Floats, Integers]](), 0
+    R, t = Rotation.random(random_state=rng).as_matrix(), rng.uniform((-0.2, -0.2, 1.2), (0.2, 0.2, 1.8))
+    for k in range(count):
+        place = k - 0.5 * (count - 1)
+        turn = Rotation.from_euler("y", 0.35 * place).as_matrix()
+        views.append((CAMERA, turn, -turn @ (0.5 * place, 0.0, 0.0)))
+        shown = np.zeros(n, np.bool_)
+        shown[rng.permutation(n)[:3]] = True
+        target, own = detected(rng, (source @ R.T + t - (0.5 * place, 0.0, 0.0)) @ turn.T, shown, int(rng.integers(2)))
+        parts.append((target, np.where(own >= 0, own + shift, -1)))
+        shift += len(target)
+    camera = np.repeat(np.arange(count), [len(target) for target, _ in parts])
+    problem = rm.P3P(rm.Rig(views, sizes=[tuple(SIZE.astype(int).tolist())] * count))
+    told = {"source": source, "target": (np.concatenate([one for one, _ in parts]), camera), "problem": problem}
+    return Scene(told, [own for _, own in parts])
+
+
 KINDS = {
     "stereo": stereo,
     "wand": wand,
@@ -192,12 +224,14 @@ KINDS = {
     "unnamed-copy": unnamed_copy,
     "reflection": reflection,
     "near-board": near_board,
+    "hidden-wand": hidden_wand,
+    "markers": markers,
 }
 
 
 def bodies_of(kind: str, made: Scene, match: rm.Match) -> list[tuple[bool, int, bool]]:
     """Of each body: whether it is trusted, its wrong matches, and whether it is right."""
-    if kind == "stereo":
+    if kind in ("stereo", "markers"):
         assert match.sightings is not None
         each = [judge(one, truth) for one, truth in zip(match.sightings.assignment, made.truth, strict=True)]
         wrong = sum(one[1] for one in each)
