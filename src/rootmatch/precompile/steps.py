@@ -84,6 +84,7 @@ def first_steps() -> dict[str, Step]:
     """
     steps: dict[str, Step] = {"solver ascent, order 4": partial(solved, "ascent", 4)}
     steps |= {f"match {name}": partial(matched, sample(name)) for name in PAPER}
+    steps["p3p of few points"] = partial(matched, simulated("p3p", 5, 3))  # which have several poses
     for name in SEARCHED:
         scene = simulated(name, 12, 8)
         steps[f"guided {name}"] = partial(matched, scene, sampler="guided")
