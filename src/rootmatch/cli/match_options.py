@@ -19,7 +19,9 @@ def options_of(panel: str) -> Callable[..., Any]:
 
     def option(*flags_and_help: str, metavar: str | None = None, default: str | bool = True) -> Any:
         *flags, text = flags_and_help
-        return typer.Option(*flags, help=text, metavar=metavar, show_default=default, rich_help_panel=panel)
+        return typer.Option(
+            *flags, help=text, metavar=metavar, show_default=default, rich_help_panel=panel, case_sensitive=False
+        )
 
     return option
 
